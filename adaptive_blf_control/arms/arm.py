@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an arm is to the rest of the package: regressors, names and forward dynamics."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+__all__ = ['Arm', 'ForwardDynamics']
+
+
+class ForwardDynamics(Protocol):
+    """The true arm of a simulation: equation (3) for one fixed parameter vector."""
+
+    def acceleration(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """Return q̈ = M⁻¹(τ − C q̇ − G − F q̇).
+
+        Args:
+            q: Joint positions, shape (n,) [rad].
+            qd: Joint velocities, shape (n,) [rad/s].
+            tau: Joint torques, shape (n,) [N·m].
+
+        Returns:
+            Joint accelerations, shape (n,) [rad/s²].
+        """
+        ...
+
+    def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
+                substeps: int) -> tuple[np.ndarray, np.ndarray]:
+        """Integrate over ``dt`` [s] under a held torque with RK4 sub-steps; return new (q, q̇)."""
+        ...
+
+
+class Arm(Protocol):
+    """A serial arm, linear in its dynamic parameters: Y(q, q̇, q̈) θ = τ (2).
+
+    Attributes:
+        joints: Joint names, length n, in the order of every array.
+        parameters: Parameter names, length m, in the order of θ.
+        nominal: Nominal parameters, shape (m,); what a simulation takes as θ*.
+    """
+
+    joints: tuple[str, ...]
+    parameters: tuple[str, ...]
+    nominal: np.ndarray
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        ...
+
+    @property
+    def m(self) -> int:
+        """Number of parameters."""
+        ...
+
+    def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802 (the paper's name)
+        """Momentum regressor, Y1 θ = M(q) q̇ (12), shape (n, m) [N·m·s per unit of θ]."""
+        ...
+
+    def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
+        """Y2 θ = −Ṁ q̇ + C q̇ + G + F q̇ (12), shape (n, m) [N·m per unit of θ]."""
+        ...
+
+    def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,  # noqa: N802
+          alpha_dot: np.ndarray) -> np.ndarray:
+        """X θ = M α̇ + C α + G + F q̇, shape (n, m) [N·m per unit of θ].
+
+        C is the Christoffel matrix, so that this and (35) give the same V̇ (Slotine and Li). Arms
+        in closed form may instead return the paper's (35) with −½ Ṁ e2; both make
+        e2ᵀ(X θ − M α̇ − C q̇ − G − F q̇ + ½ Ṁ e2) = 0.
+
+        Args:
+            q: Joint positions, shape (n,) [rad].
+            qd: Joint velocities, shape (n,) [rad/s].
+            alpha: Stabilising function, shape (n,) [rad/s].
+            alpha_dot: Its time derivative, shape (n,) [rad/s²].
+        """
+        ...
+
+    def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
+        """Forward dynamics with the parameters ``theta``, shape (m,)."""
+        ...

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's planar 2-DoF arm (42)-(46), with the errata of docs/theory.md applied."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import ForwardDynamics
+from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.errors import ArmError
+from adaptive_blf_control.arms.integrator import make_rk4
+
+__all__ = ['TwoLinkArm', 'two_link_X', 'two_link_Y1', 'two_link_Y2', 'two_link_acceleration']
+
+# θ* of section VI-A: p1, p2, p3 [kg·m²], f1, f2 [N·m·s/rad]
+NOMINAL = (3.473, 0.196, 0.242, 5.3, 1.1)
+
+
+@jit
+def two_link_Y1(q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
+    """Equation (43): Y1 θ = M q̇, shape (2, 5)."""
+    c2 = np.cos(q[1])
+    y = np.zeros((2, 5))
+    y[0, 0] = qd[0]
+    y[0, 1] = qd[1]
+    y[0, 2] = (2.0 * qd[0] + qd[1]) * c2
+    y[1, 1] = qd[0] + qd[1]
+    y[1, 2] = qd[0] * c2
+    return y
+
+
+@jit
+def two_link_Y2(q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
+    """Equation (44): Y2 θ = −Ṁ q̇ + C q̇ + F q̇, shape (2, 5)."""
+    y = np.zeros((2, 5))
+    y[0, 3] = qd[0]
+    y[1, 2] = qd[0] * (qd[0] + qd[1]) * np.sin(q[1])
+    y[1, 4] = qd[1]
+    return y
+
+
+@jit
+def two_link_X(q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,  # noqa: N802
+               alpha_dot: np.ndarray) -> np.ndarray:
+    """Equation (46), corrected: X θ = M α̇ + C q̇ + F q̇ − ½ Ṁ (q̇ − α), shape (2, 5)."""
+    c2 = np.cos(q[1])
+    s2 = np.sin(q[1])
+    x = np.zeros((2, 5))
+    x[0, 0] = alpha_dot[0]
+    x[0, 1] = alpha_dot[1]
+    x[0, 2] = ((2.0 * alpha_dot[0] + alpha_dot[1]) * c2 - (0.5 * qd[1] + qd[0]) * qd[1] * s2
+               - (0.5 * alpha[1] + alpha[0]) * qd[1] * s2)
+    x[0, 3] = qd[0]
+    x[1, 1] = alpha_dot[0] + alpha_dot[1]
+    x[1, 2] = (alpha_dot[0] * c2 + qd[0] * qd[0] * s2 + 0.5 * qd[0] * qd[1] * s2
+               - 0.5 * alpha[0] * qd[1] * s2)
+    x[1, 4] = qd[1]
+    return x
+
+
+@jit
+def two_link_acceleration(q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
+                          theta: np.ndarray) -> np.ndarray:
+    """Equations (3) and (42): q̈ = M⁻¹(τ − C q̇ − F q̇), shape (2,) [rad/s²]."""
+    p1, p2, p3 = theta[0], theta[1], theta[2]
+    c2 = np.cos(q[1])
+    p3s2 = p3 * np.sin(q[1])
+    b1 = tau[0] + p3s2 * (2.0 * qd[0] + qd[1]) * qd[1] - theta[3] * qd[0]
+    b2 = tau[1] - p3s2 * qd[0] * qd[0] - theta[4] * qd[1]
+    m11 = p1 + 2.0 * p3 * c2
+    m12 = p2 + p3 * c2
+    determinant = m11 * p2 - m12 * m12
+    qdd = np.empty(2)
+    qdd[0] = (p2 * b1 - m12 * b2) / determinant
+    qdd[1] = (m11 * b2 - m12 * b1) / determinant
+    return qdd
+
+
+_advance = make_rk4(two_link_acceleration)
+
+
+class _TwoLinkDynamics:
+    def __init__(self, theta: np.ndarray) -> None:
+        p1, p2, p3 = theta[:3]
+        # det M = (p1 + 2 p3 c)(p2) − (p2 + p3 c)², smallest at c = ±1
+        smallest = min(p1 * p2 - p2 * p2 - p3 * p3, p2)
+        if not smallest > 0.0:
+            raise ArmError(f'two_link: the inertia matrix of p1, p2, p3 = {p1:g}, {p2:g}, {p3:g} '
+                           f'is not positive definite for every posture')
+        self.theta = np.array(theta, dtype=float)
+
+    def acceleration(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        return two_link_acceleration(q, qd, tau, self.theta)
+
+    def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
+                substeps: int) -> tuple[np.ndarray, np.ndarray]:
+        return _advance(q, qd, tau, self.theta, dt, substeps)
+
+
+class TwoLinkArm:
+    """Planar 2-DoF arm without gravity, θ = (p1, p2, p3, f1, f2) (45)."""
+
+    def __init__(self, joints: tuple[str, ...] = ('joint1', 'joint2')) -> None:
+        """Name the two joints; ArmError unless there are exactly two distinct names."""
+        if len(joints) != 2 or joints[0] == joints[1]:
+            raise ArmError(f'two_link has two joints, got {list(joints)}')
+        self.joints = tuple(joints)
+        self.parameters = ('p1', 'p2', 'p3', f'fv_{joints[0]}', f'fv_{joints[1]}')
+        self.nominal = np.array(NOMINAL)
+
+    @property
+    def n(self) -> int:
+        """Number of joints: 2."""
+        return 2
+
+    @property
+    def m(self) -> int:
+        """Number of parameters: 5."""
+        return 5
+
+    def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
+        """Equation (43); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
+        return two_link_Y1(q, qd)
+
+    def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
+        """Equation (44); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
+        return two_link_Y2(q, qd)
+
+    def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,  # noqa: N802
+          alpha_dot: np.ndarray) -> np.ndarray:
+        """Equation (46), corrected; see :class:`~adaptive_blf_control.arms.arm.Arm`."""
+        return two_link_X(q, qd, alpha, alpha_dot)
+
+    def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
+        """Forward dynamics; ArmError where M(q) would not be positive definite."""
+        return _TwoLinkDynamics(theta)

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Asymmetric barrier Lyapunov function (ABLF), per joint: equations (10), (11), (23), (24).
+
+The symmetric one (SBLF) is the case of equal bounds. The functions are defined for every e1: at
+and beyond a bound the error is replaced by ``INTERIOR`` of that bound, so that the barrier is
+large, finite and still pushes inward. Inside, nothing is changed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptive_blf_control.compiled import jit
+
+__all__ = ['INTERIOR', 'active_bound', 'barrier', 'barrier_gradient', 'interior']
+
+# Part of the bound up to which the barrier is evaluated: w = b² − e1² ≥ 2e-3 b², so that the
+# coupling torque b² e1 / w² stays below 2.5e5 / b.
+INTERIOR = 0.999
+
+
+@jit
+def active_bound(e1: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Bound on the side where the error is (11): k_b where e1 > 0, else k_a, both > 0.
+
+    Args:
+        e1: Tracking error q − y_d, shape (n,) [rad].
+        lower: Lower end of the performance set, −k_a < 0, shape (n,) [rad].
+        upper: Upper end, k_b > 0, shape (n,) [rad].
+    """
+    return np.where(e1 > 0.0, upper, -lower)
+
+
+@jit
+def interior(e1: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return e1 limited to ±``INTERIOR`` b, shape (n,) [rad]: where the barrier is evaluated."""
+    return np.maximum(np.minimum(e1, INTERIOR * b), -INTERIOR * b)
+
+
+@jit
+def barrier(e1: np.ndarray, b: np.ndarray) -> float:
+    """Equation (23): V1 = ½ Σ e1² / (b² − e1²), dimensionless."""
+    e = interior(e1, b)
+    return float(0.5 * np.sum(e * e / (b * b - e * e)))
+
+
+@jit
+def barrier_gradient(e1: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Gradient of (23): g = b² e1 / (b² − e1²)², shape (n,) [1/rad]."""
+    e = interior(e1, b)
+    w = b * b - e * e
+    return b * b * e / (w * w)

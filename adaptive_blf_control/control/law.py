@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Backstepping law with the ABLF: stabilising function (27) and torque (34), (38).
+
+Pure functions over arrays; :mod:`adaptive_blf_control.control.controller` holds the state.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.control.barrier import active_bound, barrier_gradient, interior
+
+__all__ = ['errors', 'limited', 'per_joint_coupling', 'pseudoinverse_coupling', 'stabilising_function',
+           'torque']
+
+
+@jit
+def stabilising_function(e1: np.ndarray, e1_dot: np.ndarray, yd_dot: np.ndarray,
+                         yd_ddot: np.ndarray, b: np.ndarray, k1: np.ndarray,
+                         ) -> tuple[np.ndarray, np.ndarray]:
+    """Equation (27) per joint and its derivative, which needs no acceleration.
+
+    α = ẏ_d − k1 w² e1 and α̇ = ÿ_d − k1 (w² − 4 e1² w) ė1 with w = b² − e1².
+
+    Args:
+        e1: Tracking error, shape (n,) [rad].
+        e1_dot: q̇ − ẏ_d, shape (n,) [rad/s].
+        yd_dot: Reference velocity, shape (n,) [rad/s].
+        yd_ddot: Reference acceleration, shape (n,) [rad/s²].
+        b: Active bound (11), shape (n,) [rad].
+        k1: Gains, shape (n,) [1/(s·rad⁴)].
+
+    Returns:
+        α [rad/s] and α̇ [rad/s²], each of shape (n,).
+    """
+    e = interior(e1, b)
+    w = b * b - e * e
+    alpha = yd_dot - k1 * w * w * e
+    alpha_dot = yd_ddot - k1 * (w * w - 4.0 * e * e * w) * e1_dot
+    return alpha, alpha_dot
+
+
+@jit
+def per_joint_coupling(e1: np.ndarray, e2: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cancel L joint by joint: the gradient g itself, smooth, same V̇ as the paper's; [N·m]."""
+    return barrier_gradient(e1, b)
+
+
+@jit
+def pseudoinverse_coupling(e1: np.ndarray, e2: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The paper's (e2ᵀ)⁺ L with L = gᵀ e2 (28), (34): discontinuous at e2 = 0; [N·m]."""
+    square = np.dot(e2, e2)
+    if square <= 0.0:
+        return np.zeros_like(e2)
+    return e2 * (np.dot(barrier_gradient(e1, b), e2) / square)
+
+
+@jit
+def torque(x: np.ndarray, theta: np.ndarray, k2: np.ndarray, e1: np.ndarray, e2: np.ndarray,
+           b: np.ndarray, smooth: bool) -> np.ndarray:
+    """Equation (38), and (34) with θ* in place of θ̂: τ = X θ̂ − k2 e2 − coupling, (n,) [N·m].
+
+    Args:
+        x: Regressor X of (35), shape (n, m).
+        theta: θ̂ or θ*, shape (m,).
+        k2: Gains, shape (n,) [N·m·s/rad].
+        e1: Tracking error, shape (n,) [rad].
+        e2: q̇ − α, shape (n,) [rad/s].
+        b: Active bound (11), shape (n,) [rad].
+        smooth: Coupling per joint (True) or by the paper's pseudoinverse (False).
+    """
+    coupling = per_joint_coupling(e1, e2, b) if smooth else pseudoinverse_coupling(e1, e2, b)
+    return np.dot(x, theta) - k2 * e2 - coupling
+
+
+@jit
+def limited(wanted: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Clip a torque to ±limit [N·m]; a NaN becomes 0, so that no torque is ever non-finite."""
+    return np.where(np.isnan(wanted), 0.0, np.minimum(np.maximum(wanted, -limit), limit))
+
+
+@jit
+def errors(q: np.ndarray, qd: np.ndarray, yd: np.ndarray, yd_dot: np.ndarray,
+           yd_ddot: np.ndarray, lower: np.ndarray, upper: np.ndarray, k1: np.ndarray,
+           ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Everything the law needs before the regressor: e1 (5), e2, α, α̇ and the active bound."""
+    e1 = q - yd
+    b = active_bound(e1, lower, upper)
+    alpha, alpha_dot = stabilising_function(e1, qd - yd_dot, yd_dot, yd_ddot, b, k1)
+    return e1, qd - alpha, alpha, alpha_dot, b

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Errors of the package: one root, a few domain classes that carry their data."""
+
+from __future__ import annotations
+
+__all__ = ['ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra', 'ParameterError',
+           'SetViolation']
+
+
+class BlfError(Exception):
+    """Root of every error this package raises on purpose."""
+
+
+class ParameterError(BlfError, ValueError):
+    """A parameter has a value that cannot be used.
+
+    Attributes:
+        name: Fully qualified parameter name, e.g. ``controller.k1``.
+        value: The value that was given.
+        expected: What would have been accepted, in words.
+    """
+
+    def __init__(self, name: str, value: object, expected: str) -> None:
+        super().__init__(f'parameter {name!r} is {value!r}: expected {expected}')
+        self.name = name
+        self.value = value
+        self.expected = expected
+
+
+class SetViolation(BlfError, ValueError):
+    """A joint lies outside a set, or one set pokes out of another.
+
+    Attributes:
+        joint: Joint name.
+        value: Offending value [rad].
+        bound: Bound that is violated [rad].
+    """
+
+    def __init__(self, joint: str, value: float, bound: float, what: str) -> None:
+        super().__init__(f'joint {joint!r}: {what}: {value:.6g} rad against {bound:.6g} rad')
+        self.joint = joint
+        self.value = value
+        self.bound = bound
+
+
+class ArmError(BlfError, ValueError):
+    """An arm cannot be built from what was given (URDF, joints, inertias)."""
+
+
+class LogError(BlfError, ValueError):
+    """A measured log cannot be read or does not hold what is needed."""
+
+
+class BagError(BlfError, ValueError):
+    """A bag cannot be written or read."""
+
+
+class MissingExtra(BlfError, ImportError):
+    """An optional dependency is needed and not installed."""
+
+    def __init__(self, module: str, extra: str, purpose: str) -> None:
+        super().__init__(
+            f'{purpose} needs the Python module {module!r}: '
+            f'pip install "adaptive_blf_control[{extra}]"')

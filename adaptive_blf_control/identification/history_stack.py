@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""History stack of filtered pairs with the paper's Algorithm 1, selection exact and pruned.
+
+The stack holds P pairs (Y_f, τ_f); their prediction errors are re-evaluated with the present θ̂,
+as the proof of Theorem 1 needs. σ_min is that of Q = H Hᵀ = Σ Y_fjᵀ Y_fj (Assumption 2).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.errors import ParameterError
+
+__all__ = ['HistoryStack', 'best_replacement', 'is_different', 'squared_projections']
+
+# Rounding of Q is swept away by summing it anew after this many replacements.
+REFRESH = 256
+
+
+@jit
+def is_different(candidate: np.ndarray, last: np.ndarray, epsilon: float) -> bool:
+    """Algorithm 1, lines 2 and 8: ‖Y_f − Y_last‖₂ ≥ ε ‖Y_f‖₂ in the spectral norm."""
+    difference = candidate - last
+    # ‖·‖_F / √n ≤ ‖·‖₂ ≤ ‖·‖_F settles most cases without an eigenvalue problem.
+    d2 = np.sum(difference * difference)
+    c2 = np.sum(candidate * candidate)
+    n = candidate.shape[0]
+    if c2 <= 0.0 or d2 < epsilon * epsilon * c2 / n:
+        return False
+    if d2 / n >= epsilon * epsilon * c2:
+        return True
+    top = np.linalg.eigvalsh(np.dot(difference, difference.T))[-1]
+    return bool(top >= epsilon * epsilon * np.linalg.eigvalsh(np.dot(candidate, candidate.T))[-1])
+
+
+@jit
+def squared_projections(regressors: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Return ‖Y_l u‖² for every slot l of ``regressors``, shape (P, n, m) → (P,)."""
+    slots, n, m = regressors.shape
+    y = np.dot(regressors.reshape(slots * n, m), u).reshape(slots, n)
+    return np.sum(y * y, axis=1)
+
+
+@jit
+def best_replacement(candidate: np.ndarray, regressors: np.ndarray, gram: np.ndarray,
+                     sigma_min: float, bounds: np.ndarray) -> int:
+    """Lines 9-15 of Algorithm 1: the slot whose replacement gives the largest σ_min.
+
+    For any unit vector v, vᵀ(Q + YᵀY)v − ‖Y_l v‖² bounds the σ_min that slot l would give from
+    above. Slots are visited in the order of their bounds; the weakest direction of each trial
+    sharpens the bounds of all others, and the search ends when none can beat the best found: the
+    answer of the brute-force search after a few eigenvalue problems instead of P.
+
+    Args:
+        candidate: Y, shape (n, m).
+        regressors: The full stack, shape (P, n, m).
+        gram: Q, shape (m, m).
+        sigma_min: Smallest eigenvalue of Q; the answer must not be smaller.
+        bounds: Upper bounds to start from, shape (P,); overwritten.
+
+    Returns:
+        The slot, or −1 where every replacement would make σ_min fall.
+    """
+    best, best_slot = sigma_min, -1
+    grown = gram + np.dot(candidate.T, candidate)
+    while True:
+        slot = int(np.argmax(bounds))
+        bound = bounds[slot]
+        if bound < best or (best_slot >= 0 and bound == best):
+            return best_slot
+        old = regressors[slot]
+        values, vectors = np.linalg.eigh(grown - np.dot(old.T, old))
+        if values[0] > best or (values[0] == best and best_slot < 0):
+            best, best_slot = values[0], slot
+        v = np.ascontiguousarray(vectors[:, 0])
+        np.minimum(bounds, np.dot(v, np.dot(grown, v)) - squared_projections(regressors, v),
+                   bounds)
+        bounds[slot] = -np.inf
+
+
+@jit
+def _rank_tolerance(eigenvalues: np.ndarray) -> float:
+    return float(eigenvalues.size * 2.220446049250313e-16 * max(eigenvalues[-1], 0.0))
+
+
+class HistoryStack:
+    """P pairs chosen for a large σ_min(H Hᵀ); rank and σ_min are known at every moment.
+
+    Attributes:
+        gram: Q = Σ Y_fjᵀ Y_fj, shape (m, m).
+        moment: Σ Y_fjᵀ τ_fj, shape (m,).
+        count: Number of filled slots.
+        insertions: Number of pairs taken so far, replacements included.
+        rank: Rank of Q.
+        sigma_min: Smallest eigenvalue of Q; 0 where Q is numerically singular.
+    """
+
+    def __init__(self, n: int, m: int, size: int, epsilon: float) -> None:
+        """Set up an empty stack of ``size`` (P) pairs with the data threshold ``epsilon`` (ε)."""
+        if size < 1:
+            raise ParameterError('identifier.history.size', size, 'at least 1 pair')
+        if not epsilon >= 0.0:
+            raise ParameterError('identifier.history.epsilon', epsilon, 'a threshold >= 0')
+        self.size = size
+        self.epsilon = epsilon
+        self._shape = (n, m)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget every pair."""
+        n, m = self._shape
+        self.regressors = np.zeros((self.size, n, m))
+        self.torques = np.zeros((self.size, n))
+        self.gram = np.zeros((m, m))
+        self.moment = np.zeros(m)
+        self.count = 0
+        self.insertions = 0
+        self.rank = 0
+        self.sigma_min = 0.0
+        self._last = np.zeros((n, m))
+        self._oldest = 0
+        self._weakest = np.zeros(m)
+        self._weakest_projections = np.zeros(self.size)
+        self._least_projection = 0.0
+
+    @property
+    def full(self) -> bool:
+        """Whether all P slots are filled."""
+        return self.count == self.size
+
+    def offer(self, regressor: np.ndarray, torque: np.ndarray) -> int:
+        """Offer a pair to Algorithm 1.
+
+        Args:
+            regressor: Y_f, shape (n, m).
+            torque: τ_f, shape (n,) [N·m].
+
+        Returns:
+            The slot that was filled or replaced, −1 where the pair was not taken.
+        """
+        if not is_different(regressor, self._last, self.epsilon):
+            return -1
+        slot = self._select(regressor) if self.full else self.count
+        if slot >= 0:
+            self._put(slot, regressor, torque)
+        return slot
+
+    def _select(self, regressor: np.ndarray) -> int:
+        """Slot whose replacement gives the largest σ_min, if that does not fall; else −1."""
+        if self.rank < self._shape[1]:
+            return self._select_deficient(regressor)
+        y = regressor @ self._weakest
+        gain = float(y @ y)
+        if gain < self._least_projection:  # σ_min would fall whichever pair goes
+            return -1
+        return int(best_replacement(regressor, self.regressors, self.gram, self.sigma_min,
+                                    self.sigma_min + gain - self._weakest_projections))
+
+    def _select_deficient(self, regressor: np.ndarray) -> int:
+        """While σ_min is 0 every slot ties: the oldest goes, unless the rank would fall."""
+        slot = self._oldest
+        old = self.regressors[slot]
+        values = np.linalg.eigvalsh(self.gram + regressor.T @ regressor - old.T @ old)
+        if np.count_nonzero(values > _rank_tolerance(values)) >= self.rank:
+            return slot
+        self._oldest = (slot + 1) % self.size  # indispensable: look at the next one next time
+        return -1
+
+    def _put(self, slot: int, regressor: np.ndarray, torque: np.ndarray) -> None:
+        replaced = slot < self.count
+        if replaced:
+            old, old_torque = self.regressors[slot], self.torques[slot]
+            self.gram = self.gram - old.T @ old
+            self.moment = self.moment - old_torque @ old
+            self._oldest = (slot + 1) % self.size if slot == self._oldest else self._oldest
+        self.regressors[slot] = regressor
+        self.torques[slot] = torque
+        self.gram = self.gram + regressor.T @ regressor
+        self.moment = self.moment + torque @ regressor
+        self.count += not replaced
+        self.insertions += 1
+        self._last = regressor.copy()
+        if self.insertions % REFRESH == 0:
+            stacked = self.regressors.reshape(-1, self._shape[1])
+            self.gram = stacked.T @ stacked
+            self.moment = self.torques.reshape(-1) @ stacked
+        self._measure()
+
+    def _measure(self) -> None:
+        values, vectors = np.linalg.eigh(self.gram)
+        tolerance = _rank_tolerance(values)
+        self.rank = int(np.count_nonzero(values > tolerance))
+        self.sigma_min = float(values[0]) if values[0] > tolerance else 0.0
+        self._weakest = np.ascontiguousarray(vectors[:, 0])
+        if self.full:
+            self._weakest_projections = squared_projections(self.regressors, self._weakest)
+            self._least_projection = float(np.min(self._weakest_projections))

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Build the objects of the core from validated parameters; nodes and tools both call this."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.control.controller import Controller, ControllerSettings
+from adaptive_blf_control.control.reference import Reference, SmoothStart, SumOfSinusoids
+from adaptive_blf_control.control.sets import JointInterval
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.identifier import Identifier, IdentifierSettings
+from adaptive_blf_control.parameters.table import broadcast
+from adaptive_blf_control.simulation.plant import Plant
+
+__all__ = ['build_arm', 'build_controller', 'build_identifier', 'build_plant',
+           'controller_settings', 'identifier_settings', 'read_estimate']
+
+Values = Mapping[str, Any]
+
+
+def build_arm(values: Values, robot_description: str | None = None) -> Arm:
+    """Build the arm named by ``values['arm']``.
+
+    Args:
+        values: Parameters of any node but the recorder.
+        robot_description: URDF text that replaces ``values['urdf']``.
+    """
+    joints = tuple(values['joints'])
+    if len(set(joints)) != len(joints) or not joints:
+        raise ParameterError('joints', list(joints), 'distinct joint names, at least one')
+    if values['arm'] == 'two_link':
+        return TwoLinkArm(joints)
+    from adaptive_blf_control.arms.urdf import UrdfArm  # Pinocchio only where it is needed
+    source = robot_description or values['urdf']
+    if not source:
+        raise ParameterError('urdf', source, 'a path, package://... or topic:NAME')
+    n = len(joints)
+    true = {name: broadcast(values[f'true_friction.{name}'], n)
+            for name in ('viscous', 'coulomb', 'offset') if f'true_friction.{name}' in values}
+    return UrdfArm(source, joints, friction_viscous=values['friction.viscous'],
+                   friction_coulomb=values['friction.coulomb'],
+                   friction_offset=values['friction.offset'],
+                   coulomb_velocity=values['friction.coulomb_velocity'],
+                   gravity=tuple(values['gravity']), **true)
+
+
+def build_plant(values: Values, arm: Arm) -> Plant:
+    """Build the simulated arm of the driver."""
+    theta = np.array(values['true_parameters']) if values['arm'] == 'two_link' else arm.nominal
+    return Plant(arm.dynamics(theta), broadcast(values['initial_position'], arm.n),
+                 broadcast(values['initial_velocity'], arm.n),
+                 broadcast(values['torque_limit'], arm.n), values['substeps'], theta)
+
+
+def _reference(values: Values, joints: tuple[str, ...]) -> Reference:
+    rows = [[values[f'reference.{joint}.{field}'] for joint in joints]
+            for field in ('amplitude', 'frequency', 'phase')]
+    for joint, *columns in zip(joints, *rows):
+        lengths = [len(column) for column in columns]
+        if len(set(lengths)) != 1:
+            raise ParameterError(f'controller.reference.{joint}', lengths,
+                                 'amplitude, frequency and phase of the same length')
+    terms = max(len(row) for row in rows[0])
+    padded = [np.array([row + [0.0] * (terms - len(row)) for row in map(list, column)])
+              for column in rows]
+    offset = np.array([values[f'reference.{joint}.offset'] for joint in joints])
+    return SumOfSinusoids(offset, *padded)
+
+
+def controller_settings(values: Values, n: int) -> ControllerSettings:
+    """Build what of the controller may change while it runs."""
+    return ControllerSettings(broadcast(values['k1'], n), broadcast(values['k2'], n),
+                              broadcast(values['torque_limit'], n), values['coupling'])
+
+
+def build_controller(values: Values, arm: Arm, start: np.ndarray) -> Controller:
+    """Build the controller; ``start`` (n,) [rad] is the posture the motion begins in.
+
+    Raises:
+        SetViolation: 𝒫̄ ⊄ 𝒮̄, or the start lies outside a set.
+        ParameterError: a value cannot be used.
+    """
+    reference = _reference(values, arm.joints)
+    if values['reference.smooth_start'] > 0.0:
+        reference = SmoothStart(reference, values['reference.smooth_start'], start)
+    sets = [JointInterval(broadcast(values[f'{name}.lower'], arm.n),
+                          broadcast(values[f'{name}.upper'], arm.n), f'controller.{name}')
+            for name in ('safety', 'performance')]
+    controller = Controller(arm, controller_settings(values, arm.n), *sets, reference)
+    controller.check_start(start)
+    return controller
+
+
+def identifier_settings(values: Values, arm: Arm) -> IdentifierSettings:
+    """Build the gains of the identifier, with θ̂(0) from a file where one is named."""
+    estimate = broadcast(values['initial_estimate'], arm.m)
+    if values['initial_estimate_file']:
+        estimate = read_estimate(values['initial_estimate_file'], arm)
+    for name, array in (('initial_estimate', estimate), ('gamma', values['gamma'])):
+        if len(array) not in (1, arm.m):
+            raise ParameterError(f'identifier.{name}', list(array),
+                                 f'length 1 or {arm.m} (one for each of the parameters)')
+    return IdentifierSettings(
+        initial_estimate=estimate, gamma=broadcast(values['gamma'], arm.m), kt=values['kt'],
+        kh=values['kh'], time_constant=values['filter.time_constant'], gap=values['filter.gap'],
+        settle=values['filter.settle'], size=values['history.size'],
+        epsilon=values['history.epsilon'])
+
+
+def build_identifier(values: Values, arm: Arm) -> Identifier:
+    """Build the identifier for ``arm``."""
+    return Identifier(arm, identifier_settings(values, arm))
+
+
+def read_estimate(path: str | Path, arm: Arm) -> np.ndarray:
+    """Read θ̂ that ``save_estimate`` wrote, matched by parameter name, shape (m,)."""
+    try:
+        data = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+        values = data['theta_hat']
+        theta = np.array([float(values[name]) for name in arm.parameters])
+    except OSError as error:
+        raise ParameterError('identifier.initial_estimate_file', str(path),
+                             f'a readable file ({error.strerror})') from None
+    except KeyError as error:
+        raise ParameterError('identifier.initial_estimate_file', str(path),
+                             f'a value for {error.args[0]!r} under theta_hat') from None
+    except (TypeError, ValueError, yaml.YAMLError):
+        raise ParameterError('identifier.initial_estimate_file', str(path),
+                             'a mapping theta_hat of parameter names to numbers') from None
+    return theta

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameter tables of the four nodes: the single place where a parameter is declared."""
+
+from __future__ import annotations
+
+from adaptive_blf_control.control.controller import COUPLINGS
+from adaptive_blf_control.parameters.table import Parameter, Table
+
+__all__ = ['ARM', 'TABLES', 'TOPICS_RECORDED']
+
+TOPICS_RECORDED = [
+    'joint_states', 'effort_controller/commands', 'identifier/theta_hat',
+    'identifier/history_rank', 'identifier/history_sigma_min', 'controller/adaptation_term',
+    'controller/reference', 'controller/tracking_error', 'controller/barrier', '/diagnostics',
+]
+
+ARM: Table = (
+    Parameter('arm', 'string', 'two_link', 'Which arm the regressors describe.',
+              choices=('two_link', 'urdf')),
+    Parameter('joints', 'string_array', ['joint1', 'joint2'],
+              'Joint names in the order of every array; for a URDF a sub-chain may be named.'),
+    Parameter('urdf', 'string', '',
+              'URDF of the arm: a path, package://..., or topic:NAME to receive it as a '
+              'std_msgs/String, e.g. topic:robot_description.'),
+    Parameter('gravity', 'double_array', [0.0, 0.0, -9.81],
+              'Gravity in the base frame of the URDF.', 'm/s^2', length=3),
+    Parameter('friction.viscous', 'bool', True, 'Learn a viscous coefficient per joint (URDF).'),
+    Parameter('friction.coulomb', 'bool', False, 'Learn a Coulomb torque per joint (URDF).'),
+    Parameter('friction.offset', 'bool', False, 'Learn a constant torque per joint (URDF).'),
+    Parameter('friction.coulomb_velocity', 'double', 0.02,
+              'v_s of the smooth Coulomb friction tanh(qd/v_s).', 'rad/s', 0.0, exclusive=True),
+)
+
+ARM_DRIVER: Table = ARM + (
+    Parameter('rate', 'double', 1000.0, 'Rate of the joint states.', 'Hz', 1.0, 10000.0),
+    Parameter('initial_position', 'double_array', [0.0], 'Joint positions at the start.', 'rad',
+              length='joints'),
+    Parameter('initial_velocity', 'double_array', [0.0], 'Joint velocities at the start.',
+              'rad/s', length='joints'),
+    Parameter('true_parameters', 'double_array', [3.473, 0.196, 0.242, 5.3, 1.1],
+              'True parameters theta* of a two_link arm: p1 p2 p3 f1 f2.', length=5),
+    Parameter('true_friction.viscous', 'double_array', [0.0],
+              'True viscous coefficients of a URDF arm.', 'N*m*s/rad', 0.0, length='joints'),
+    Parameter('true_friction.coulomb', 'double_array', [0.0],
+              'True Coulomb torques of a URDF arm.', 'N*m', 0.0, length='joints'),
+    Parameter('true_friction.offset', 'double_array', [0.0],
+              'True constant torques of a URDF arm.', 'N*m', length='joints'),
+    Parameter('substeps', 'int', 1, 'Runge-Kutta steps per sample.', '', 1, 1000),
+    Parameter('torque_limit', 'double_array', [200.0],
+              'Torque at which the simulated drives saturate.', 'N*m', 0.0, exclusive=True,
+              length='joints'),
+    Parameter('duration', 'double', 0.0,
+              'End the run after this time; 0 runs until stopped.', 's', 0.0),
+    Parameter('command_timeout', 'double', 0.1,
+              'Without a new command for this long the torque goes to zero.', 's', 0.0,
+              exclusive=True),
+    Parameter('wait_for_subscribers', 'int', 0,
+              'Publish the first state only when joint_states has this many subscribers.', '', 0),
+    Parameter('frame_id', 'string', 'base_link', 'Frame of the joint states.'),
+)
+
+IDENTIFIER: Table = ARM + (
+    Parameter('initial_estimate', 'double_array', [0.0], 'theta_hat at the start.',
+              length='parameters'),
+    Parameter('initial_estimate_file', 'string', '',
+              'YAML written by ~/save_estimate to start from instead.'),
+    Parameter('estimate_file', 'string', 'theta_hat.yaml', 'Where ~/save_estimate writes.',
+              read_only=False),
+    Parameter('gamma', 'double_array', [1.0], 'Diagonal of the adaptation gain Gamma.', '', 0.0,
+              exclusive=True, length='parameters', read_only=False),
+    Parameter('kt', 'double', 10.0, 'Gain on the present data, k_t.', '', 0.0, read_only=False),
+    Parameter('kh', 'double', 10.0, 'Gain on the recorded data, k_h.', '', 0.0, read_only=False),
+    Parameter('filter.time_constant', 'double', 0.001, 'Time constant k of the torque filter.',
+              's', 0.0, exclusive=True),
+    Parameter('filter.gap', 'double', 0.05,
+              'After a longer interval between samples the filter restarts.', 's', 0.0,
+              exclusive=True),
+    Parameter('filter.settle', 'double', 0.0,
+              'Filter time constants after a (re)start during which nothing is recorded.', '',
+              0.0),
+    Parameter('history.size', 'int', 20, 'Number of recorded pairs, P.', '', 1, 100000),
+    Parameter('history.epsilon', 'double', 0.1,
+              'Relative difference of a new pair to the last one taken, epsilon.', '', 0.0),
+    Parameter('use_adaptation_term', 'bool', True,
+              'Add the stabilising term X^T e2 of (37); false gives pure identification (22).',
+              read_only=False),
+    Parameter('adaptation_term_timeout', 'double', 0.1,
+              'An adaptation term older than this (by stamp) counts as zero.', 's', 0.0,
+              exclusive=True, read_only=False),
+)
+
+CONTROLLER: Table = ARM + (
+    Parameter('k1', 'double_array', [40.0], 'Gains of the stabilising function (27).',
+              '1/(s*rad^4)', 0.0, exclusive=True, length='joints', read_only=False),
+    Parameter('k2', 'double_array', [30.0], 'Gains on e2 in (38).', 'N*m*s/rad', 0.0,
+              exclusive=True, length='joints', read_only=False),
+    Parameter('coupling', 'string', 'per_joint',
+              'How the barrier acts on the torque: per_joint (smooth) or the pseudoinverse of '
+              'the paper.', choices=COUPLINGS, read_only=False),
+    Parameter('torque_limit', 'double_array', [100.0], 'Largest commanded torque.', 'N*m', 0.0,
+              exclusive=True, length='joints', read_only=False),
+    Parameter('model', 'string', 'estimated',
+              'estimated: theta_hat from the identifier (38); known: known_parameters (34).',
+              choices=('estimated', 'known')),
+    Parameter('known_parameters', 'double_array', [0.0], 'theta* for model: known.',
+              length='parameters'),
+    Parameter('initial_estimate', 'double_array', [0.0],
+              'theta_hat until the identifier publishes one.', length='parameters'),
+    Parameter('safety.lower', 'double_array', [-3.14], 'Lower end of the safety set, k_c (7).',
+              'rad', length='joints'),
+    Parameter('safety.upper', 'double_array', [3.14], 'Upper end of the safety set, k_d (7).',
+              'rad', length='joints'),
+    Parameter('performance.lower', 'double_array', [-0.15],
+              'Lower end of the performance set, -k_a (8).', 'rad', length='joints'),
+    Parameter('performance.upper', 'double_array', [0.15],
+              'Upper end of the performance set, k_b (8).', 'rad', length='joints'),
+    Parameter('reference.<joint>.offset', 'double', 0.0, 'Centre of the sinusoids.', 'rad'),
+    Parameter('reference.<joint>.amplitude', 'double_array', [0.0],
+              'Amplitudes of the sinusoids.', 'rad'),
+    Parameter('reference.<joint>.frequency', 'double_array', [1.0],
+              'Angular frequencies of the sinusoids.', 'rad/s'),
+    Parameter('reference.<joint>.phase', 'double_array', [0.0], 'Phases of the sinusoids.',
+              'rad'),
+    Parameter('reference.smooth_start', 'double', 0.0,
+              'Time over which the measured posture is joined to the reference; 0 starts on it.',
+              's', 0.0),
+    Parameter('state_timeout', 'double', 0.1,
+              'Without a new joint state for this long a zero torque is commanded.', 's', 0.0,
+              exclusive=True),
+    Parameter('monitor_decimation', 'int', 1,
+              'Publish reference, tracking error and barrier every this many samples.', '', 1),
+)
+
+RECORDER: Table = (
+    Parameter('bag', 'string', 'bag', 'Folder of the bag; must not exist.'),
+    Parameter('topics', 'string_array', TOPICS_RECORDED, 'Topics to record.'),
+    Parameter('flush_period', 'double', 0.5, 'A chunk reaches the disk at least this often.', 's',
+              0.01, 1.0),
+)
+
+TABLES: dict[str, Table] = {
+    'arm_driver': ARM_DRIVER,
+    'identifier': IDENTIFIER,
+    'controller': CONTROLLER,
+    'recorder': RECORDER,
+}

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A parameter, declared once: type, default, unit, range, length, description, and its checks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.errors import ParameterError
+
+__all__ = ['JOINT', 'Parameter', 'Table', 'broadcast', 'per_joint', 'validated', 'value_problem']
+
+JOINT = '<joint>'  # stands for every joint name in a parameter's name
+Value = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
+
+_PYTHON_TYPES: dict[str, tuple[type, str]] = {
+    'bool': (bool, 'true or false'),
+    'int': (int, 'an integer'),
+    'double': (float, 'a floating-point number'),
+    'string': (str, 'a string'),
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a node.
+
+    Attributes:
+        name: Dotted lower-snake-case name; may contain ``<joint>``.
+        kind: ``bool``, ``int``, ``double``, ``string`` or one of them with ``_array``.
+        default: Value when nothing is given.
+        description: One sentence for ``ros2 param describe`` and the docs.
+        unit: SI unit, '' where there is none.
+        minimum: Smallest accepted value of a number or of every array element.
+        maximum: Largest accepted value.
+        exclusive: Whether ``minimum`` itself is refused.
+        length: 'joints' or 'parameters' for arrays of length n or m, where one element stands for
+            all; an int for a fixed length; None for any.
+        choices: Accepted strings.
+        read_only: Structure that cannot change while the node runs.
+    """
+
+    name: str
+    kind: str
+    default: Value
+    description: str
+    unit: str = ''
+    minimum: float | None = None
+    maximum: float | None = None
+    exclusive: bool = False
+    length: str | int | None = None
+    choices: tuple[str, ...] = ()
+    read_only: bool = True
+
+    @property
+    def is_array(self) -> bool:
+        """Whether the value is a list."""
+        return self.kind.endswith('_array')
+
+    def named(self, joint: str) -> Parameter:
+        """Return this parameter for one joint."""
+        return Parameter(**{**self.__dict__, 'name': self.name.replace(JOINT, joint)})
+
+    def range_text(self) -> str:
+        """Return the accepted range in words, '' where every value is accepted."""
+        parts = []
+        if self.minimum is not None:
+            parts.append(f'{">" if self.exclusive else ">="} {self.minimum:g}')
+        if self.maximum is not None:
+            parts.append(f'<= {self.maximum:g}')
+        return ' and '.join(parts) + (f' {self.unit}' if parts and self.unit else '')
+
+
+Table = tuple[Parameter, ...]
+
+
+def per_joint(table: Iterable[Parameter], joints: Iterable[str]) -> dict[str, Parameter]:
+    """Expand ``<joint>`` in the names of a table; return it by name."""
+    joints = list(joints)
+    expanded: dict[str, Parameter] = {}
+    for parameter in table:
+        copies = [parameter.named(j) for j in joints] if JOINT in parameter.name else [parameter]
+        expanded.update((copy.name, copy) for copy in copies)
+    return expanded
+
+
+def _element_problem(parameter: Parameter, value: Any) -> str | None:
+    kind = parameter.kind.removesuffix('_array')
+    python_type, words = _PYTHON_TYPES[kind]
+    if kind == 'double' and type(value) is int:
+        return f'a floating-point number: write {value}.0'
+    if type(value) is not python_type:
+        return words
+    if kind == 'double' and math.isnan(value):
+        return 'a number, not NaN'
+    if kind in ('int', 'double'):
+        low, high = parameter.minimum, parameter.maximum
+        if low is not None and (value < low or (parameter.exclusive and value == low)):
+            return parameter.range_text()
+        if high is not None and value > high:
+            return parameter.range_text()
+    if parameter.choices and value not in parameter.choices:
+        return f'one of {", ".join(parameter.choices)}'
+    return None
+
+
+def value_problem(parameter: Parameter, value: Any, sizes: Mapping[str, int]) -> str | None:
+    """Return what is expected instead of ``value``, or None where it is accepted.
+
+    Args:
+        parameter: Its declaration.
+        value: Candidate value, as YAML or ROS gives it.
+        sizes: Known lengths, e.g. ``{'joints': 7}``; a missing one is not checked.
+    """
+    if not parameter.is_array:
+        return _element_problem(parameter, value)
+    kind = parameter.kind.removesuffix('_array')
+    if isinstance(value, (str, bytes)) or not hasattr(value, '__len__'):
+        return f'a list of {kind}s'
+    for element in value:
+        problem = _element_problem(parameter, element)
+        if problem:
+            return f'a list in which every element is {problem}'
+    length = sizes.get(parameter.length) if isinstance(parameter.length, str) else parameter.length
+    if length is not None:
+        accepted = (length,) if isinstance(parameter.length, int) else (1, length)
+        if len(value) not in accepted:
+            what = ' or '.join(str(n) for n in dict.fromkeys(accepted))
+            per = f' (one for each of the {parameter.length})' * isinstance(parameter.length, str)
+            return f'a list of length {what}{per}'
+    return None
+
+
+def validated(table: Iterable[Parameter], given: Mapping[str, Any], where: str,
+              sizes: Mapping[str, int] | None = None) -> dict[str, Any]:
+    """Return every parameter of an (expanded) table with its given or default value.
+
+    Args:
+        table: Declarations without ``<joint>``.
+        given: Values by name.
+        where: Prefix for messages, e.g. the node's name.
+        sizes: Lengths by name, see :func:`value_problem`.
+
+    Raises:
+        ParameterError: a name is unknown, or a value has the wrong type, length or range.
+    """
+    by_name = {parameter.name: parameter for parameter in table}
+    for name in given:
+        if name not in by_name:
+            close = [n for n in by_name if n.split('.')[-1] == name.split('.')[-1]]
+            hint = f' (did you mean {close[0]}?)' if close else ''
+            raise ParameterError(f'{where}.{name}', given[name],
+                                 f'no such parameter{hint}; known: {", ".join(sorted(by_name))}')
+    values = {}
+    for name, parameter in by_name.items():
+        value = given.get(name, parameter.default)
+        problem = value_problem(parameter, value, sizes or {})
+        if problem:
+            raise ParameterError(f'{where}.{name}', value, problem)
+        values[name] = value
+    return values
+
+
+def broadcast(value: Iterable[float], length: int) -> np.ndarray:
+    """Return a list of length 1 or ``length`` as an array of shape (length,)."""
+    array = np.array(list(value), dtype=float)
+    return np.full(length, array[0]) if array.size == 1 else array

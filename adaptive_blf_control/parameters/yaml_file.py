@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameter files read without ROS, by the same rules: later sections win.
+
+A section applies to a node when its key is ``/**``, the node's name, or ``/**/NAME``. The last is
+what our files use, because it also matches under a namespace. A name in ``/**`` has to be known to
+at least one node; a name in a node's own section to that node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.nodes import TABLES
+from adaptive_blf_control.parameters.table import JOINT, Parameter, per_joint, validated
+
+__all__ = ['apply_settings', 'given_values', 'load_yaml', 'node_values']
+
+
+def load_yaml(path: str | Path) -> dict[str, Any]:
+    """Read a parameter file; ParameterError names the file and line where it is malformed."""
+    path = Path(path)
+    try:
+        data = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise ParameterError('params-file', str(path),
+                             f'a readable YAML file ({error.strerror})') from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ParameterError('params-file', str(path), f'well-formed YAML: {error}') from None
+    if not isinstance(data, dict):
+        raise ParameterError('params-file', str(path),
+                             'a mapping of node names to ros__parameters')
+    for key, section in data.items():
+        if not isinstance(section, dict) or set(section) != {'ros__parameters'} or \
+                not isinstance(section['ros__parameters'], dict):
+            raise ParameterError('params-file', str(path),
+                                 f'under {key!r} one key ros__parameters with a mapping')
+    return data
+
+
+def _flat(mapping: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    for key, value in mapping.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f'{prefix}{key}.')
+        else:
+            yield f'{prefix}{key}', value
+
+
+def _applies(key: str, node: str) -> bool:
+    return key in ('/**', node, f'/{node}', f'/**/{node}', f'/*/{node}')
+
+
+def given_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
+    """Return what a parameter file gives to ``node``, flat, without what only others know.
+
+    Raises:
+        ParameterError: a name that the section's nodes do not declare.
+    """
+    joints = _joints(data, node)
+    given: dict[str, Any] = {}
+    for key, section in data.items():
+        if not _applies(key, node):
+            continue
+        for name, value in _flat(section['ros__parameters']):
+            if key == '/**' and not _knows(TABLES[node], name, joints):
+                if not any(_knows(table, name, joints) for table in TABLES.values()):
+                    raise ParameterError(name, value, 'a parameter that one of the nodes knows')
+                continue
+            given[name] = value
+    return given
+
+
+def _joints(data: Mapping[str, Any], node: str) -> list[str]:
+    joints: Any = None
+    for key, section in data.items():
+        if _applies(key, node):
+            joints = section['ros__parameters'].get('joints', joints)
+    if joints is None:
+        joints = next((p.default for p in TABLES[node] if p.name == 'joints'), [])
+    return [j for j in joints if isinstance(j, str)] if isinstance(joints, list) else []
+
+
+def _knows(table: tuple[Parameter, ...], name: str, joints: list[str]) -> bool:
+    return name == 'use_sim_time' or name in per_joint(table, joints) or any(
+        p.name.split(JOINT)[0] == name.split('.')[0] + '.' and JOINT in p.name for p in table)
+
+
+def node_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
+    """Return all validated parameters of one node from a parameter file."""
+    given = given_values(data, node)
+    given.pop('use_sim_time', None)
+    table = per_joint(TABLES[node], _joints(data, node))
+    joints = given.get('joints', next((p.default for p in table.values() if p.name == 'joints'),
+                                      []))
+    sizes = {'joints': len(joints)} if isinstance(joints, list) else {}
+    return validated(table.values(), given, node, sizes)
+
+
+def apply_settings(data: dict[str, Any], settings: list[str]) -> dict[str, Any]:
+    """Apply ``[node.]name=value`` settings to a parameter file's data.
+
+    Without a node's name a setting goes to every node. Values are YAML: ``controller.k2=[30.0]``.
+    """
+    for setting in settings:
+        name, equals, text = setting.partition('=')
+        if not equals or not name:
+            raise ParameterError('--set', setting, 'NODE.NAME=VALUE')
+        head, _, tail = name.partition('.')
+        node, key = (f'/**/{head}', tail) if head in TABLES and tail else ('/**', name)
+        section: dict[str, Any] = {}
+        leaf = section
+        *groups, last = key.split('.')
+        for group in groups:
+            leaf = leaf.setdefault(group, {})
+        try:
+            leaf[last] = yaml.safe_load(text)
+        except yaml.YAMLError:
+            raise ParameterError('--set', setting, 'a YAML value after =') from None
+        _merge(data.setdefault(node, {'ros__parameters': {}})['ros__parameters'], section)
+    return data
+
+
+def _merge(into: dict[str, Any], other: Mapping[str, Any]) -> None:
+    for key, value in other.items():
+        if isinstance(value, dict) and isinstance(into.get(key), dict):
+            _merge(into[key], value)
+        else:
+            into[key] = value

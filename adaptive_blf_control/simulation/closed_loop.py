@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Driver, controller and identifier joined in lockstep without ROS.
+
+The order within a sample is that of the nodes: the controller answers the state with the θ̂ of the
+last sample, the identifier advances θ̂ with the adaptation term of the last sample (the one that
+was held over the interval that ends now), then the arm moves on under the new torque.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.control.controller import Controller, ControlOutput
+from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.parameters.build import (
+    build_arm,
+    build_controller,
+    build_identifier,
+    build_plant,
+)
+from adaptive_blf_control.parameters.table import broadcast
+from adaptive_blf_control.parameters.yaml_file import node_values
+from adaptive_blf_control.simulation.plant import Plant
+
+__all__ = ['ClosedLoop', 'Sample', 'Trace', 'build_closed_loop']
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One sample of the loop: the measured state and what the nodes answer to it."""
+
+    t: float
+    q: np.ndarray
+    qd: np.ndarray
+    effort: np.ndarray
+    output: ControlOutput
+    theta_hat: np.ndarray
+    rank: int
+    sigma_min: float
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A run as arrays over N samples: t (N,), q, e1, torque (N, n), theta_hat (N, m), …"""
+
+    t: np.ndarray
+    q: np.ndarray
+    e1: np.ndarray
+    torque: np.ndarray
+    theta_hat: np.ndarray
+    rank: np.ndarray
+    sigma_min: np.ndarray
+    wall_s: float
+
+
+class ClosedLoop:
+    """The whole path on one thread: the same objects that run in the nodes."""
+
+    def __init__(self, plant: Plant, controller: Controller, identifier: Identifier,
+                 period: float, initial_estimate: np.ndarray) -> None:
+        """Join the parts; ``period`` [s] is the sample interval."""
+        self.plant = plant
+        self.controller = controller
+        self.identifier = identifier
+        self.period = period
+        self._initial_estimate = initial_estimate
+
+    @property
+    def arm(self) -> Arm:
+        """The arm that controller and identifier know."""
+        return self.controller.arm
+
+    def warm_up(self) -> None:
+        """Compile everything on throw-away objects, so that a run starts at full speed."""
+        q, qd, arm = self.plant.q, self.plant.qd, self.arm
+        spare = Identifier(arm, self.identifier.settings)
+        for k in range(spare.stack.size + 3):
+            output = self.controller.update(0.0, q + 0.1 * np.sin(k + np.arange(arm.n)), qd,
+                                            self._initial_estimate)
+            spare.update(k * self.period, output.reference.position + 0.1 * np.sin(k * output.e1),
+                         output.e2 + k, output.torque, output.adaptation_term)
+        self.plant.trial(output.torque, self.period)
+
+    def run(self, duration: float, observer: Callable[[Sample], None] | None = None) -> Trace:
+        """Run for ``duration`` [s] of arm time and return the trace.
+
+        Args:
+            duration: Length of the run [s]; the sample at its end is included.
+            observer: Called with every sample, e.g. to write a bag.
+        """
+        steps = int(round(duration / self.period)) + 1
+        n, m = self.arm.n, self.arm.m
+        q, e1, torque = (np.empty((steps, n)) for _ in range(3))
+        theta_hat = np.empty((steps, m))
+        rank, sigma_min = np.empty(steps, dtype=int), np.empty(steps)
+        plant, controller, identifier = self.plant, self.controller, self.identifier
+        theta, term = self._initial_estimate, np.zeros(m)
+        begin = time.perf_counter()  # duration of the computation, not a time of the logic
+        for k in range(steps):
+            t = k * self.period
+            effort = plant.torque
+            output = controller.update(t, plant.q, plant.qd, theta)
+            theta = identifier.update(t, plant.q, plant.qd, effort, term)
+            term = output.adaptation_term
+            stack = identifier.stack
+            q[k], e1[k], torque[k], theta_hat[k] = plant.q, output.e1, output.torque, theta
+            rank[k], sigma_min[k] = stack.rank, stack.sigma_min
+            if observer is not None:
+                observer(Sample(t, plant.q, plant.qd, effort, output, theta, stack.rank,
+                                stack.sigma_min))
+            plant.apply(output.torque)
+            plant.advance(self.period)
+        wall = time.perf_counter() - begin
+        return Trace(np.arange(steps) * self.period, q, e1, torque, theta_hat, rank, sigma_min,
+                     wall)
+
+
+def build_closed_loop(data: Mapping[str, Any]) -> ClosedLoop:
+    """Build the loop from a parameter file's data, as the nodes would from the same file."""
+    driver, controller, identifier = (
+        node_values(data, node) for node in ('arm_driver', 'controller', 'identifier'))
+    plant = build_plant(driver, build_arm(driver))
+    arm = build_arm(controller)
+    return ClosedLoop(plant, build_controller(controller, arm, plant.q),
+                      build_identifier(identifier, build_arm(identifier)), 1.0 / driver['rate'],
+                      broadcast(controller['initial_estimate'], arm.m))

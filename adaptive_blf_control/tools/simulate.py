@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``simulate CONFIG``: run a scenario offline, the very objects of the nodes in lockstep."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.parameters.yaml_file import apply_settings, load_yaml, node_values
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace, build_closed_loop
+from adaptive_blf_control.tools.summary import Run, summarise, table
+
+__all__ = ['main', 'run_of_trace']
+
+
+def run_of_trace(loop: ClosedLoop, trace: Trace) -> Run:
+    """Return a trace of the closed loop as a run to summarise."""
+    return Run(loop.arm.joints, loop.arm.parameters, trace.t, trace.q, trace.e1, trace.t,
+               trace.theta_hat, int(trace.rank[-1]), float(trace.sigma_min[-1]),
+               loop.controller.safety, loop.controller.performance, loop.plant.theta)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='simulate', description=__doc__)
+    parser.add_argument('config', type=Path, help='parameter file, e.g. config/two_link.yaml')
+    parser.add_argument('--duration', type=float, metavar='S',
+                        help="length of the run [s]; default: the driver's duration, else 20")
+    parser.add_argument('--set', action='append', default=[], metavar='NODE.NAME=VALUE',
+                        dest='settings', help='change a parameter, e.g. controller.k2=[30.0]')
+    parser.add_argument('--bag', type=Path, metavar='DIR', help='write the run as a bag')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
+    return parser
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the command; 0 if no set was left, 1 if one was, 2 on bad input."""
+    options = _parser().parse_args(args)
+    try:
+        data = apply_settings(load_yaml(options.config), options.settings)
+        loop = build_closed_loop(data)
+        duration = options.duration or node_values(data, 'arm_driver')['duration'] or 20.0
+        if options.bag is None:
+            trace = loop.run(duration)
+        else:
+            from adaptive_blf_control.simulation.bag_observer import BagObserver
+            with BagObserver(options.bag, loop, data) as observer:
+                trace = loop.run(duration, observer)
+    except BlfError as error:
+        print(f'simulate: {error}', file=sys.stderr)
+        return 2
+    run = run_of_trace(loop, trace)
+    figures = summarise(run)
+    figures['wall_s'] = trace.wall_s
+    figures['real_time_factor'] = float(trace.t[-1] / trace.wall_s)
+    if options.json:
+        print(json.dumps(figures, indent=2))
+    else:
+        print(table(figures, run))
+        print(f'speed                {figures["real_time_factor"]:.1f} x real time'
+              + (f'\nbag                  {options.bag}' if options.bag else ''))
+    return 0 if figures['set_violations'] == 0 else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run achieved, as numbers and as a table: the same for simulate, the demo and a bag."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.control.sets import JointInterval
+
+__all__ = ['SETTLED', 'Run', 'settling_time', 'summarise', 'table']
+
+SETTLED = 0.01  # part of ‖θ*‖ under which ‖θ̃‖ counts as settled
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run as arrays.
+
+    Attributes:
+        joints: Joint names, length n.
+        parameters: Parameter names, length m.
+        t: Sample times of q and e1, shape (N,) [s].
+        q: Positions, shape (N, n) [rad].
+        e1: Tracking errors, shape (N, n) [rad].
+        t_theta: Times of the estimates, shape (K,) [s].
+        theta_hat: Estimates, shape (K, m).
+        rank: Rank of the history stack at the end.
+        sigma_min: σ_min of the history stack at the end.
+        safety: Safety set (7).
+        performance: Performance set (8).
+        theta_true: θ*, shape (m,), where it is known.
+    """
+
+    joints: tuple[str, ...]
+    parameters: tuple[str, ...]
+    t: np.ndarray
+    q: np.ndarray
+    e1: np.ndarray
+    t_theta: np.ndarray
+    theta_hat: np.ndarray
+    rank: int
+    sigma_min: float
+    safety: JointInterval
+    performance: JointInterval
+    theta_true: np.ndarray | None = None
+
+
+def settling_time(t: np.ndarray, error: np.ndarray, threshold: float) -> float | None:
+    """Return the first time [s] after which ``error`` stays under ``threshold``, or None."""
+    above = np.flatnonzero(~(error < threshold))
+    if above.size == 0:
+        return float(t[0])
+    return float(t[above[-1] + 1]) if above[-1] + 1 < t.size else None
+
+
+def summarise(run: Run) -> dict[str, Any]:
+    """Return the figures of a run; per-joint values are lists in the order of the joints.
+
+    ``set_violations`` counts samples in which some joint is not strictly inside both sets,
+    ``min_margin`` is the smallest distance to either set's bound per joint [rad].
+    """
+    margin = np.minimum(run.safety.margin(run.q), run.performance.margin(run.e1))
+    last = run.t >= run.t[0] + 0.75 * (run.t[-1] - run.t[0])
+    figures: dict[str, Any] = {
+        'joints': list(run.joints),
+        'duration_s': float(run.t[-1] - run.t[0]),
+        'samples': int(run.t.size),
+        'set_violations': int(np.count_nonzero(~(margin > 0.0).all(axis=1))),
+        'max_abs_error': np.abs(run.e1).max(axis=0).tolist(),
+        'rms_error': np.sqrt(np.mean(run.e1 ** 2, axis=0)).tolist(),
+        'rms_error_last_quarter': np.sqrt(np.mean(run.e1[last] ** 2, axis=0)).tolist(),
+        'min_margin': margin.min(axis=0).tolist(),
+        'theta_hat': dict(zip(run.parameters, run.theta_hat[-1].tolist())),
+        'theta_error_norm': None,
+        'theta_true_norm': None,
+        'theta_settling_time_s': None,
+        'history_rank': run.rank,
+        'history_sigma_min': run.sigma_min,
+    }
+    if run.theta_true is not None:
+        error = np.linalg.norm(run.theta_hat - run.theta_true, axis=1)
+        size = float(np.linalg.norm(run.theta_true))
+        figures['theta_error_norm'] = float(error[-1])
+        figures['theta_true_norm'] = size
+        figures['theta_settling_time_s'] = settling_time(run.t_theta, error, SETTLED * size)
+    return figures
+
+
+def table(figures: dict[str, Any], run: Run) -> str:
+    """Return the figures as a short table a person reads."""
+    kept = figures['set_violations'] == 0
+    lines = [
+        f'safety and performance sets: {"KEPT" if kept else "LEFT"}'
+        + ('' if kept else f' in {figures["set_violations"]} of {figures["samples"]} samples')
+        + f'  ({figures["duration_s"]:.1f} s, {figures["samples"]} samples)',
+        '',
+        f'{"joint":<18}{"largest |e1|":>14}{"RMS e1":>12}{"RMS last 1/4":>14}'
+        f'{"error bound":>20}{"least margin":>14}   [rad]',
+    ]
+    for i, joint in enumerate(figures['joints']):
+        bound = f'{run.performance.lower[i]:+.3g} .. {run.performance.upper[i]:+.3g}'
+        lines.append(
+            f'{joint:<18}{figures["max_abs_error"][i]:>14.5f}{figures["rms_error"][i]:>12.2e}'
+            f'{figures["rms_error_last_quarter"][i]:>14.2e}{bound:>20}'
+            f'{figures["min_margin"][i]:>14.4f}')
+    lines.append('')
+    if run.theta_true is not None:
+        settled = figures['theta_settling_time_s']
+        lines.append(
+            f'parameter error      {figures["theta_error_norm"]:.3g} of '
+            f'{figures["theta_true_norm"]:.3g} in norm; '
+            + (f'within {SETTLED:.0%} after {settled:.2f} s' if settled is not None
+               else f'not yet within {SETTLED:.0%}'))
+    lines.append(f'history stack        rank {figures["history_rank"]} of {len(run.parameters)}, '
+                 f'σ_min {figures["history_sigma_min"]:.3g}')
+    return '\n'.join(lines)
