@@ -63,6 +63,10 @@ class Arm(Protocol):
         """Y2 θ = −Ṁ q̇ + C q̇ + G + F q̇ (12), shape (n, m) [N·m per unit of θ]."""
         ...
 
+    def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # noqa: N802
+        """Return Y1 and Y2 of the same state, sharing work."""
+        ...
+
     def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,  # noqa: N802
           alpha_dot: np.ndarray) -> np.ndarray:
         """X θ = M α̇ + C α + G + F q̇, shape (n, m) [N·m per unit of θ].

@@ -10,7 +10,8 @@ from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError
 from adaptive_blf_control.arms.integrator import make_rk4
 
-__all__ = ['TwoLinkArm', 'two_link_X', 'two_link_Y1', 'two_link_Y2', 'two_link_acceleration']
+__all__ = ['TwoLinkArm', 'two_link_X', 'two_link_Y1', 'two_link_Y12', 'two_link_Y2',
+           'two_link_acceleration']
 
 # θ* of section VI-A: p1, p2, p3 [kg·m²], f1, f2 [N·m·s/rad]
 NOMINAL = (3.473, 0.196, 0.242, 5.3, 1.1)
@@ -37,6 +38,12 @@ def two_link_Y2(q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
     y[1, 2] = qd[0] * (qd[0] + qd[1]) * np.sin(q[1])
     y[1, 4] = qd[1]
     return y
+
+
+@jit
+def two_link_Y12(q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # noqa: N802
+    """Equations (43) and (44) at once."""
+    return two_link_Y1(q, qd), two_link_Y2(q, qd)
 
 
 @jit
@@ -125,6 +132,10 @@ class TwoLinkArm:
     def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
         """Equation (44); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
         return two_link_Y2(q, qd)
+
+    def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # noqa: N802
+        """Equations (43) and (44) at once."""
+        return two_link_Y12(q, qd)
 
     def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,  # noqa: N802
           alpha_dot: np.ndarray) -> np.ndarray:

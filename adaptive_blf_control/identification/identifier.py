@@ -127,7 +127,7 @@ class Identifier:
                 return 0.0
             self._filter.reset()  # the clock jumped back: begin again on the new one
         self._t = t
-        advanced = self._filter.update(dt, self.arm.Y1(q, qd), self.arm.Y2(q, qd), tau)
+        advanced = self._filter.update(dt, *self.arm.Y12(q, qd), tau)
         if not advanced:
             self.restarts += 1
             self._age = 0.0

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.two_link import TwoLinkArm
@@ -16,12 +15,13 @@ from adaptive_blf_control.control.controller import Controller, ControllerSettin
 from adaptive_blf_control.control.reference import Reference, SmoothStart, SumOfSinusoids
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.identification.identifier import Identifier, IdentifierSettings
 from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.simulation.plant import Plant
 
 __all__ = ['build_arm', 'build_controller', 'build_identifier', 'build_plant',
-           'controller_settings', 'identifier_settings', 'read_estimate']
+           'controller_settings', 'identifier_settings']
 
 Values = Mapping[str, Any]
 
@@ -81,21 +81,24 @@ def controller_settings(values: Values, n: int) -> ControllerSettings:
                               broadcast(values['torque_limit'], n), values['coupling'])
 
 
-def build_controller(values: Values, arm: Arm, start: np.ndarray) -> Controller:
-    """Build the controller; ``start`` (n,) [rad] is the posture the motion begins in.
+def build_controller(values: Values, arm: Arm, start: np.ndarray | None) -> Controller:
+    """Build the controller for a motion that begins in the posture ``start``, (n,) [rad].
+
+    Without a posture the sets are checked for the reference alone, without a smooth start.
 
     Raises:
         SetViolation: 𝒫̄ ⊄ 𝒮̄, or the start lies outside a set.
         ParameterError: a value cannot be used.
     """
     reference = _reference(values, arm.joints)
-    if values['reference.smooth_start'] > 0.0:
+    if start is not None and values['reference.smooth_start'] > 0.0:
         reference = SmoothStart(reference, values['reference.smooth_start'], start)
     sets = [JointInterval(broadcast(values[f'{name}.lower'], arm.n),
                           broadcast(values[f'{name}.upper'], arm.n), f'controller.{name}')
             for name in ('safety', 'performance')]
     controller = Controller(arm, controller_settings(values, arm.n), *sets, reference)
-    controller.check_start(start)
+    if start is not None:
+        controller.check_start(start)
     return controller
 
 
@@ -103,7 +106,7 @@ def identifier_settings(values: Values, arm: Arm) -> IdentifierSettings:
     """Build the gains of the identifier, with θ̂(0) from a file where one is named."""
     estimate = broadcast(values['initial_estimate'], arm.m)
     if values['initial_estimate_file']:
-        estimate = read_estimate(values['initial_estimate_file'], arm)
+        estimate = read_estimate(Path(values['initial_estimate_file']), arm.parameters)
     for name, array in (('initial_estimate', estimate), ('gamma', values['gamma'])):
         if len(array) not in (1, arm.m):
             raise ParameterError(f'identifier.{name}', list(array),
@@ -118,21 +121,3 @@ def identifier_settings(values: Values, arm: Arm) -> IdentifierSettings:
 def build_identifier(values: Values, arm: Arm) -> Identifier:
     """Build the identifier for ``arm``."""
     return Identifier(arm, identifier_settings(values, arm))
-
-
-def read_estimate(path: str | Path, arm: Arm) -> np.ndarray:
-    """Read θ̂ that ``save_estimate`` wrote, matched by parameter name, shape (m,)."""
-    try:
-        data = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-        values = data['theta_hat']
-        theta = np.array([float(values[name]) for name in arm.parameters])
-    except OSError as error:
-        raise ParameterError('identifier.initial_estimate_file', str(path),
-                             f'a readable file ({error.strerror})') from None
-    except KeyError as error:
-        raise ParameterError('identifier.initial_estimate_file', str(path),
-                             f'a value for {error.args[0]!r} under theta_hat') from None
-    except (TypeError, ValueError, yaml.YAMLError):
-        raise ParameterError('identifier.initial_estimate_file', str(path),
-                             'a mapping theta_hat of parameter names to numbers') from None
-    return theta

@@ -5,14 +5,9 @@ from __future__ import annotations
 
 from adaptive_blf_control.control.controller import COUPLINGS
 from adaptive_blf_control.parameters.table import Parameter, Table
+from adaptive_blf_control.topics import TOPICS
 
-__all__ = ['ARM', 'TABLES', 'TOPICS_RECORDED']
-
-TOPICS_RECORDED = [
-    'joint_states', 'effort_controller/commands', 'identifier/theta_hat',
-    'identifier/history_rank', 'identifier/history_sigma_min', 'controller/adaptation_term',
-    'controller/reference', 'controller/tracking_error', 'controller/barrier', '/diagnostics',
-]
+__all__ = ['ARM', 'TABLES']
 
 ARM: Table = (
     Parameter('arm', 'string', 'two_link', 'Which arm the regressors describe.',
@@ -133,7 +128,7 @@ CONTROLLER: Table = ARM + (
 
 RECORDER: Table = (
     Parameter('bag', 'string', 'bag', 'Folder of the bag; must not exist.'),
-    Parameter('topics', 'string_array', TOPICS_RECORDED, 'Topics to record.'),
+    Parameter('topics', 'string_array', list(TOPICS), 'Topics to record.'),
     Parameter('flush_period', 'double', 0.5, 'A chunk reaches the disk at least this often.', 's',
               0.01, 1.0),
 )

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS parameter files read without ROS, by the same rules: later sections win.
 
-A section applies to a node when its key is ``/**``, the node's name, or ``/**/NAME``. The last is
-what our files use, because it also matches under a namespace. A name in ``/**`` has to be known to
+A section applies to a node when its key is ``/**``, the node's name, or ends in ``/NAME``. Our files
+use ``/**/NAME``, which ROS also matches under a namespace. A name in ``/**`` has to be known to
 at least one node; a name in a node's own section to that node.
 """
 
@@ -18,7 +18,13 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.nodes import TABLES
 from adaptive_blf_control.parameters.table import JOINT, Parameter, per_joint, validated
 
-__all__ = ['apply_settings', 'given_values', 'load_yaml', 'node_values']
+__all__ = ['PARAMETERS_KEY', 'ROS_OWN', 'apply_settings', 'given_values', 'known_elsewhere', 'load_yaml',
+           'node_values']
+
+
+PARAMETERS_KEY = 'ros__parameters'  # a run's parameter file in a bag's custom_data
+# What ROS itself declares on every node; accepted everywhere, used by nothing here.
+ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
 def load_yaml(path: str | Path) -> dict[str, Any]:
@@ -51,7 +57,7 @@ def _flat(mapping: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, A
 
 
 def _applies(key: str, node: str) -> bool:
-    return key in ('/**', node, f'/{node}', f'/**/{node}', f'/*/{node}')
+    return key in ('/**', node) or key.endswith(f'/{node}')
 
 
 def given_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
@@ -84,15 +90,21 @@ def _joints(data: Mapping[str, Any], node: str) -> list[str]:
     return [j for j in joints if isinstance(j, str)] if isinstance(joints, list) else []
 
 
+def known_elsewhere(name: str, node: str) -> bool:
+    """Return whether ``node`` does not declare ``name`` while another node does."""
+    return not _knows(TABLES[node], name, []) and any(
+        _knows(table, name, []) for table in TABLES.values())
+
+
 def _knows(table: tuple[Parameter, ...], name: str, joints: list[str]) -> bool:
-    return name == 'use_sim_time' or name in per_joint(table, joints) or any(
+    return name.startswith(ROS_OWN) or name in per_joint(table, joints) or any(
         p.name.split(JOINT)[0] == name.split('.')[0] + '.' and JOINT in p.name for p in table)
 
 
 def node_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
     """Return all validated parameters of one node from a parameter file."""
     given = given_values(data, node)
-    given.pop('use_sim_time', None)
+    given = {name: value for name, value in given.items() if not name.startswith(ROS_OWN)}
     table = per_joint(TABLES[node], _joints(data, node))
     joints = given.get('joints', next((p.default for p in table.values() if p.name == 'joints'),
                                       []))

@@ -41,6 +41,7 @@ def main(args: list[str] | None = None) -> int:
     try:
         data = apply_settings(load_yaml(options.config), options.settings)
         loop = build_closed_loop(data)
+        loop.warm_up()
         duration = options.duration or node_values(data, 'arm_driver')['duration'] or 20.0
         if options.bag is None:
             trace = loop.run(duration)

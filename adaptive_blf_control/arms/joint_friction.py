@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Friction of joints as columns of a regressor: viscous, Coulomb and a constant torque."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from adaptive_blf_control.errors import ParameterError
+
+__all__ = ['FRICTION_KINDS', 'JointFriction', 'finite_array']
+
+FRICTION_KINDS = {'viscous': 'fv', 'coulomb': 'fc', 'offset': 'f0'}
+"""Kinds of friction in the order of their columns, with the prefix of their parameters."""
+
+
+class JointFriction:
+    """The chosen columns of τ_f = diag(fv) q̇ + diag(fc) tanh(q̇/v_s) + f0, one set per joint.
+
+    Attributes:
+        names: Parameter names, ``fv_<joint>`` of all joints, then ``fc_``, then ``f0_``.
+        nominal: Nominal coefficients in the order of ``names``.
+        coulomb_velocity: v_s [rad/s].
+    """
+
+    def __init__(self, joints: Sequence[str], nominal: Mapping[str, object],
+                 coulomb_velocity: float) -> None:
+        """Choose columns.
+
+        Args:
+            joints: Joint names, length n.
+            nominal: For each chosen kind of `FRICTION_KINDS` its coefficients, a scalar or
+                shape (n,) [N·m·s/rad, N·m, N·m].
+            coulomb_velocity: v_s [rad/s], > 0.
+
+        Raises:
+            ParameterError: If a value is not finite, negative (viscous, coulomb) or too short.
+        """
+        if not (np.isfinite(coulomb_velocity) and coulomb_velocity > 0.0):
+            raise ParameterError('coulomb_velocity', coulomb_velocity, 'a speed > 0 [rad/s]')
+        self.coulomb_velocity = float(coulomb_velocity)
+        self._n = len(joints)
+        self._rows = np.arange(self._n)
+        self._ones = np.ones(self._n)
+        self._kinds = tuple(kind for kind in FRICTION_KINDS if kind in nominal)
+        self.names = tuple(f'{FRICTION_KINDS[kind]}_{joint}'
+                           for kind in self._kinds for joint in joints)
+        values = [finite_array(kind, nominal[kind], self._n) for kind in self._kinds]
+        for kind, value in zip(self._kinds, values, strict=True):
+            if kind != 'offset' and value.min() < 0.0:
+                raise ParameterError(kind, nominal[kind], 'coefficients that are not negative')
+        self.nominal = np.concatenate([np.zeros(0), *values])
+
+    def fill(self, out: np.ndarray, qd: np.ndarray, first: int) -> None:
+        """Write the columns at joint velocities q̇, shape (n,), into ``out`` from column ``first``.
+
+        Args:
+            out: Zeros from that column on, shape (n, first + number of names).
+            qd: Joint velocities, shape (n,) [rad/s].
+            first: Number of columns before those of friction.
+        """
+        for kind in self._kinds:
+            if kind == 'viscous':
+                values = qd
+            elif kind == 'coulomb':
+                values = np.tanh(qd / self.coulomb_velocity)
+            else:
+                values = self._ones
+            out[self._rows, first + self._rows] = values
+            first += self._n
+
+    def coefficients(self, parameters: np.ndarray) -> np.ndarray:
+        """Return viscous, Coulomb and constant coefficients in rows, shape (3, n).
+
+        Kinds that were not chosen are zero.
+
+        Args:
+            parameters: In the order of ``names``.
+        """
+        result = np.zeros((len(FRICTION_KINDS), self._n))
+        for i, kind in enumerate(self._kinds):
+            result[list(FRICTION_KINDS).index(kind)] = parameters[i * self._n:(i + 1) * self._n]
+        return result
+
+
+def finite_array(name: str, value: object, length: int) -> np.ndarray:
+    """Return a scalar or a sequence as an array of finite numbers, shape (length,).
+
+    Raises:
+        ParameterError: If it is neither.
+    """
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if array.shape not in ((), (length,)) or not np.all(np.isfinite(array)):
+        raise ParameterError(name, value, f'one finite number or {length} of them')
+    return np.broadcast_to(array, (length,)).copy()

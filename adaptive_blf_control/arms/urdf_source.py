@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a URDF comes from (path, ``package://``, XML text) and which joints it offers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import os
+from pathlib import Path
+import sys
+from typing import NamedTuple
+import xml.etree.ElementTree as ElementTree
+
+from adaptive_blf_control.errors import ArmError
+
+__all__ = ['UrdfJoint', 'read_urdf', 'resolve_package', 'select_joints', 'urdf_joints']
+
+SINGLE_DOF = ('revolute', 'continuous', 'prismatic')
+MULTI_DOF = ('floating', 'planar')
+
+
+class UrdfJoint(NamedTuple):
+    """One ``<joint>`` of a URDF.
+
+    Attributes:
+        name: Joint name.
+        kind: URDF type: revolute, continuous, prismatic, fixed, floating or planar.
+        mimics: Name of the joint it follows, or None.
+    """
+
+    name: str
+    kind: str
+    mimics: str | None
+
+
+def read_urdf(source: str | os.PathLike[str],
+              package_dirs: Sequence[str | os.PathLike[str]] = ()) -> str:
+    """Return the XML text of a URDF.
+
+    Args:
+        source: A path, ``file://path``, ``package://package/path`` (see `resolve_package`), or
+            the XML text itself (anything that starts with ``<``, as on ``robot_description``).
+        package_dirs: Further folders to look for packages in.
+
+    Raises:
+        ArmError: If there is no such file or package, or nothing in it.
+    """
+    text = os.fspath(source)
+    if not text.strip():
+        raise ArmError('URDF source is empty: expected a path, package://... or XML text')
+    if text.lstrip('\ufeff \t\r\n').startswith('<'):
+        return text.lstrip('\ufeff \t\r\n')
+    if text.startswith('package://'):
+        path = resolve_package(text, package_dirs)
+    else:
+        path = Path(text.removeprefix('file://')).expanduser()
+    try:
+        # Only comments and author names are ever outside ASCII: a stray byte there is harmless.
+        return path.read_bytes().decode('utf-8-sig', errors='replace').lstrip()
+    except FileNotFoundError:
+        raise ArmError(f'URDF file {str(path)!r} does not exist') from None
+    except (OSError, ValueError) as error:
+        raise ArmError(f'URDF file {str(path)!r} cannot be read: {error}') from error
+
+
+def resolve_package(uri: str, package_dirs: Sequence[str | os.PathLike[str]] = ()) -> Path:
+    """Return the file that ``package://package/path`` names.
+
+    Looked for in this order: ``package_dirs`` (a folder of packages, or the package itself),
+    ``share`` of every prefix in ``AMENT_PREFIX_PATH``, ``share`` of this Python's prefix, the
+    ``cmeel.prefix/share`` of PyPI's robotics wheels; in each also among the robots of
+    example-robot-data.
+
+    Raises:
+        ArmError: If the address is malformed or no such file is found.
+    """
+    package, _, inside = uri.removeprefix('package://').partition('/')
+    if not package or not inside:
+        raise ArmError(f'{uri!r} is not an address of the form package://package/path')
+    looked = []
+    for root in _package_roots(package_dirs):
+        candidates = [root / package / inside]
+        if root.name == package:
+            candidates.append(root / inside)
+        for candidate in candidates:
+            if candidate.is_file():
+                return candidate
+        looked.append(str(root))
+    raise ArmError(f'{uri!r} not found in: {", ".join(looked) or "no folder at all"}')
+
+
+def _package_roots(package_dirs: Sequence[str | os.PathLike[str]]) -> Iterator[Path]:
+    shares = [Path(folder) for folder in package_dirs]
+    shares += [Path(prefix) / 'share'
+               for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if prefix]
+    shares.append(Path(sys.prefix) / 'share')
+    shares += [Path(entry) / 'cmeel.prefix' / 'share' for entry in sys.path if entry]
+    for share in dict.fromkeys(shares):
+        if share.is_dir():
+            yield share
+            robots = share / 'example-robot-data' / 'robots'
+            if robots.is_dir():
+                yield robots
+
+
+def urdf_joints(xml: str) -> tuple[UrdfJoint, ...]:
+    """List the joints of a URDF in document order.
+
+    Raises:
+        ArmError: If the text is not XML, not a URDF, or its joints do not hang together.
+    """
+    try:
+        root = ElementTree.fromstring(xml)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ArmError(f'URDF is not well-formed XML: {error}') from error
+    if root.tag != 'robot':
+        raise ArmError(f'URDF has the root element <{root.tag}>: expected <robot>')
+    if any('www.ros.org/wiki/xacro' in element.tag for element in root.iter()):
+        raise ArmError('this is a xacro file, not a URDF: run it through xacro first')
+    links = {link.get('name') for link in root.findall('link')}
+    joints: list[UrdfJoint] = []
+    for element in root.findall('joint'):
+        joint = _joint(element)
+        if joint.name in {other.name for other in joints}:
+            raise ArmError(f'URDF has two joints named {joint.name!r}')
+        for end in ('parent', 'child'):
+            reference = element.find(end)
+            link = None if reference is None else reference.get('link')
+            if link not in links:
+                raise ArmError(f'joint {joint.name!r} has the {end} link {link!r}, '
+                               'which the URDF does not define')
+        joints.append(joint)
+    return tuple(joints)
+
+
+def _joint(element: ElementTree.Element) -> UrdfJoint:
+    name, kind = element.get('name'), element.get('type')
+    if not name:
+        raise ArmError('URDF has a joint without a name')
+    if kind not in (*SINGLE_DOF, *MULTI_DOF, 'fixed'):
+        raise ArmError(f'joint {name!r} has the type {kind!r}, which URDF does not know')
+    mimic = element.find('mimic')
+    return UrdfJoint(name, kind, None if mimic is None else mimic.get('joint', ''))
+
+
+def select_joints(available: Sequence[UrdfJoint], wanted: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the names of the joints that make the arm.
+
+    Args:
+        available: What `urdf_joints` found.
+        wanted: Names in the order the arm shall use, or None for every joint with one degree of
+            freedom that does not mimic another.
+
+    Raises:
+        ArmError: If a name is unknown, given twice, or not a joint that one torque can drive.
+    """
+    driven = [joint.name for joint in available
+              if joint.kind in SINGLE_DOF and joint.mimics is None]
+    listing = f'drivable joints of this URDF: {", ".join(driven) or "none"}'
+    if wanted is None:
+        for joint in available:
+            if joint.kind in MULTI_DOF:
+                raise ArmError(f'joint {joint.name!r} is {joint.kind}: name the joints of the '
+                               f'arm, the others are locked; {listing}')
+        wanted = driven
+    if isinstance(wanted, str) or not wanted:
+        raise ArmError(f'joints is {wanted!r}: expected a list of names; {listing}')
+    kinds = {joint.name: joint for joint in available}
+    for index, name in enumerate(wanted):
+        if name not in kinds:
+            raise ArmError(f'no joint {name!r}; {listing}')
+        if name in wanted[:index]:
+            raise ArmError(f'joint {name!r} is named twice')
+        if kinds[name].kind not in SINGLE_DOF:
+            raise ArmError(f'joint {name!r} is {kinds[name].kind}, not revolute, continuous or '
+                           f'prismatic; {listing}')
+        if kinds[name].mimics is not None:
+            raise ArmError(f'joint {name!r} mimics {kinds[name].mimics!r} and has no torque of '
+                           f'its own; {listing}')
+    return tuple(wanted)

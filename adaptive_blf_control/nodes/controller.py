@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``controller``: joint states and θ̂ in, torques and the adaptation term out.
+
+The motion begins with the first joint state after somebody listens to the commands. θ̂ may arrive
+late or never: the controller goes on with the last one.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.context import Context
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec
+from adaptive_blf_control.bags.controller_codecs import ControllerCodecs
+from adaptive_blf_control.bags.joint_state import JointStateReader
+from adaptive_blf_control.control.controller import Controller, ControlOutput, sampling_number
+from adaptive_blf_control.errors import BagError, BlfError, ParameterError
+from adaptive_blf_control.nodes.data_node import DataNode, run_node
+from adaptive_blf_control.nodes.node_parameters import on_change
+from adaptive_blf_control.nodes.robot_description import arm_of
+from adaptive_blf_control.parameters.build import build_controller, controller_settings
+from adaptive_blf_control.parameters.table import broadcast
+from adaptive_blf_control.topics import (
+    ADAPTATION_TERM,
+    BARRIER,
+    COMMANDS,
+    JOINT_STATES,
+    REFERENCE,
+    THETA_HAT,
+    TRACKING_ERROR,
+)
+
+__all__ = ['ControllerNode', 'main']
+
+
+class ControllerNode(DataNode):
+    """Equation (38) behind the topics of ros2_controllers' effort group controller.
+
+    Attributes:
+        theta: θ̂ in use, shape (m,).
+        output: Last output of the law, None before the first.
+    """
+
+    def __init__(self, *, context: Context | None = None, **options: Any) -> None:
+        """Validate everything that can be validated before the arm is seen."""
+        super().__init__('controller', context=context, **options)
+        values = self.values
+        self.arm = arm_of(self)
+        self.theta = broadcast(values['initial_estimate'], self.arm.m)
+        if values['model'] == 'known':
+            self.theta = broadcast(values['known_parameters'], self.arm.m)
+        if self.theta.size != self.arm.m:
+            raise ParameterError('controller.initial_estimate', self.theta.tolist(),
+                                 f'length 1 or {self.arm.m} (one for each of the parameters)')
+        self.output: ControlOutput | None = None
+        self._controller: Controller | None = None
+        self._warm_up()
+        self._start_ns = 0
+        self._last_ns: int | None = None
+        self._heard_at: float | None = None
+        self._lost = False
+        self._samples_seen = 0
+        self._margins = np.zeros(2 * self.arm.n)
+        self._lyapunov = 0.0
+        self._make_topics()
+        on_change(self, 'controller', values, self._retune)
+
+    def _make_topics(self) -> None:
+        arm = self.arm
+        self._state_reader = JointStateReader(arm.joints)
+        self._theta_reader = JointStateReader(arm.parameters)
+        self._torque_codec = Float64MultiArrayCodec(arm.n)
+        self._codecs = ControllerCodecs(arm.joints, arm.parameters)
+        self._commands = self.data_publisher(Float64MultiArray, COMMANDS)
+        self._term = self.data_publisher(JointState, ADAPTATION_TERM)
+        self._monitors = {topic: self.data_publisher(JointState, topic)
+                          for topic in (REFERENCE, TRACKING_ERROR, BARRIER)}
+        if self.values['model'] == 'estimated':
+            self.data_subscription(JointState, THETA_HAT, self.on_theta_hat, wake=False,
+                                   newest_only=True)
+        self.data_subscription(JointState, JOINT_STATES, self.on_joint_states, newest_only=True)
+
+    def _warm_up(self) -> None:
+        """Check the sets (9) and compile the law, on the posture the reference starts in."""
+        zero = np.zeros(self.arm.n)
+        try:
+            trial = build_controller(self.values, self.arm, None)
+        except BlfError:
+            self.destroy_node()
+            raise
+        start = trial.reference.at(0.0).position
+        trial.lyapunov(start, trial.update(0.0, start, zero, self.theta), self.theta)
+        number = sampling_number(self.arm, trial.settings.k2, start, self.theta, 1e-3)
+        if number >= 2.0:
+            self.get_logger().warning(
+                f'k2 λ_max(M⁻¹) dt = {number:.2f} at 1 kHz with the initial estimate: 2 or more '
+                f'is unstable in a sampled loop; lower k2 or check the estimate')
+
+    def _retune(self, values: dict[str, Any]) -> None:
+        settings = controller_settings(values, self.arm.n)
+        if self._controller is not None:
+            self._controller.settings = settings  # one assignment: between two samples
+
+    def on_theta_hat(self, data: bytes, info: dict[str, int]) -> None:
+        """Take the newest estimate; one that is not finite or not ours is dropped."""
+        try:
+            _, theta, _, _ = self._theta_reader.read(data)
+        except BagError as error:
+            self.drop('unusable estimate', str(error))
+            return
+        if np.isfinite(theta).all():
+            self.theta = theta
+        else:
+            self.drop('non-finite estimate', 'the last one is kept')
+
+    def on_joint_states(self, data: bytes, info: dict[str, int]) -> None:
+        """Answer a joint state with a torque."""
+        try:
+            stamp, q, qd, _ = self._state_reader.read(data)
+        except BagError as error:
+            self.drop('unusable joint state', str(error))
+            return
+        if not (np.isfinite(q).all() and np.isfinite(qd).all()):
+            joint = self.arm.joints[int(np.argmin(np.isfinite(q) & np.isfinite(qd)))]
+            self.drop('non-finite joint state', f'joint {joint!r}')
+            return
+        if self._last_ns is not None and stamp <= self._last_ns:
+            self.drop('joint state out of order', f'stamp {stamp} ns after {self._last_ns} ns')
+            return
+        if self._controller is None and not self._start(stamp, q):
+            return
+        self._last_ns = stamp
+        self._heard_at, self._lost = time.monotonic(), False
+        self._answer(stamp, q, qd)
+
+    def _start(self, stamp: int, q: np.ndarray) -> bool:
+        if self._commands.get_subscription_count() == 0:
+            return False
+        self._controller = build_controller(self.values, self.arm, q)
+        self._start_ns = stamp
+        self.get_logger().info('motion begins')
+        return True
+
+    def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray) -> None:
+        controller = self._controller
+        if controller is None:
+            return
+        output = controller.update((stamp - self._start_ns) * 1e-9, q, qd, self.theta)
+        self._commands.publish(self._torque_codec.encode(output.torque))
+        self._term.publish(self._codecs.adaptation_term(stamp, output))
+        self.output = output
+        self.sampled()
+        if self._samples_seen % self.values['monitor_decimation'] == 0:
+            self._monitor(controller, stamp, q, output)
+        self._samples_seen += 1
+
+    def _monitor(self, controller: Controller, stamp: int, q: np.ndarray,
+                 output: ControlOutput) -> None:
+        n = self.arm.n
+        self._margins[:n] = controller.safety.margin(q)
+        self._margins[n:] = controller.performance.margin(output.e1)
+        self._lyapunov = controller.lyapunov(q, output, self.theta)
+        for topic, message in self._codecs.monitors(stamp, output, self._margins,
+                                                    self._lyapunov).items():
+            self._monitors[topic].publish(message)
+
+    def idle(self) -> None:
+        """Command zero torque when the joint states stop coming."""
+        timeout = self.values['state_timeout']
+        if (self._heard_at is not None and not self._lost
+                and time.monotonic() - self._heard_at > timeout):
+            self._lost = True
+            self._commands.publish(self._torque_codec.encode(np.zeros(self.arm.n)))
+            self.get_logger().error(f'no joint state for {timeout:g} s: zero torque')
+
+    def finish(self) -> None:
+        """Zero torque is the last thing sent."""
+        if self._heard_at is not None and self.context.ok():
+            self._commands.publish(self._torque_codec.encode(np.zeros(self.arm.n)))
+
+    def status(self) -> tuple[bytes, str, dict[str, object]]:
+        """Report the margins to both sets, V and saturation."""
+        if self._controller is None or self.output is None:
+            return DiagnosticStatus.WARN, 'waiting for joint states and a listener', {}
+        n = self.arm.n
+        values: dict[str, object] = {'V': f'{self._lyapunov:.6g}',
+                                     'superseded messages': self.superseded}
+        for i, joint in enumerate(self.arm.joints):
+            values[f'{joint} safety margin [rad]'] = f'{self._margins[i]:.6g}'
+            values[f'{joint} performance margin [rad]'] = f'{self._margins[n + i]:.6g}'
+            values[f'{joint} saturated'] = bool(self.output.saturated[i])
+        if self._lost:
+            return DiagnosticStatus.ERROR, 'joint states lost: zero torque', values
+        worst = int(np.argmin(self._margins))
+        if self._margins[worst] <= 0.0:
+            joint = self.arm.joints[worst % n]
+            return DiagnosticStatus.ERROR, f'joint {joint} has left its set', values
+        return DiagnosticStatus.OK, 'running', values
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run_node(ControllerNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

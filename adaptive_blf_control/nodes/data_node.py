@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the four nodes share: parameters, raw data topics, the loop, diagnostics, a clean end."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.context import Context
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+
+from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.nodes.direct_wait import DataGroup, DirectWait, take_all
+from adaptive_blf_control.nodes.node_parameters import declare
+
+__all__ = ['DataNode', 'run_node']
+
+# A wait on data alone does not see a stop request: it ends at least this often to look.
+LONGEST_WAIT = 0.05  # s
+DEPTH = 100
+
+Handler = Callable[[bytes, dict[str, int]], None]
+
+
+class DataNode(Node):
+    """A node with raw data topics served by its own loop and the rest by an executor.
+
+    Attributes:
+        values: Validated parameters by name.
+        stop: Set it to end :meth:`run`.
+        exit_code: What the process returns; non-zero after a failure.
+        drops: Messages not used, counted by reason.
+        superseded: Messages passed over because a newer one was there already.
+    """
+
+    def __init__(self, kind: str, *, context: Context | None = None, **options: Any) -> None:
+        """Make the node named ``kind`` and declare its table of parameters."""
+        super().__init__(kind, context=context,
+                         automatically_declare_parameters_from_overrides=True, **options)
+        self.kind = kind
+        try:
+            self.values = declare(self, kind)
+        except BlfError:
+            self.destroy_node()
+            raise
+        self.stop = threading.Event()
+        self.exit_code = 0
+        self.drops: dict[str, int] = {}
+        self._data_group = DataGroup()
+        self._waited: list[tuple[Subscription, Handler, bool]] = []
+        self._drained: list[tuple[Subscription, Handler, bool]] = []
+        self.superseded = 0
+        self._wait: DirectWait | None = None
+        self._samples = 0
+        self._rate_since = time.monotonic()
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_timer(1.0, self._publish_diagnostics)
+
+    def data_publisher(self, message_type: type, topic: str) -> Publisher:
+        """Return a reliable publisher; ``publish(bytes)`` sends CDR as it is."""
+        return self.create_publisher(message_type, topic, DEPTH)
+
+    def data_subscription(self, message_type: type, topic: str, handler: Handler, *,
+                          wake: bool = True, newest_only: bool = False,
+                          reliable: bool = False, depth: int = DEPTH) -> Subscription:
+        """Subscribe to raw CDR.
+
+        Args:
+            message_type: Type of the topic.
+            topic: Name of the topic.
+            handler: Called with the bytes and the message info in the node's loop.
+            wake: Whether a message wakes the loop; else it is taken before the waking ones.
+            newest_only: When several messages wait, handle the last and count the others as
+                superseded: acting on old data is worse than not acting on it.
+            reliable: Ask for reliable delivery; best effort also hears reliable publishers.
+            depth: History depth.
+        """
+        qos = QoSProfile(depth=depth)
+        qos.reliability = (ReliabilityPolicy.RELIABLE if reliable
+                           else ReliabilityPolicy.BEST_EFFORT)
+        subscription = self.create_subscription(
+            message_type, topic, lambda _: None, qos, callback_group=self._data_group, raw=True)
+        (self._waited if wake else self._drained).append(
+            (subscription, handler, newest_only))
+        self._wait = None
+        return subscription
+
+    def drop(self, reason: str, detail: str) -> None:
+        """Count a message that is not used and say why, at most once a second per reason."""
+        self.drops[reason] = self.drops.get(reason, 0) + 1
+        self.get_logger().warning(f'{reason}: {detail} ({self.drops[reason]} so far)',
+                                  throttle_duration_sec=1.0)
+
+    def sampled(self) -> None:
+        """Count one sample of the node's work, for the rate in the diagnostics."""
+        self._samples += 1
+
+    def spin_data(self, timeout: float = LONGEST_WAIT) -> None:
+        """Wait for data for at most ``timeout`` [s] and handle all that is there."""
+        if self._wait is None:
+            self._wait = DirectWait([entry[0] for entry in self._waited], self.context)
+        self._wait.wait(min(timeout, LONGEST_WAIT))
+        for subscription, handler, newest_only in (*self._drained, *self._waited):
+            taken = take_all(subscription, handler, newest_only)
+            if newest_only and taken > 1:
+                self.superseded += taken - 1
+
+    def idle(self) -> None:
+        """Do what has to be done between messages: watchdogs. Called after every wait."""
+
+    def finish(self) -> None:
+        """Do what has to be done at the end: zero torque, close files."""
+
+    def run(self) -> int:
+        """Serve data until :attr:`stop` is set or the context ends; return the exit code."""
+        executor = SingleThreadedExecutor(context=self.context)
+        executor.add_node(self)
+        thread = threading.Thread(target=self._serve, args=(executor,), daemon=True)
+        thread.start()
+        gc.collect()
+        gc.freeze()  # nothing made so far will be collected: no pauses for it
+        try:
+            self.loop()
+        finally:
+            try:
+                self.finish()
+            finally:
+                self.stop.set()
+                executor.shutdown(timeout_sec=2.0)
+                thread.join(timeout=2.0)
+        return self.exit_code
+
+    def loop(self) -> None:
+        """Serve data until the end; the driver replaces this with a timed loop."""
+        while not self.stop.is_set() and self.context.ok():
+            self.spin_data()
+            self.idle()
+
+    def _serve(self, executor: SingleThreadedExecutor) -> None:
+        try:
+            while not self.stop.is_set() and self.context.ok():
+                executor.spin_once(timeout_sec=LONGEST_WAIT)
+        except ExternalShutdownException:
+            self.stop.set()
+
+    def status(self) -> tuple[bytes, str, dict[str, object]]:
+        """Return level, message and values for the diagnostics (REP 107)."""
+        return DiagnosticStatus.OK, 'running', {}
+
+    def _publish_diagnostics(self) -> None:
+        now = time.monotonic()
+        rate = self._samples / max(now - self._rate_since, 1e-9)
+        self._samples, self._rate_since = 0, now
+        level, text, values = self.status()
+        values = {'rate': f'{rate:.1f}', **values,
+                  **{f'dropped: {reason}': count for reason, count in self.drops.items()}}
+        array = DiagnosticArray()
+        array.header.stamp = self.get_clock().now().to_msg()
+        array.status = [DiagnosticStatus(
+            level=level, name=f'{self.get_name()}: {self.kind}', message=text,
+            hardware_id=self.get_namespace().strip('/') or 'arm',
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])]
+        if self.context.ok():
+            self._diagnostics.publish(array)
+
+
+def run_node(make: Callable[[], DataNode], args: list[str] | None) -> int:
+    """Run a node as a process: signals, clear errors, clean shutdown; return the exit code."""
+    name = 'node'
+    try:
+        # Our own handlers: the last torque and the bag's end come before ROS goes down.
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        node = make()
+    except (BlfError, ParameterException, RuntimeError) as error:
+        print(f'{name}: {error}', file=sys.stderr)
+        rclpy.try_shutdown()
+        return 2
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: node.stop.set())
+    try:
+        return node.run()
+    except BlfError as error:
+        node.get_logger().fatal(str(error))
+        return 2
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``recorder``: every message, byte for byte as it came over the wire, into an MCAP bag."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import time
+from typing import Any
+
+import yaml
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.context import Context
+from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import QoSDurabilityPolicy, QoSReliabilityPolicy
+from rclpy.task import Future
+
+from adaptive_blf_control.bags.metadata import default_qos
+from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.nodes.data_node import DataNode, run_node
+from adaptive_blf_control.parameters.yaml_file import PARAMETERS_KEY
+from adaptive_blf_control.topics import TOPICS
+
+__all__ = ['Recorder', 'main']
+
+LOOK_AROUND = 0.25  # s between looks at the graph
+DEPTH = 5000
+
+
+class Recorder(DataNode):
+    """Raw subscriptions into a bag that a crash can cost at most one flush period.
+
+    Attributes:
+        bag: The open writer.
+        received: Messages per topic that reached this node.
+        lost: Messages per topic that were published and never reached it, seen as gaps in the
+            publisher's sequence numbers (topics with one publisher).
+    """
+
+    def __init__(self, *, context: Context | None = None, **options: Any) -> None:
+        """Open the bag and subscribe; BagError where the folder exists."""
+        super().__init__('recorder', context=context, **options)
+        self.bag = BagWriter(self.values['bag'])
+        self.received: dict[str, int] = {}
+        self.lost: dict[str, int] = {}
+        self._sequence: dict[str, int] = {}
+        self._failure: str | None = None
+        self._pending: dict[str, str] = {}
+        for topic in self.values['topics']:
+            name = self.resolve_topic_name(topic)
+            self._pending[name] = TOPICS.get(topic, '')
+        self._parameters: dict[str, dict[str, Any]] = {}
+        self._asked: set[str] = set()
+        self._remember(self.get_fully_qualified_name(), dict(self.values))
+        self._looked_at = self._flushed_at = time.monotonic()
+        self._subscribe_known()
+        self.create_timer(LOOK_AROUND, self._ask_for_parameters)
+
+    def _subscribe_known(self) -> None:
+        graph = dict(self.get_topic_names_and_types()) if '' in self._pending.values() else {}
+        for topic, type_name in list(self._pending.items()):
+            type_name = type_name or next(iter(graph.get(topic, [])), '')
+            if type_name:
+                del self._pending[topic]
+                self._subscribe(topic, type_name)
+
+    def _subscribe(self, topic: str, type_name: str) -> None:
+        package, _, name = type_name.partition('/msg/')
+        try:
+            message_type = getattr(importlib.import_module(f'{package}.msg'), name)
+        except (ImportError, AttributeError):
+            self.get_logger().error(f'{topic}: message type {type_name!r} is not installed here: '
+                                    f'the topic is not recorded')
+            return
+        self.received[topic] = self.lost[topic] = 0
+
+        def record(data: bytes, info: dict[str, int]) -> None:
+            self._record(topic, type_name, data, info)
+
+        self.data_subscription(message_type, topic, record, depth=DEPTH,
+                               reliable=not self._offered_best_effort(topic))
+
+    def _offered_best_effort(self, topic: str) -> bool:
+        return any(info.qos_profile.reliability == QoSReliabilityPolicy.BEST_EFFORT
+                   for info in self.get_publishers_info_by_topic(topic))
+
+    def _record(self, topic: str, type_name: str, data: bytes, info: dict[str, int]) -> None:
+        self.received[topic] += 1
+        self.sampled()
+        self._count_gap(topic, info)
+        if self._failure is not None:
+            self.drops['disk'] = self.drops.get('disk', 0) + 1
+            return
+        try:
+            if topic not in self.bag.counts:
+                self.bag.add_topic(topic, type_name, qos=self._offered_qos(topic))
+            self.bag.write(topic, data, info['received_timestamp'], info['source_timestamp'])
+        except BagError as error:
+            self._fail(str(error))
+
+    def _count_gap(self, topic: str, info: dict[str, int]) -> None:
+        number = info.get('publication_sequence_number')
+        if number is None or topic == '/diagnostics':  # several publishers number on their own
+            return
+        last = self._sequence.get(topic)
+        self._sequence[topic] = number
+        if last is not None and number > last + 1:
+            self.lost[topic] += number - last - 1
+
+    def _offered_qos(self, topic: str) -> list[dict[str, Any]]:
+        for info in self.get_publishers_info_by_topic(topic):
+            best_effort = info.qos_profile.reliability == QoSReliabilityPolicy.BEST_EFFORT
+            latched = info.qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL
+            return default_qos('best_effort' if best_effort else 'reliable',
+                               'transient_local' if latched else 'volatile')
+        return default_qos()
+
+    def _fail(self, reason: str) -> None:
+        if self._failure is None:
+            self._failure = reason
+            self.exit_code = 1
+            self.get_logger().error(f'recording stopped, what was written is kept: {reason}')
+
+    def idle(self) -> None:
+        """Flush and look for topics whose type was not known yet."""
+        now = time.monotonic()
+        if now - self._flushed_at >= self.values['flush_period']:
+            self._flushed_at = now
+            self._flush()
+        if self._pending and now - self._looked_at >= LOOK_AROUND:
+            self._looked_at = now
+            self._subscribe_known()
+
+    def _flush(self) -> None:
+        if self._failure is None:
+            try:
+                self.bag.flush()
+            except BagError as error:
+                self._fail(str(error))
+
+    def _ask_for_parameters(self) -> None:
+        """Ask every node that publishes on a recorded topic for its parameters, once."""
+        for topic in list(self.received):
+            for info in self.get_publishers_info_by_topic(topic):
+                node = f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                if info.node_name.startswith('_') or node in self._asked | {
+                        self.get_fully_qualified_name()}:
+                    continue
+                client = AsyncParameterClient(self, node)
+                if client.services_are_ready():
+                    self._asked.add(node)
+                    client.list_parameters([], 0).add_done_callback(
+                        lambda future, n=node, c=client: self._on_names(n, c, future))
+
+    def _on_names(self, node: str, client: AsyncParameterClient, future: Future) -> None:
+        listed: ListParameters.Response = future.result()
+        names = list(listed.result.names)
+        client.get_parameters(names).add_done_callback(
+            lambda answer: self._on_values(node, names, answer))
+
+    def _on_values(self, node: str, names: list[str], future: Future) -> None:
+        answer: GetParameters.Response = future.result()
+        values = {name: parameter_value_to_python(value)
+                  for name, value in zip(names, answer.values)}
+        self._remember(node, values)
+
+    def _remember(self, node: str, values: dict[str, Any]) -> None:
+        plain = {name: list(value) if hasattr(value, '__len__') and not isinstance(value, str)
+                 else value for name, value in values.items()}
+        self._parameters[node] = {'ros__parameters': plain}
+
+    def finish(self) -> None:
+        """Drain what has arrived, then close file, index and metadata."""
+        if self.context.ok():
+            self.spin_data(0.0)
+        self.bag.set_custom_data(
+            {PARAMETERS_KEY: yaml.safe_dump(dict(self._parameters), sort_keys=False)})
+        try:
+            self.bag.close()
+        except BagError as error:
+            self._fail(str(error))
+        counts = self.bag.counts
+        for topic, received in self.received.items():
+            self.get_logger().info(f'{topic}: received {received}, written '
+                                   f'{counts.get(topic, 0)}, lost {self.lost[topic]}')
+
+    def status(self) -> tuple[bytes, str, dict[str, object]]:
+        """Report counts per topic."""
+        counts = self.bag.counts
+        values: dict[str, object] = {}
+        for topic, received in list(self.received.items()):
+            values[f'{topic} received'] = received
+            values[f'{topic} written'] = counts.get(topic, 0)
+            values[f'{topic} lost'] = self.lost[topic]
+        if self._failure is not None:
+            return DiagnosticStatus.ERROR, self._failure, values
+        return DiagnosticStatus.OK, f'recording to {self.bag.path}', values
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run_node(Recorder, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes an offline run as the bag the recorder would have made of the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import yaml
+
+from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec, encode_float64, encode_int32
+from adaptive_blf_control.bags.controller_codecs import ControllerCodecs
+from adaptive_blf_control.bags.joint_state import JointStateCodec
+from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.parameters.nodes import TABLES
+from adaptive_blf_control.parameters.yaml_file import PARAMETERS_KEY, node_values
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample
+from adaptive_blf_control.topics import (
+    COMMANDS,
+    HISTORY_RANK,
+    HISTORY_SIGMA_MIN,
+    JOINT_STATES,
+    THETA_HAT,
+    TOPICS,
+)
+
+__all__ = ['BagObserver']
+
+
+class BagObserver:
+    """Context manager and observer of :meth:`ClosedLoop.run`; stamps start at ``epoch``."""
+
+    def __init__(self, path: Path, loop: ClosedLoop, data: Mapping[str, Any],
+                 epoch_ns: int = 1_000_000_000) -> None:
+        """Open the bag; BagError where the folder exists.
+
+        Args:
+            path: Folder of the bag.
+            loop: The loop that will run.
+            data: The scenario's parameter file, kept in the bag.
+            epoch_ns: Stamp of the first sample; fixed, so that equal runs give equal bags.
+        """
+        self._loop = loop
+        self._epoch_ns = epoch_ns
+        arm = loop.arm
+        parameters = {f'/{node}': {'ros__parameters': node_values(data, node)}
+                      for node in TABLES if node != 'recorder'}
+        self._bag = BagWriter(path, custom_data={
+            PARAMETERS_KEY: yaml.safe_dump(parameters, sort_keys=False)})
+        for topic, type_name in TOPICS.items():
+            if topic != '/diagnostics':
+                self._bag.add_topic(f'/{topic}', type_name)
+        self._state = JointStateCodec(arm.joints, 'base_link')
+        self._theta = JointStateCodec(arm.parameters, fields=('position',))
+        self._torque = Float64MultiArrayCodec(arm.n)
+        self._controller = ControllerCodecs(arm.joints, arm.parameters)
+        self._insertions = -1
+
+    def __enter__(self) -> BagObserver:
+        """Return the observer."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        """Close the bag."""
+        self._bag.close()
+
+    def __call__(self, sample: Sample) -> None:
+        """Write one sample in the order the nodes would have sent it."""
+        stamp = self._epoch_ns + int(round(sample.t * 1e9))
+        controller, output = self._loop.controller, sample.output
+        margins = np.concatenate([controller.safety.margin(sample.q),
+                                  controller.performance.margin(output.e1)])
+        messages = {
+            JOINT_STATES: self._state.encode(stamp, sample.q, sample.qd, sample.effort),
+            COMMANDS: self._torque.encode(output.torque),
+            **self._controller.encode(stamp, output, margins, controller.lyapunov(
+                sample.q, output, sample.theta_hat)),
+            THETA_HAT: self._theta.encode(stamp, sample.theta_hat),
+        }
+        insertions = self._loop.identifier.stack.insertions
+        if insertions != self._insertions:
+            self._insertions = insertions
+            messages[HISTORY_RANK] = encode_int32(sample.rank)
+            messages[HISTORY_SIGMA_MIN] = encode_float64(sample.sigma_min)
+        for topic, message in messages.items():
+            self._bag.write(f'/{topic}', message, stamp)

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts about the friction columns of an arm."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from adaptive_blf_control.arms.joint_friction import JointFriction
+from adaptive_blf_control.errors import ParameterError
+
+
+def test_columns_times_coefficients_give_the_friction_torque() -> None:
+    friction = JointFriction(['a', 'b'], {'viscous': [1.0, 2.0], 'coulomb': 3.0, 'offset': -4.0},
+                             0.02)
+    qd = np.array([0.01, -0.3])
+    out = np.zeros((2, 7))
+    friction.fill(out, qd, 1)
+    np.testing.assert_array_equal(out[:, 0], 0.0)
+    expected = np.array([1.0, 2.0]) * qd + 3.0 * np.tanh(qd / 0.02) - 4.0
+    np.testing.assert_allclose(out[:, 1:] @ friction.nominal, expected)
+    assert friction.names == ('fv_a', 'fv_b', 'fc_a', 'fc_b', 'f0_a', 'f0_b')
+
+
+def test_kinds_that_were_not_chosen_are_zero() -> None:
+    friction = JointFriction(['a', 'b'], {'offset': [1.0, 2.0]}, 0.02)
+    assert friction.names == ('f0_a', 'f0_b')
+    np.testing.assert_array_equal(friction.coefficients(np.array([5.0, 6.0])),
+                                  [[0.0, 0.0], [0.0, 0.0], [5.0, 6.0]])
+
+
+def test_negative_coulomb_friction_is_refused() -> None:
+    with pytest.raises(ParameterError, match='coulomb'):
+        JointFriction(['a'], {'coulomb': -0.1}, 0.02)
