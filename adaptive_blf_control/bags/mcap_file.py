@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Front-to-back reader of an MCAP file that keeps everything in front of a break.
+
+The index at the end of the file is not used: a recorder that was killed leaves none. A chunk that
+the end of the file cuts is read up to its last whole message where it is not compressed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import mmap
+from pathlib import Path
+import struct
+import zlib
+
+import yaml
+
+from adaptive_blf_control.bags.metadata import parse_metadata
+from adaptive_blf_control.bags.storage import Channel
+from adaptive_blf_control.errors import BagError
+
+__all__ = ['MAGIC', 'McapFile']
+
+MAGIC = b'\x89MCAP0\r\n'
+
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _METADATA, _FOOTER = 3, 4, 5, 6, 12, 2
+_HEAD = struct.Struct('<BQ')
+_MESSAGE_HEAD = struct.Struct('<HIQQ')
+_CHUNK_HEAD = struct.Struct('<QQQI')
+_U16, _U32, _U64 = struct.Struct('<H'), struct.Struct('<I'), struct.Struct('<Q')
+
+_Buffer = bytes | mmap.mmap
+
+
+class _BreakError(Exception):
+    """The file cannot be followed any further."""
+
+
+class McapFile:
+    """One MCAP file; see `StorageFile`."""
+
+    def __init__(self, path: Path) -> None:
+        """Remember the path; nothing is read before a pass."""
+        self.path = path
+        self.channels: dict[int, Channel] = {}
+        self.problem: str | None = None
+        self._schemas: dict[int, str] = {}
+        self._serialized_metadata = ''
+
+    def custom_data(self) -> dict[str, str]:
+        """Return the custom data of the last rosbag2 metadata record; empty where unreadable."""
+        try:
+            return dict(parse_metadata(yaml.safe_load(self._serialized_metadata),
+                                       str(self.path)).custom_data)
+        except (BagError, yaml.YAMLError, ValueError, RecursionError):
+            return {}
+
+    def messages(self) -> Iterator[tuple[int, int, bytes]]:
+        """Yield channel id, log time [ns] and data up to the end of the file or a break.
+
+        Raises:
+            BagError: the file cannot be opened.
+        """
+        self.problem = None
+        try:
+            with self.path.open('rb') as stream, \
+                    mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+                yield from self._file(content)
+        except (OSError, ValueError) as exc:  # mmap: ValueError for an empty file
+            raise BagError(f'{self.path}: cannot be read: {exc}') from exc
+        except _BreakError as exc:
+            self.problem = f'{self.path}: {exc}'
+
+    def _file(self, content: mmap.mmap) -> Iterator[tuple[int, int, bytes]]:
+        if content[:len(MAGIC)] != MAGIC:
+            raise _BreakError('is not an MCAP file: wrong first bytes')
+        position, end = len(MAGIC), len(content)
+        while True:
+            if position + _HEAD.size > end:
+                raise _BreakError(f'ends at byte {end} without footer: the file is truncated')
+            opcode, length = _HEAD.unpack_from(content, position)
+            body, position = position + _HEAD.size, position + _HEAD.size + length
+            if opcode == 0:  # what a file system leaves behind a power cut
+                raise _BreakError(f'no record at byte {body - _HEAD.size}: the file is damaged')
+            if opcode == _CHUNK:
+                chunk = self._chunk(content, body, min(position, end), whole=position <= end)
+                yield from self._records(chunk, 0, len(chunk), f'chunk at byte {body}')
+            if position > end:
+                raise _BreakError(f'record at byte {body} needs {length} bytes, {end - body} are '
+                                  'left: the file is truncated')
+            if opcode == _FOOTER:
+                return
+            if opcode in (_SCHEMA, _CHANNEL, _MESSAGE):
+                yield from self._records(content, body - _HEAD.size, position, 'file')
+            elif opcode == _METADATA:
+                self._read_metadata(content, body, position)
+
+    def _records(self, buffer: _Buffer, position: int, end: int,
+                 where: str) -> Iterator[tuple[int, int, bytes]]:
+        """Follow the records that may stand in a chunk."""
+        channels = self.channels
+        while position < end:
+            if position + _HEAD.size > end:
+                raise _BreakError(f'{where} ends within a record: it is truncated')
+            opcode, length = _HEAD.unpack_from(buffer, position)
+            body = position + _HEAD.size
+            position = body + length
+            if position > end:
+                raise _BreakError(f'{where} ends within a record: it is truncated')
+            if opcode == _MESSAGE:
+                if length < _MESSAGE_HEAD.size:
+                    raise _BreakError(f'{where}: message record of {length} bytes')
+                channel, _, log_time, _ = _MESSAGE_HEAD.unpack_from(buffer, body)
+                if channel not in channels:
+                    raise _BreakError(f'{where}: message of unknown channel {channel}')
+                yield channel, log_time, buffer[body + _MESSAGE_HEAD.size:position]
+            elif opcode == _SCHEMA:
+                fields = _Fields(buffer, body, position)
+                number, name = fields.number(_U16), fields.text()
+                self._schemas[number] = name
+            elif opcode == _CHANNEL:
+                fields = _Fields(buffer, body, position)
+                number, schema = fields.number(_U16), fields.number(_U16)
+                channels[number] = Channel(fields.text(), self._schemas.get(schema, ''))
+
+    def _chunk(self, content: mmap.mmap, body: int, end: int, *, whole: bool) -> bytes:
+        """Return the records of a chunk, of a cut one those that are there."""
+        fields = _Fields(content, body, end)
+        if end - body < _CHUNK_HEAD.size:
+            raise _BreakError(f'chunk at byte {body} is truncated')
+        _, _, size, crc = _CHUNK_HEAD.unpack_from(content, body)
+        fields.position += _CHUNK_HEAD.size
+        compression, stored = fields.text(), fields.number(_U64)
+        if not whole:
+            if compression:
+                raise _BreakError(f'compressed chunk at byte {body} is truncated')
+            return content[fields.position:min(fields.position + stored, end)]
+        if fields.position + stored > end:
+            raise _BreakError(f'chunk at byte {body} claims {stored} bytes: too many')
+        data = content[fields.position:fields.position + stored]
+        if compression:
+            data = _decompress(data, compression, size, body)
+        if len(data) != size or (crc and zlib.crc32(data) != crc):
+            raise _BreakError(f'chunk at byte {body} is damaged: wrong length or checksum')
+        return data
+
+    def _read_metadata(self, content: mmap.mmap, body: int, end: int) -> None:
+        fields = _Fields(content, body, end)
+        name = fields.text()
+        stop = fields.number(_U32) + fields.position
+        while name == 'rosbag2' and fields.position < min(stop, end):
+            key, value = fields.text(), fields.text()
+            if key == 'serialized_metadata':
+                self._serialized_metadata = value
+
+
+class _Fields:
+    """Bounds-checked walk over the fields of one record."""
+
+    def __init__(self, buffer: _Buffer, position: int, end: int) -> None:
+        self.buffer, self.position, self.end = buffer, position, end
+
+    def number(self, layout: struct.Struct) -> int:
+        self._need(layout.size)
+        self.position += layout.size
+        return int(layout.unpack_from(self.buffer, self.position - layout.size)[0])
+
+    def text(self) -> str:
+        length = self.number(_U32)
+        self._need(length)
+        self.position += length
+        return self.buffer[self.position - length:self.position].decode(errors='backslashreplace')
+
+    def _need(self, size: int) -> None:
+        if self.position + size > self.end:
+            raise _BreakError(f'record at byte {self.position} ends too early: it is truncated')
+
+
+def _decompress(data: bytes, compression: str, size: int, body: int) -> bytes:
+    # Imported on use: bags of this package are not compressed.
+    from mcap.records import Chunk
+    from mcap.stream_reader import get_chunk_data_stream
+
+    if compression not in ('zstd', 'lz4'):
+        raise _BreakError(f'chunk at byte {body} has compression {compression!r}: '
+                          'expected zstd or lz4')
+    try:
+        stream, length = get_chunk_data_stream(Chunk(compression, data, 0, 0, 0, size))
+        return bytes(stream.read(length))
+    except Exception as exc:  # the decompressors' errors have no base in common
+        raise _BreakError(f'chunk at byte {body} cannot be decompressed: {exc}') from exc

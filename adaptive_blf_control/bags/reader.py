@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reader of bags: rosbag2 folders, lone .mcap and .db3 files, whole or truncated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.bags import mcap_file, sqlite_file
+from adaptive_blf_control.bags.cdr import (
+    decode_float64,
+    decode_float64_array,
+    decode_int32,
+    decode_joint_state,
+    JointStateReader,
+)
+from adaptive_blf_control.bags.metadata import BagMetadata, load_metadata, METADATA_NAME
+from adaptive_blf_control.bags.storage import BagMessage, StorageFile
+from adaptive_blf_control.errors import BagError
+
+__all__ = ['Bag', 'BagMessage', 'JointSeries', 'TopicInfo', 'read_bag']
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+
+_NUMBER_DECODERS: dict[str, Callable[[bytes], Any]] = {
+    'std_msgs/msg/Float64MultiArray': decode_float64_array,
+    'std_msgs/msg/Float64': decode_float64,
+    'std_msgs/msg/Int32': decode_int32,
+}
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """A topic of a bag: name, full type name and number of messages that can be read."""
+
+    name: str
+    type_name: str
+    count: int
+
+
+class JointSeries(NamedTuple):
+    """All messages of one JointState topic, N rows.
+
+    Attributes:
+        names: Joint (or parameter) names, n of them.
+        stamp_ns: ``header.stamp``, shape (N,) [ns].
+        log_time_ns: Time of reception, shape (N,) [ns].
+        position: Shape (N, n) [rad]; NaN where a message leaves it empty.
+        velocity: Shape (N, n) [rad/s], likewise.
+        effort: Shape (N, n) [N·m], likewise.
+        skipped: Messages left out because they do not hold these joints.
+    """
+
+    names: tuple[str, ...]
+    stamp_ns: np.ndarray
+    log_time_ns: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+    skipped: int = 0
+
+
+class Bag:
+    """A bag that was looked through once; iterating reads the messages in recorded order.
+
+    Attributes:
+        path: What was opened.
+        topics: Topics by name, also those without a message.
+        custom_data: Texts from metadata.yaml, else from the file's own metadata record.
+        complete: False where a file breaks off, is missing, or holds less than stated.
+        problem: What is wrong where `complete` is False, else None.
+    """
+
+    def __init__(self, path: Path, files: Sequence[StorageFile],
+                 metadata: BagMetadata | None = None, problem: str | None = None) -> None:
+        """Look through all files; BagError where no message can be read.
+
+        Args:
+            path: What was asked for, for messages.
+            files: The storage files in order.
+            metadata: Content of metadata.yaml, where there is one.
+            problem: What is already known to be wrong.
+        """
+        self.path = path
+        self._files = files
+        counts: dict[str, int] = {}
+        for message in self:
+            counts[message.topic] = counts.get(message.topic, 0) + 1
+        problems = [*filter(None, [problem, *(file.problem for file in files)])]
+        if not counts:
+            raise BagError(problems[0] + ' (no message before it)' if problems else
+                           f'{path} is an empty bag: it has no message')
+        stated = metadata.message_count if metadata else 0
+        if not problems and sum(counts.values()) < stated:
+            problems = [f'{path}: {sum(counts.values())} messages are there, {METADATA_NAME} '
+                        f'states {stated}']
+        self.problem: str | None = problems[0] if problems else None
+        self.complete = self.problem is None
+        self.topics = {channel.topic: TopicInfo(*channel, counts.get(channel.topic, 0))
+                       for file in files for channel in file.channels.values()}
+        self.custom_data: Mapping[str, str] = (metadata and metadata.custom_data) or {
+            key: value for file in files for key, value in file.custom_data().items()}
+
+    def __iter__(self) -> Iterator[BagMessage]:
+        """Yield every message."""
+        return self.messages()
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
+        """Yield the messages of some topics, of all where None, in recorded order."""
+        for file in self._files:
+            channels = file.channels
+            for number, log_time_ns, data in file.messages():
+                topic, type_name = channels[number]
+                if topics is None or topic in topics:
+                    yield BagMessage(topic, type_name, log_time_ns, data)
+
+    def joint_states(self, topic: str, joints: Sequence[str] | None = None, *,
+                     skip_foreign: bool = False) -> JointSeries:
+        """Return a JointState topic as arrays, matched by joint name.
+
+        Args:
+            topic: Topic name.
+            joints: Which joints in which order; those of the first message where None.
+            skip_foreign: Count messages that cannot be matched instead of raising, for topics
+                on which other publishers send other joints.
+
+        Raises:
+            BagError: no such topic, another type, or a message that does not match: names it.
+        """
+        info = self._topic(topic, (JOINT_STATE,))
+        reader = JointStateReader(joints) if joints is not None else None
+        times = np.zeros((2, info.count), dtype=np.int64)
+        values = np.empty((3, info.count, len(reader.joints))) if reader else None
+        row, error = 0, None
+        for index, message in enumerate(self.messages((info.name,))):
+            try:
+                if reader is None or values is None:
+                    reader = JointStateReader(decode_joint_state(message.data).names)
+                    values = np.empty((3, info.count, len(reader.joints)))
+                times[0, row], values[0, row], values[1, row], values[2, row] = reader.read(
+                    message.data)
+            except BagError as exc:
+                error = error or BagError(f'{self.path}: {info.name} message {index}: {exc}')
+                if not skip_foreign:
+                    raise error from exc
+                continue
+            times[1, row] = message.log_time_ns
+            row += 1
+        if reader is None or values is None or row == 0:
+            raise error or BagError(f'{self.path}: topic {topic!r} has no message')
+        return JointSeries(reader.joints, times[0, :row], times[1, :row], values[0, :row],
+                           values[1, :row], values[2, :row], info.count - row)
+
+    def doubles(self, topic: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return a Float64MultiArray, Float64 or Int32 topic as arrays.
+
+        Returns:
+            Times of reception, shape (N,) [ns], and values, shape (N, k) for arrays of k
+            numbers, (N,) for the others.
+
+        Raises:
+            BagError: no such topic, another type, a damaged message, or arrays whose length
+                changes: names the message.
+        """
+        info = self._topic(topic, tuple(_NUMBER_DECODERS))
+        decode = _NUMBER_DECODERS[info.type_name]
+        times: list[int] = []
+        values: list[Any] = []
+        for index, message in enumerate(self.messages((info.name,))):
+            try:
+                values.append(decode(message.data))
+            except BagError as exc:
+                raise BagError(f'{self.path}: {info.name} message {index}: {exc}') from exc
+            times.append(message.log_time_ns)
+            if np.shape(values[-1]) != np.shape(values[0]):
+                raise BagError(f'{self.path}: {info.name} message {index} has '
+                               f'{np.size(values[-1])} values: expected {np.size(values[0])} '
+                               'as in the first')
+        if not values:
+            raise BagError(f'{self.path}: topic {topic!r} has no message')
+        return np.array(times, dtype=np.int64), np.array(values, dtype=np.float64)
+
+    def _topic(self, topic: str, types: tuple[str, ...]) -> TopicInfo:
+        """Find a topic, with or without the leading slash, of one of these types."""
+        plain = topic.lstrip('/')
+        info = self.topics.get(topic) or self.topics.get(plain) or self.topics.get('/' + plain)
+        if info is None:
+            raise BagError(f'{self.path}: no topic {topic!r}: expected one of '
+                           f'{sorted(self.topics)}')
+        if info.type_name not in types:
+            raise BagError(f'{self.path}: topic {topic!r} has type {info.type_name!r}: expected '
+                           f'{" or ".join(types)}')
+        return info
+
+
+def read_bag(path: Path | str) -> Bag:
+    """Open a rosbag2 folder (MCAP or SQLite), or a lone .mcap or .db3 file.
+
+    A file that breaks off is read up to the break, which `Bag.problem` tells; a folder needs no
+    metadata.yaml.
+
+    Raises:
+        BagError: names the path: it is missing, of another type, or has no message.
+    """
+    path = Path(path)
+    if path.name == METADATA_NAME:
+        path = path.parent
+    if not path.is_dir():
+        return Bag(path, [_open_file(path)])
+    if not (path / METADATA_NAME).exists():
+        return Bag(path, [_open_file(file) for file in _storage_files(path)])
+    metadata = load_metadata(path)
+    if metadata.compression_mode.lower() not in ('', 'none'):
+        raise BagError(f'{path}: compression mode {metadata.compression_mode!r} cannot be read: '
+                       'expected none, or compressed chunks within MCAP')
+    # Before version 4 the paths began with the folder's name.
+    files = [path / Path(item.path).name for item in metadata.files]
+    there = [file for file in files if file.exists()]
+    if not there:
+        raise BagError(f'{path}: none of its files is there: {[file.name for file in files]}')
+    missing = [file.name for file in files if file not in there]
+    problem = f'{path}: {", ".join(missing)} is missing' if missing else None
+    return Bag(path, [_open_file(file) for file in there], metadata, problem)
+
+
+def _open_file(path: Path) -> StorageFile:
+    try:
+        with path.open('rb') as stream:
+            start = stream.read(16)
+    except OSError as exc:
+        raise BagError(f'{path}: cannot be read: {exc.strerror}') from exc
+    if start.startswith(mcap_file.MAGIC):
+        return mcap_file.McapFile(path)
+    if start.startswith(sqlite_file.MAGIC):
+        return sqlite_file.SqliteFile(path)
+    if not start:
+        raise BagError(f'{path} is an empty file: expected a bag')
+    what = 'a ROS 1 bag' if start.startswith(b'#ROSBAG') else f'first bytes {start[:8]!r}'
+    raise BagError(f'{path} is not a ROS 2 bag ({what}): expected a rosbag2 folder, an .mcap or '
+                   'a .db3 file')
+
+
+def _storage_files(folder: Path) -> list[Path]:
+    """Return the storage files of a folder without metadata, in the order of their numbers."""
+    found = [file for file in folder.iterdir() if file.suffix in ('.mcap', '.db3')]
+    if not found:
+        raise BagError(f'{folder} is not a bag: it has no {METADATA_NAME}, .mcap or .db3 file')
+
+    def number(file: Path) -> tuple[int, str]:
+        match = re.search(r'_(\d+)$', file.stem)
+        return (int(match[1]) if match else 0, file.name)
+
+    return sorted(found, key=number)

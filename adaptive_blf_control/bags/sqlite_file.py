@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reader of rosbag2's SQLite storage (.db3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+import sqlite3
+
+from adaptive_blf_control.bags.storage import Channel
+from adaptive_blf_control.errors import BagError
+
+__all__ = ['MAGIC', 'SqliteFile']
+
+MAGIC = b'SQLite format 3\0'
+
+
+class SqliteFile:
+    """One .db3 file; see `StorageFile`."""
+
+    def __init__(self, path: Path) -> None:
+        """Remember the path; nothing is read before a pass."""
+        self.path = path
+        self.channels: dict[int, Channel] = {}
+        self.problem: str | None = None
+
+    def custom_data(self) -> dict[str, str]:
+        """Return nothing: a .db3 file has its custom data in metadata.yaml."""
+        return {}
+
+    def messages(self) -> Iterator[tuple[int, int, bytes]]:
+        """Yield topic id, time of reception [ns] and data in the order of recording.
+
+        Raises:
+            BagError: the file cannot be opened or has no rosbag2 tables.
+        """
+        self.problem = None
+        with closing(self._connect()) as connection:
+            try:
+                for number, topic, type_name in connection.execute(
+                        'SELECT id, name, type FROM topics'):
+                    self.channels[number] = Channel(str(topic), str(type_name))
+                rows = connection.execute(
+                    'SELECT topic_id, timestamp, data FROM messages ORDER BY id')
+            except (sqlite3.Error, OverflowError) as exc:
+                raise BagError(f'{self.path} is not a rosbag2 SQLite file: {exc}') from exc
+            try:
+                for row in rows:
+                    number, stamp, data = row
+                    if (number not in self.channels or not isinstance(stamp, int)
+                            or not isinstance(data, bytes)):
+                        self.problem = f'{self.path}: a row is not a message: {row!r:.80}'
+                        return
+                    yield number, stamp, data
+            except sqlite3.Error as exc:
+                self.problem = f'{self.path}: {exc}'
+
+    def _connect(self) -> sqlite3.Connection:
+        """Open read-only, with a write-ahead log where there is one and it can be used."""
+        address = self.path.resolve().as_uri()
+        connection = sqlite3.connect(f'{address}?mode=ro', uri=True)
+        try:
+            connection.execute('SELECT count(*) FROM sqlite_master').fetchone()
+        except sqlite3.OperationalError:  # a log beside it on a read-only disk
+            connection.close()
+            connection = sqlite3.connect(f'{address}?mode=ro&immutable=1', uri=True)
+        except sqlite3.Error as exc:
+            connection.close()
+            raise BagError(f'{self.path}: cannot be read as SQLite: {exc}') from exc
+        return connection
