@@ -24,6 +24,7 @@ __all__ = ['build_arm', 'build_controller', 'build_identifier', 'build_plant',
            'controller_settings', 'identifier_settings']
 
 Values = Mapping[str, Any]
+FRICTION = ('viscous', 'coulomb', 'offset')
 
 
 def build_arm(values: Values, robot_description: str | None = None) -> Arm:
@@ -42,12 +43,11 @@ def build_arm(values: Values, robot_description: str | None = None) -> Arm:
     source = robot_description or values['urdf']
     if not source:
         raise ParameterError('urdf', source, 'a path, package://... or topic:NAME')
-    n = len(joints)
-    true = {name: broadcast(values[f'true_friction.{name}'], n)
-            for name in ('viscous', 'coulomb', 'offset') if f'true_friction.{name}' in values}
-    return UrdfArm(source, joints, friction_viscous=values['friction.viscous'],
-                   friction_coulomb=values['friction.coulomb'],
-                   friction_offset=values['friction.offset'],
+    # The driver's arm may have friction that the others do not model.
+    true = {name: broadcast(values[f'true_friction.{name}'], len(joints))
+            for name in FRICTION if np.any(values.get(f'true_friction.{name}', [0.0]))}
+    return UrdfArm(source, joints, **{f'friction_{name}': values[f'friction.{name}'] or
+                                      name in true for name in FRICTION},
                    coulomb_velocity=values['friction.coulomb_velocity'],
                    gravity=tuple(values['gravity']), **true)
 
@@ -57,7 +57,8 @@ def build_plant(values: Values, arm: Arm) -> Plant:
     theta = np.array(values['true_parameters']) if values['arm'] == 'two_link' else arm.nominal
     return Plant(arm.dynamics(theta), broadcast(values['initial_position'], arm.n),
                  broadcast(values['initial_velocity'], arm.n),
-                 broadcast(values['torque_limit'], arm.n), values['substeps'], theta)
+                 broadcast(values['torque_limit'], arm.n), values['substeps'],
+                 dict(zip(arm.parameters, theta.tolist())))
 
 
 def _reference(values: Values, joints: tuple[str, ...]) -> Reference:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
@@ -19,11 +21,12 @@ class Plant:
         q: Positions, shape (n,) [rad].
         qd: Velocities, shape (n,) [rad/s].
         torque: Torque that acts now, after saturation, shape (n,) [N·m].
-        theta: True parameters θ*, shape (m,), for monitors only.
+        true_parameters: θ* by parameter name, for monitors only.
     """
 
     def __init__(self, dynamics: ForwardDynamics, q: np.ndarray, qd: np.ndarray,
-                 torque_limit: np.ndarray, substeps: int, theta: np.ndarray) -> None:
+                 torque_limit: np.ndarray, substeps: int,
+                 true_parameters: Mapping[str, float]) -> None:
         """Start at rest or in motion with zero torque; ``substeps`` RK4 steps per advance."""
         for name, value in (('initial_position', q), ('initial_velocity', qd)):
             if not np.all(np.isfinite(value)):
@@ -33,8 +36,12 @@ class Plant:
         self.qd = np.array(qd, dtype=float)
         self.torque_limit = np.array(torque_limit, dtype=float)
         self.torque = np.zeros_like(self.q)
-        self.theta = np.array(theta, dtype=float)
+        self.true_parameters = dict(true_parameters)
         self._substeps = substeps
+
+    def theta(self, parameters: Sequence[str]) -> np.ndarray:
+        """Return θ* in the order of ``parameters``; 0 for an effect the true arm does not have."""
+        return np.array([self.true_parameters.get(name, 0.0) for name in parameters])
 
     def apply(self, torque: np.ndarray) -> None:
         """Hold ``torque``, shape (n,) [N·m], clipped to the drives' limit, from now on."""

@@ -84,9 +84,7 @@ def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> np
     if not any(key.endswith('/arm_driver') for key in data):
         return None
     driver = node_values(data, 'arm_driver')
-    arm = build_arm(driver)
-    true = dict(zip(arm.parameters, build_plant(driver, arm).theta))
-    return np.array([true[name] for name in parameters])
+    return build_plant(driver, build_arm(driver)).theta(parameters)
 
 
 def rates(bag: Bag, run: Run) -> dict[str, float]:

@@ -20,7 +20,8 @@ def run_of_trace(loop: ClosedLoop, trace: Trace) -> Run:
     """Return a trace of the closed loop as a run to summarise."""
     return Run(loop.arm.joints, loop.arm.parameters, trace.t, trace.q, trace.e1, trace.t,
                trace.theta_hat, int(trace.rank[-1]), float(trace.sigma_min[-1]),
-               loop.controller.safety, loop.controller.performance, loop.plant.theta)
+               loop.controller.safety, loop.controller.performance,
+               loop.plant.theta(loop.arm.parameters))
 
 
 def _parser() -> argparse.ArgumentParser:
