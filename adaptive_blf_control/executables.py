@@ -20,6 +20,7 @@ TOOLS: dict[str, str] = {
     'demo': "the four nodes as separate processes on the paper's two-link task",
     'simulate': 'the closed loop of a scenario without ROS, as fast as it runs',
     'identify': 'learn the parameters of a measured robot from its log',
+    'parameters': 'the parameter tables of the nodes as Markdown',
     'bench': 'measure every figure of docs/benchmarks.md on this machine',
 }
 """Command line tools: name to one line of help. Module: ``adaptive_blf_control.tools.<name>``."""

@@ -55,19 +55,19 @@ class Arm(Protocol):
         """Number of parameters."""
         ...
 
-    def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802 (the paper's name)
+    def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Momentum regressor, Y1 θ = M(q) q̇ (12), shape (n, m) [N·m·s per unit of θ]."""
         ...
 
-    def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
+    def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Y2 θ = −Ṁ q̇ + C q̇ + G + F q̇ (12), shape (n, m) [N·m per unit of θ]."""
         ...
 
-    def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # noqa: N802
+    def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y1 and Y2 of the same state, sharing work."""
         ...
 
-    def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,  # noqa: N802
+    def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
           alpha_dot: np.ndarray) -> np.ndarray:
         """X θ = M α̇ + C α + G + F q̇, shape (n, m) [N·m per unit of θ].
 

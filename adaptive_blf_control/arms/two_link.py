@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
+from adaptive_blf_control.arms.integrator import make_rk4
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError
-from adaptive_blf_control.arms.integrator import make_rk4
 
 __all__ = ['TwoLinkArm', 'two_link_X', 'two_link_Y1', 'two_link_Y12', 'two_link_Y2',
            'two_link_acceleration']
@@ -18,7 +18,7 @@ NOMINAL = (3.473, 0.196, 0.242, 5.3, 1.1)
 
 
 @jit
-def two_link_Y1(q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
+def two_link_Y1(q: np.ndarray, qd: np.ndarray) -> np.ndarray:
     """Equation (43): Y1 θ = M q̇, shape (2, 5)."""
     c2 = np.cos(q[1])
     y = np.zeros((2, 5))
@@ -31,7 +31,7 @@ def two_link_Y1(q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
 
 
 @jit
-def two_link_Y2(q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
+def two_link_Y2(q: np.ndarray, qd: np.ndarray) -> np.ndarray:
     """Equation (44): Y2 θ = −Ṁ q̇ + C q̇ + F q̇, shape (2, 5)."""
     y = np.zeros((2, 5))
     y[0, 3] = qd[0]
@@ -41,13 +41,13 @@ def two_link_Y2(q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
 
 
 @jit
-def two_link_Y12(q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # noqa: N802
+def two_link_Y12(q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Equations (43) and (44) at once."""
     return two_link_Y1(q, qd), two_link_Y2(q, qd)
 
 
 @jit
-def two_link_X(q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,  # noqa: N802
+def two_link_X(q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
                alpha_dot: np.ndarray) -> np.ndarray:
     """Equation (46), corrected: X θ = M α̇ + C q̇ + F q̇ − ½ Ṁ (q̇ − α), shape (2, 5)."""
     c2 = np.cos(q[1])
@@ -112,7 +112,7 @@ class TwoLinkArm:
         if len(joints) != 2 or joints[0] == joints[1]:
             raise ArmError(f'two_link has two joints, got {list(joints)}')
         self.joints = tuple(joints)
-        self.parameters = ('p1', 'p2', 'p3', f'fv_{joints[0]}', f'fv_{joints[1]}')
+        self.parameters: tuple[str, ...] = ('p1', 'p2', 'p3', f'fv_{joints[0]}', f'fv_{joints[1]}')
         self.nominal = np.array(NOMINAL)
 
     @property
@@ -125,19 +125,19 @@ class TwoLinkArm:
         """Number of parameters: 5."""
         return 5
 
-    def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
+    def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Equation (43); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
         return two_link_Y1(q, qd)
 
-    def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:  # noqa: N802
+    def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Equation (44); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
         return two_link_Y2(q, qd)
 
-    def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # noqa: N802
+    def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Equations (43) and (44) at once."""
         return two_link_Y12(q, qd)
 
-    def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,  # noqa: N802
+    def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
           alpha_dot: np.ndarray) -> np.ndarray:
         """Equation (46), corrected; see :class:`~adaptive_blf_control.arms.arm.Arm`."""
         return two_link_X(q, qd, alpha, alpha_dot)

@@ -13,9 +13,9 @@ from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.law import errors, limited, torque
 from adaptive_blf_control.control.reference import Reference, ReferencePoint
 from adaptive_blf_control.control.sets import (
-    JointInterval,
     check_performance_inside_safety,
     check_start,
+    JointInterval,
 )
 from adaptive_blf_control.errors import ParameterError
 

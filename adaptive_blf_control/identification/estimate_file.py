@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
+import os
 from pathlib import Path
 
 import numpy as np

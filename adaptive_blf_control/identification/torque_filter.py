@@ -80,12 +80,12 @@ class TorqueFilter:
         Returns:
             Whether :attr:`pair` advanced; False where the filter (re)started.
         """
-        started = self._y1 is not None and self._y2 is not None and dt <= self.gap
-        if started:
-            self.pair = FilteredPair(*filter_step(
-                dt, math.exp(-dt / self.time_constant), self.pair.regressor, self.pair.torque,
-                y1, self._y1, y2, self._y2, tau))
-        else:
-            self.pair = self._zero
+        y1_last, y2_last = self._y1, self._y2
         self._y1, self._y2 = y1, y2
-        return started
+        if y1_last is None or y2_last is None or dt > self.gap:
+            self.pair = self._zero
+            return False
+        self.pair = FilteredPair(*filter_step(
+            dt, math.exp(-dt / self.time_constant), self.pair.regressor, self.pair.torque,
+            y1, y1_last, y2, y2_last, tau))
+        return True

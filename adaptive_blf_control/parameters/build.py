@@ -44,10 +44,11 @@ def build_arm(values: Values, robot_description: str | None = None) -> Arm:
     if not source:
         raise ParameterError('urdf', source, 'a path, package://... or topic:NAME')
     # The driver's arm may have friction that the others do not model.
-    true = {name: broadcast(values[f'true_friction.{name}'], len(joints))
+    true: dict[str, Any] = {name: broadcast(values[f'true_friction.{name}'], len(joints))
             for name in FRICTION if np.any(values.get(f'true_friction.{name}', [0.0]))}
-    return UrdfArm(source, joints, **{f'friction_{name}': values[f'friction.{name}'] or
-                                      name in true for name in FRICTION},
+    learned: dict[str, Any] = {f'friction_{name}': values[f'friction.{name}'] or name in true
+                               for name in FRICTION}
+    return UrdfArm(source, joints, **learned,
                    coulomb_velocity=values['friction.coulomb_velocity'],
                    gravity=tuple(values['gravity']), **true)
 
@@ -94,10 +95,12 @@ def build_controller(values: Values, arm: Arm, start: np.ndarray | None) -> Cont
     reference = _reference(values, arm.joints)
     if start is not None and values['reference.smooth_start'] > 0.0:
         reference = SmoothStart(reference, values['reference.smooth_start'], start)
-    sets = [JointInterval(broadcast(values[f'{name}.lower'], arm.n),
-                          broadcast(values[f'{name}.upper'], arm.n), f'controller.{name}')
-            for name in ('safety', 'performance')]
-    controller = Controller(arm, controller_settings(values, arm.n), *sets, reference)
+    safety, performance = (
+        JointInterval(broadcast(values[f'{name}.lower'], arm.n),
+                      broadcast(values[f'{name}.upper'], arm.n), f'controller.{name}')
+        for name in ('safety', 'performance'))
+    controller = Controller(arm, controller_settings(values, arm.n), safety, performance,
+                            reference)
     if start is not None:
         controller.check_start(start)
     return controller

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+import math
 from typing import Any
 
 import numpy as np
@@ -91,17 +91,18 @@ def per_joint(table: Iterable[Parameter], joints: Iterable[str]) -> dict[str, Pa
 def _element_problem(parameter: Parameter, value: Any) -> str | None:
     kind = parameter.kind.removesuffix('_array')
     python_type, words = _PYTHON_TYPES[kind]
+    number: Any = value
     if kind == 'double' and type(value) is int:
         return f'a floating-point number: write {value}.0'
     if type(value) is not python_type:
         return words
-    if kind == 'double' and math.isnan(value):
+    if kind == 'double' and math.isnan(number):
         return 'a number, not NaN'
     if kind in ('int', 'double'):
         low, high = parameter.minimum, parameter.maximum
-        if low is not None and (value < low or (parameter.exclusive and value == low)):
+        if low is not None and (number < low or (parameter.exclusive and number == low)):
             return parameter.range_text()
-        if high is not None and value > high:
+        if high is not None and number > high:
             return parameter.range_text()
     if parameter.choices and value not in parameter.choices:
         return f'one of {", ".join(parameter.choices)}'

@@ -18,8 +18,8 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.nodes import TABLES
 from adaptive_blf_control.parameters.table import JOINT, Parameter, per_joint, validated
 
-__all__ = ['PARAMETERS_KEY', 'ROS_OWN', 'apply_settings', 'given_values', 'known_elsewhere', 'load_yaml',
-           'node_values']
+__all__ = ['PARAMETERS_KEY', 'ROS_OWN', 'apply_settings', 'given_values', 'known_elsewhere',
+           'load_yaml', 'node_values']
 
 
 PARAMETERS_KEY = 'ros__parameters'  # a run's parameter file in a bag's custom_data

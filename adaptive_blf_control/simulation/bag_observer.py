@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec, encode_float64, encode_int32
+from adaptive_blf_control.bags.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
 from adaptive_blf_control.bags.controller_codecs import ControllerCodecs
 from adaptive_blf_control.bags.joint_state import JointStateCodec
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.parameters.nodes import TABLES
-from adaptive_blf_control.parameters.yaml_file import PARAMETERS_KEY, node_values
+from adaptive_blf_control.parameters.yaml_file import node_values, PARAMETERS_KEY
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample
 from adaptive_blf_control.topics import (
     COMMANDS,

@@ -8,9 +8,9 @@ was held over the interval that ends now), then the arm moves on under the new t
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+import time
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,10 @@ class Sample:
 
 @dataclass(frozen=True)
 class Trace:
-    """A run as arrays over N samples: t (N,), q, e1, torque (N, n), theta_hat (N, m), …"""
+    """A run as arrays over N samples.
+
+    t (N,) [s]; q, e1 (N, n) [rad]; torque (N, n) [N·m]; theta_hat (N, m); rank and σ_min (N,).
+    """
 
     t: np.ndarray
     q: np.ndarray

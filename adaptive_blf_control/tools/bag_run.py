@@ -14,7 +14,7 @@ from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.parameters.build import build_arm, build_plant
 from adaptive_blf_control.parameters.table import broadcast
-from adaptive_blf_control.parameters.yaml_file import PARAMETERS_KEY, node_values
+from adaptive_blf_control.parameters.yaml_file import node_values, PARAMETERS_KEY
 from adaptive_blf_control.tools.summary import Run
 from adaptive_blf_control.topics import (
     COMMANDS,

@@ -4,15 +4,15 @@
 from __future__ import annotations
 
 import argparse
+from importlib import util
 import json
 import os
+from pathlib import Path
 import random
 import signal
 import subprocess
 import sys
 import time
-from importlib import util
-from pathlib import Path
 
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.errors import BlfError
@@ -48,7 +48,7 @@ def _parser() -> argparse.ArgumentParser:
                         help='parameter file (default: the 2-DoF task)')
     parser.add_argument('--duration', type=float, default=20.0, metavar='S')
     parser.add_argument('--output', type=Path, default=None, metavar='DIR',
-                        help='folder for bag and picture (default: demo_output/TIME)')
+                        help='folder for bag and picture (default: runs/TIME)')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON too')
     return parser
 
@@ -160,7 +160,7 @@ def main(args: list[str] | None = None) -> int:
         print('demo: rclpy is not installed: source ROS 2 Jazzy, or pip install '
               '"adaptive_blf_control[ros]"', file=sys.stderr)
         return 2
-    output = options.output or Path('demo_output') / time.strftime('%Y%m%d_%H%M%S')
+    output = options.output or Path('runs') / time.strftime('%Y%m%d_%H%M%S')
     try:
         config = options.config or _default_config()
         node_values(load_yaml(config), 'controller')  # a clear error before anything starts

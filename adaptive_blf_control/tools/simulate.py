@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
+import sys
 
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.parameters.yaml_file import apply_settings, load_yaml, node_values
-from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace, build_closed_loop
+from adaptive_blf_control.simulation.closed_loop import build_closed_loop, ClosedLoop, Trace
 from adaptive_blf_control.tools.summary import Run, summarise, table
 
 __all__ = ['main', 'run_of_trace']

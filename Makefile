@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+# Everything runs in the virtual environment .venv in this folder, made on first use.
+#   make demo ARGS='--duration 50'     make test ARGS='-k barrier'     make PYTHON=python3.12 test
+
+PYTHON ?= python3
+ARGS ?=
+VENV := .venv
+PY := $(VENV)/bin/python
+
+# Where ROS 2 Jazzy is sourced, its rclpy and messages are used instead of the PyPI wheels.
+ifeq ($(ROS_DISTRO),jazzy)
+  ROS := $(shell $(PYTHON) -c 'import rclpy, sensor_msgs; print("sourced")' 2>/dev/null)
+endif
+
+ifeq ($(ROS),sourced)
+  # ROS's messages are compiled against the system's numpy, so that one stays; pinocchio's
+  # wheels need a newer numpy, so it comes from ros-jazzy-pinocchio.
+  EXTRAS := fast,plot,test,lint
+  SIZE := 0.9 GB
+  VENV_FLAGS := --system-site-packages
+  PIP_FLAGS := --constraint $(VENV)/constraints.txt
+  STAMP := $(VENV)/.made-on-sourced-ros
+  ROS_NOTE := Using the sourced ROS 2 Jazzy instead of the PyPI wheels.
+else
+  EXTRAS := ros,urdf,fast,plot,test,lint
+  SIZE := 1.7 GB
+  STAMP := $(VENV)/.made-on-pypi-ros
+  # The wheels bring a whole ROS: keep another sourced ROS, or another environment, out of it.
+  unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH ROS_DISTRO
+  unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+  export RMW_IMPLEMENTATION := rmw_fastrtps_cpp
+  ifneq ($(AMENT_PREFIX_PATH),)
+    unexport PYTHONPATH LD_LIBRARY_PATH
+    ROS_NOTE := Using the PyPI wheels of ROS 2 Jazzy: the sourced ROS '$(ROS_DISTRO)' is not a Jazzy that $(PYTHON) can import.
+  endif
+endif
+
+# Logs and caches stay in the folder as well.
+export ROS_LOG_DIR := $(CURDIR)/$(VENV)/log
+export MPLCONFIGDIR := $(CURDIR)/$(VENV)/cache/matplotlib
+unexport PYTHONHOME
+
+define CHECK_PYTHON
+import sys
+if not (3, 10) <= sys.version_info[:2] <= (3, 13):
+    sys.exit("make: %s is Python %s: expected 3.10 to 3.13, try make PYTHON=python3.12"
+             % (sys.executable, sys.version.split()[0]))
+endef
+export CHECK_PYTHON
+
+.DELETE_ON_ERROR:
+.PHONY: help env demo test bench lint clean
+
+help:  ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+env: $(STAMP)  ## make .venv with every dependency
+	@$(if $(ROS_NOTE),echo "$(ROS_NOTE)",:)
+
+demo: env  ## run the paper's two-link task in four processes; ARGS go to the demo
+	@$(PY) -m adaptive_blf_control demo $(ARGS)
+
+test: env  ## run all tests; ARGS go to pytest
+	@ROS_PYTHON_CHECK_FIELDS=1 $(PY) -m pytest $(ARGS)
+
+bench: env  ## measure the figures of docs/benchmarks.md; ARGS go to the benchmark
+	@$(PY) -m adaptive_blf_control bench $(ARGS)
+
+lint: env  ## ruff and mypy over the package
+	@$(PY) -m ruff check .
+	@$(PY) -m mypy adaptive_blf_control
+
+clean:  ## remove .venv and everything that was built, not your bags
+	rm -rf $(VENV) build dist install log *.egg-info
+	rm -rf .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find adaptive_blf_control launch test -name __pycache__ -prune -exec rm -rf {} +
+
+$(STAMP): setup.py setup.cfg
+	@command -v $(PYTHON) >/dev/null || { echo "make: no $(PYTHON) found: expected Python 3.10 to 3.13, try make PYTHON=/path/to/python3" >&2; exit 1; }
+	@$(PYTHON) -c "$$CHECK_PYTHON"
+	@echo "Making $(VENV) with $$($(PYTHON) --version): about $(SIZE), one to three minutes."
+	@$(PYTHON) -m venv --clear $(VENV_FLAGS) $(VENV)
+	@$(if $(ROS),$(PYTHON) -c 'import numpy; print("numpy==" + numpy.__version__)' > $(VENV)/constraints.txt)
+	@$(PY) -m pip install --quiet --disable-pip-version-check --prefer-binary --use-pep517 $(PIP_FLAGS) --editable '.[$(EXTRAS)]'
+	@$(if $(ROS),$(PY) -c 'import pinocchio' 2>/dev/null || echo "No pinocchio: arms from a URDF need ros-jazzy-pinocchio from apt.")
+	@mkdir -p "$(ROS_LOG_DIR)" "$(MPLCONFIGDIR)"
+	@touch $@

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``parameters``: the parameter tables of the nodes as Markdown, as in docs/parameters.md."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+
+from adaptive_blf_control.parameters.nodes import ARM, TABLES
+from adaptive_blf_control.parameters.table import Parameter
+
+__all__ = ['main', 'markdown']
+
+HEAD = """# Parameters
+
+Written by `python -m adaptive_blf_control parameters`; a test keeps it equal to the tables in
+`adaptive_blf_control/parameters/nodes.py`, which also drive declaration, descriptors and checks.
+
+A list of length n (joints) or m (parameters) may be given as one element that stands for all.
+"live" can be changed with `ros2 param set` while the node runs; the rest is read-only.
+Doubles need a decimal point in YAML (`1.0`, not `1`).
+"""
+
+
+def _row(parameter: Parameter) -> str:
+    accepted = parameter.range_text() or ', '.join(parameter.choices)
+    length = f' x {parameter.length}' if parameter.length is not None else ''
+    default = json.dumps(parameter.default)
+    return (f'| `{parameter.name}` | {parameter.kind}{length} | `{default}` | {parameter.unit} | '
+            f'{accepted} | {"" if parameter.read_only else "live"} | {parameter.description} |')
+
+
+def _section(title: str, table: tuple[Parameter, ...]) -> str:
+    head = ('| name | type | default | unit | accepted | | meaning |\n'
+            '|---|---|---|---|---|---|---|')
+    return '\n'.join([f'\n## {title}\n', head, *map(_row, table)]) + '\n'
+
+
+def markdown() -> str:
+    """Return the page."""
+    shared = {parameter.name for parameter in ARM}
+    text = HEAD + _section('The arm (arm_driver, identifier, controller)', ARM)
+    for node, table in TABLES.items():
+        text += _section(node, tuple(p for p in table if p.name not in shared))
+    return text
+
+
+def main(args: list[str] | None = None) -> int:
+    """Print the page."""
+    argparse.ArgumentParser(prog='parameters', description=__doc__).parse_args(args)
+    print(markdown(), end='')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
