@@ -11,8 +11,8 @@ import numpy as np
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.control.barrier import active_bound, barrier_gradient, interior
 
-__all__ = ['errors', 'limited', 'per_joint_coupling', 'pseudoinverse_coupling', 'stabilising_function',
-           'torque']
+__all__ = ['errors', 'limited', 'per_joint_coupling', 'pseudoinverse_coupling',
+           'stabilising_function', 'torque']
 
 
 @jit

@@ -17,6 +17,9 @@ from adaptive_blf_control.identification.update_law import implicit_step
 
 __all__ = ['Identifier', 'IdentifierSettings']
 
+# No filtered regressor or torque of a measurement is larger; the squares of such would overflow.
+LARGEST = 1e50
+
 
 @dataclass(frozen=True)
 class IdentifierSettings:
@@ -117,7 +120,7 @@ class Identifier:
         Returns:
             The interval [s] the filter advanced by; 0 where it (re)started or dropped the sample.
         """
-        if not (all_finite(q) and all_finite(qd) and all_finite(tau)):
+        if not (math.isfinite(t) and all_finite(q) and all_finite(qd) and all_finite(tau)):
             self.dropped['not finite'] += 1
             return 0.0
         dt = 0.0 if self._t is None else t - self._t
@@ -132,8 +135,16 @@ class Identifier:
             self.restarts += 1
             self._age = 0.0
             return 0.0
+        if not self._usable():  # the filter would carry it on for ever
+            self.dropped['not finite'] += 1
+            self.restart()
+            return 0.0
         self._age += dt
         return dt
+
+    def _usable(self) -> bool:
+        regressor, torque = self._filter.pair
+        return bool((np.abs(regressor) < LARGEST).all() and (np.abs(torque) < LARGEST).all())
 
     def update(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
                adaptation_term: np.ndarray | None = None) -> np.ndarray:
@@ -154,12 +165,20 @@ class Identifier:
             regressor, torque = self._filter.pair
             if self.settled:
                 self.stack.offer(regressor, torque)
-            theta = implicit_step(
-                self.theta, dt, self.settings.gamma, self.settings.kt, self.settings.kh,
-                regressor, torque, self.stack.gram, self.stack.moment,
-                self._no_term if adaptation_term is None else adaptation_term)
-            if all_finite(theta):
-                self.theta = theta
-            else:  # overflow of absurd data: keep the last good estimate
-                self.dropped['not finite'] += 1
+            self._step(dt, regressor, torque,
+                       self._no_term if adaptation_term is None else adaptation_term)
         return self.theta
+
+    def _step(self, dt: float, regressor: np.ndarray, torque: np.ndarray,
+              adaptation_term: np.ndarray) -> None:
+        settings = self.settings
+        try:
+            theta = implicit_step(self.theta, dt, settings.gamma, settings.kt, settings.kh,
+                                  regressor, torque, self.stack.gram, self.stack.moment,
+                                  adaptation_term)
+        except np.linalg.LinAlgError:  # not finite (numba), or singular by overflow
+            theta = np.full_like(self.theta, math.nan)
+        if all_finite(theta):
+            self.theta = theta
+        else:  # overflow of absurd data: keep the last good estimate
+            self.dropped['not finite'] += 1

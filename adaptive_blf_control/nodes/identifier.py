@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from pathlib import Path
+import sys
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
+import numpy as np
 from rclpy.context import Context
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Int32

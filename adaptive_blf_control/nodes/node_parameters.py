@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter as RosParameter
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.parameters.nodes import TABLES
 from adaptive_blf_control.parameters.table import Parameter, per_joint, validated
-from adaptive_blf_control.parameters.yaml_file import ROS_OWN, known_elsewhere
+from adaptive_blf_control.parameters.yaml_file import known_elsewhere, ROS_OWN
 
 __all__ = ['declare', 'descriptor', 'on_change']
 

@@ -8,7 +8,6 @@ import sys
 import time
 from typing import Any
 
-import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.context import Context
@@ -16,6 +15,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSDurabilityPolicy, QoSReliabilityPolicy
 from rclpy.task import Future
+import yaml
 
 from adaptive_blf_control.bags.metadata import default_qos
 from adaptive_blf_control.bags.writer import BagWriter

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS parameter files read without ROS, by the same rules: later sections win.
 
-A section applies to a node when its key is ``/**``, the node's name, or ends in ``/NAME``. Our files
-use ``/**/NAME``, which ROS also matches under a namespace. A name in ``/**`` has to be known to
-at least one node; a name in a node's own section to that node.
+A section applies to a node when its key is ``/**``, the node's name, or ends in ``/NAME``. Our
+files use ``/**/NAME``, which ROS also matches under a namespace. A name in ``/**`` has to be known
+to at least one node; a name in a node's own section to that node.
 """
 
 from __future__ import annotations
