@@ -39,11 +39,14 @@ class Arm(Protocol):
         joints: Joint names, length n, in the order of every array.
         parameters: Parameter names, length m, in the order of θ.
         nominal: Nominal parameters, shape (m,); what a simulation takes as θ*.
+        payload_direction: dθ*/d(payload), what 1 kg at the tip adds to θ*, shape (m,); None where
+            the arm has no geometry to say so.
     """
 
     joints: tuple[str, ...]
     parameters: tuple[str, ...]
     nominal: np.ndarray
+    payload_direction: np.ndarray | None
 
     @property
     def n(self) -> int:
@@ -85,4 +88,8 @@ class Arm(Protocol):
 
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics with the parameters ``theta``, shape (m,)."""
+        ...
+
+    def link_points(self, q: np.ndarray) -> np.ndarray:
+        """Points to draw the arm through, base to tip, at joint positions q, shape (k, 3) [m]."""
         ...

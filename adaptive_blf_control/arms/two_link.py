@@ -7,6 +7,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.arms.integrator import make_rk4
+from adaptive_blf_control.arms.planar import planar_points
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError
 
@@ -15,6 +16,7 @@ __all__ = ['TwoLinkArm', 'two_link_X', 'two_link_Y1', 'two_link_Y12', 'two_link_
 
 # θ* of section VI-A: p1, p2, p3 [kg·m²], f1, f2 [N·m·s/rad]
 NOMINAL = (3.473, 0.196, 0.242, 5.3, 1.1)
+DRAWN_LENGTHS = (0.5, 0.4)  # [m], see link_points
 
 
 @jit
@@ -114,6 +116,7 @@ class TwoLinkArm:
         self.joints = tuple(joints)
         self.parameters: tuple[str, ...] = ('p1', 'p2', 'p3', f'fv_{joints[0]}', f'fv_{joints[1]}')
         self.nominal = np.array(NOMINAL)
+        self.payload_direction: np.ndarray | None = None
 
     @property
     def n(self) -> int:
@@ -145,3 +148,11 @@ class TwoLinkArm:
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics; ArmError where M(q) would not be positive definite."""
         return _TwoLinkDynamics(theta)
+
+    def link_points(self, q: np.ndarray) -> np.ndarray:
+        """Base, elbow and tip at joint positions q, shape (3, 3) [m].
+
+        For drawing only: the paper gives no lengths and no equation needs them. Drawn are 0.5 m
+        and 0.4 m.
+        """
+        return planar_points(q, DRAWN_LENGTHS)

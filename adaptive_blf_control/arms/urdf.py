@@ -46,6 +46,7 @@ class UrdfArm:
         joints: Joint names, length n, in the order of every array.
         parameters: Parameter names, length m, in the order of θ.
         nominal: θ of the URDF, shape (m,).
+        payload_direction: dθ/d(payload) of a point mass in the last of the link points, (m,).
         inertial: The URDF's inertial parameters per joint, shape (n, 10).
         base_from_standard: Map from ``inertial.ravel()`` to base parameters, shape (b, 10 n).
         torque_limit: Shape (n,) [N·m]; infinite where the URDF gives none or zero.
@@ -103,6 +104,7 @@ class UrdfArm:
         self.parameters = (*self._base_names, *self._friction.names)
         self.nominal = np.concatenate([self.base_from_inertial(self.inertial),
                                        self._friction.nominal])
+        self.payload_direction: np.ndarray | None = self._payload_direction()
 
     @property
     def n(self) -> int:
@@ -238,6 +240,18 @@ class UrdfArm:
                 self._weightless, self._weightless_data, order.position(q), zero,
                 order.velocity(axis)).take(self._pick) @ base for axis in np.eye(self.n)])
 
+    def link_points(self, q: np.ndarray) -> np.ndarray:
+        """Points to draw the arm through at joint positions q, shape (k, 3) [m], root frame.
+
+        The root, the origins of the joints that carry the last one of the longest chain, and the
+        last frame behind it.
+        """
+        model, data = self.model, self._data
+        self._pin.framesForwardKinematics(model, data, self._order.position(q))
+        chain, tip = self._chain()
+        origins = [data.oMi[joint].translation for joint in chain]  # joint 0 is the root
+        return np.array([*origins, data.oMf[tip].translation])
+
     # -- construction -------------------------------------------------------------------------
 
     def _set_limits(self) -> None:
@@ -279,6 +293,22 @@ class UrdfArm:
         self._user_base = BaseParameters(np.argsort(user)[columns], self.base_from_standard)
         self.inertial = np.array([model.inertias[int(row) + 1].toDynamicParameters()
                                   for row in rows])
+
+    def _chain(self) -> tuple[list[int], int]:
+        """Pinocchio's joints of the longest chain from the root on, and its last frame."""
+        chain = max((list(support) for support in self.model.supports), key=len)
+        return chain, max(i for i, frame in enumerate(self.model.frames)
+                          if frame.parentJoint == chain[-1])
+
+    def _payload_direction(self) -> np.ndarray:
+        chain, tip = self._chain()
+        placement = self.model.frames[tip].placement.translation
+        point = self._pin.Inertia(1.0, placement, np.zeros((3, 3)))
+        inertial = np.zeros((self.n, PER_BODY))
+        inertial[self._order.rows == self.model.joints[chain[-1]].idx_v] = (
+            point.toDynamicParameters())
+        return np.concatenate([self.base_from_inertial(inertial),
+                               np.zeros(len(self._friction.names))])
 
     def _random_regressors(self) -> np.ndarray:
         # Joint limits are left aside: an identity between regressor columns that holds on an

@@ -339,3 +339,40 @@ def test_impossible_inertias_are_refused() -> None:
         arm.dynamics(np.full(arm.m, np.nan))
     with pytest.raises(ArmError, match='positive definite'):
         arm.dynamics(np.zeros(arm.m))
+
+
+def test_link_points_follow_the_joint_frames_from_the_root_on(case: Case,
+                                                              states: np.ndarray) -> None:
+    model, data = case.model, case.data
+    for q in states[:5, 0]:
+        points = case.arm.link_points(q)
+        pin.forwardKinematics(model, data, case.configuration(q))
+        origins = np.array([placement.translation for placement in list(data.oMi)])
+        assert points.shape[1] == 3
+        np.testing.assert_array_equal(points[0], np.zeros(3))
+        for point in points[1:-1]:
+            assert np.linalg.norm(origins - point, axis=1).min() < 1e-12
+
+
+def test_link_points_of_the_panda_end_at_its_hand_whatever_the_order_of_the_joints() -> None:
+    q = np.random.default_rng(3).uniform(-1.5, 1.5, 7)
+    arm, reverse = panda(), panda(joints=PANDA_JOINTS[::-1])
+    points = arm.link_points(q)
+    assert points.shape == (9, 3)
+    np.testing.assert_allclose(reverse.link_points(q[::-1]), points, atol=1e-12)
+    # from the wrist's axis: 0.107 m to the flange and 0.1034 m to the tool's centre
+    assert np.linalg.norm(points[-1] - points[-2]) == pytest.approx(0.107 + 0.1034, abs=1e-3)
+
+
+def test_a_payload_adds_the_torque_of_a_point_mass_at_the_tip(case: Case,
+                                                              states: np.ndarray) -> None:
+    model = case.model.copy()
+    chain = max((list(support) for support in model.supports), key=len)
+    tip = max(i for i, frame in enumerate(model.frames) if frame.parentJoint == chain[-1])
+    model.appendBodyToJoint(chain[-1], pin.Inertia(2.0, np.zeros(3), np.zeros((3, 3))),
+                            model.frames[tip].placement)
+    loaded = Case(case.arm, model, model.createData(), case.friction)
+    theta = case.arm.nominal + 2.0 * case.arm.payload_direction
+    for q, qd, qdd, _ in states[:10]:
+        np.testing.assert_allclose(case.arm.Y(q, qd, qdd) @ theta, loaded.rnea(q, qd, qdd),
+                                   atol=1e-5)
