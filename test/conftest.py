@@ -16,6 +16,8 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 os.environ['ROS_DOMAIN_ID'] = str(os.getpid() % 101 + 1)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+# The package sets this on import, which is too late where a test module imports numpy first.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 _log_folder = tempfile.TemporaryDirectory(prefix='adaptive_blf_control_ros_log_')
 os.environ['ROS_LOG_DIR'] = _log_folder.name
 

@@ -14,11 +14,11 @@ from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['HistoryStack', 'best_replacement', 'is_different', 'squared_projections']
 
-# Rounding of Q is swept away by summing it anew after this many replacements, and as soon as its
-# trace has fallen under this part of its peak: what a large pair leaves behind is as large as
-# its last digits.
-REFRESH = 256
-FALLEN = 0.1
+EPSILON = 2.220446049250313e-16
+# Q may follow from the one before while what rounding has left in it is surely below this part
+# of σ_min and this many units in its last place; otherwise it is summed anew.
+NEGLIGIBLE = 1e-6
+UNITS = 16.0
 
 
 @jit
@@ -46,8 +46,9 @@ def squared_projections(regressors: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 @jit
-def _inverse_iteration(matrix: np.ndarray, shift: float, v: np.ndarray, steps: int) -> np.ndarray:
-    """Turn the unit vector v, (m,), towards the eigenvectors whose eigenvalues are near ``shift``."""
+def _inverse_iteration(matrix: np.ndarray, shift: float, v: np.ndarray,
+                       steps: int) -> np.ndarray:
+    """Turn the unit vector v, (m,), towards eigenvectors with eigenvalues near ``shift``."""
     shifted = matrix - shift * np.eye(v.size)
     for _ in range(steps):
         v = np.linalg.solve(shifted, v)
@@ -103,8 +104,9 @@ def best_replacement(candidate: np.ndarray, regressors: np.ndarray, gram: np.nda
 
 
 @jit
-def _rank_tolerance(eigenvalues: np.ndarray) -> float:
-    return float(eigenvalues.size * 2.220446049250313e-16 * max(eigenvalues[-1], 0.0))
+def _rank_tolerance(eigenvalues: np.ndarray, rows: int) -> float:
+    # The rounding of an eigenvalue of a sum over so many rows.
+    return float(max(eigenvalues.size, rows) * EPSILON * max(eigenvalues[-1], 0.0))
 
 
 class HistoryStack:
@@ -143,7 +145,7 @@ class HistoryStack:
         self.sigma_min = 0.0
         self._last = np.zeros((n, m))
         self._oldest = 0
-        self._peak = 0.0
+        self._rounding = 0.0
         self._weakest = np.zeros(m)
         self._weakest_projections = np.zeros(self.size)
         self._least_projection = 0.0
@@ -184,35 +186,47 @@ class HistoryStack:
     def _select_deficient(self, regressor: np.ndarray) -> int:
         """While σ_min is 0 every slot ties: the oldest goes, unless the rank would fall."""
         slot = self._oldest
-        old = self.regressors[slot]
-        values = np.linalg.eigvalsh(self.gram + regressor.T @ regressor - old.T @ old)
-        if np.count_nonzero(values > _rank_tolerance(values)) >= self.rank:
+        trial = self.regressors.copy()
+        trial[slot] = regressor
+        stacked = trial.reshape(-1, self._shape[1])
+        values = np.linalg.eigvalsh(stacked.T @ stacked)
+        if np.count_nonzero(values > _rank_tolerance(values, len(stacked))) >= self.rank:
             return slot
         self._oldest = (slot + 1) % self.size  # indispensable: look at the next one next time
         return -1
 
     def _put(self, slot: int, regressor: np.ndarray, torque: np.ndarray) -> None:
-        replaced = slot < self.count
-        if replaced:
-            old, old_torque = self.regressors[slot], self.torques[slot]
-            self.gram = self.gram - old.T @ old
-            self.moment = self.moment - old_torque @ old
-            self._oldest = (slot + 1) % self.size if slot == self._oldest else self._oldest
+        sums = self._running_sums(slot, regressor, torque)
+        if slot == self.count:
+            self.count += 1
+        elif slot == self._oldest:
+            self._oldest = (slot + 1) % self.size
         self.regressors[slot] = regressor
         self.torques[slot] = torque
-        self.gram = self.gram + regressor.T @ regressor
-        self.moment = self.moment + torque @ regressor
-        self.count += not replaced
         self.insertions += 1
         self._last = regressor.copy()
-        trace = float(np.trace(self.gram))
-        self._peak = max(self._peak, trace)
-        if self.insertions % REFRESH == 0 or trace < FALLEN * self._peak:
-            self._peak = trace
-            stacked = self.regressors.reshape(-1, self._shape[1])
-            self.gram = stacked.T @ stacked
-            self.moment = self.torques.reshape(-1) @ stacked
+        if sums is None:
+            stacked = self.regressors[:self.count].reshape(-1, self._shape[1])
+            sums = stacked.T @ stacked, self.torques[:self.count].reshape(-1) @ stacked
+            self._rounding = 0.0
+        self.gram, self.moment = sums
         self._measure()
+
+    def _running_sums(self, slot: int, regressor: np.ndarray,
+                      torque: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return Q and the moment after a replacement, from those before; None to sum anew.
+
+        Only with rank full: in a deficient Q the rounding of earlier pairs would pass for rank.
+        """
+        if self.rank < self._shape[1]:
+            return None
+        old, old_torque = self.regressors[slot], self.torques[slot]  # zeros in an empty slot
+        gram = self.gram + regressor.T @ regressor - old.T @ old
+        trace = float(np.trace(gram))
+        self._rounding += EPSILON * max(trace, float(np.trace(self.gram)))
+        if self._rounding > min(UNITS * EPSILON * trace, NEGLIGIBLE * self.sigma_min):
+            return None
+        return gram, self.moment + torque @ regressor - old_torque @ old
 
     def _measure(self) -> None:
         if self.full:
@@ -222,6 +236,6 @@ class HistoryStack:
             self._least_projection = float(np.min(self._weakest_projections))
         else:  # nothing is selected yet: no vectors needed, less than half the time
             values = np.linalg.eigvalsh(self.gram)
-        tolerance = _rank_tolerance(values)
+        tolerance = _rank_tolerance(values, self.count * self._shape[0])
         self.rank = int(np.count_nonzero(values > tolerance))
         self.sigma_min = float(values[0]) if values[0] > tolerance else 0.0

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the filtered pairs of a span of a log say of any θ, kept in bounded memory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+__all__ = ['BatchFit', 'least_squares']
+
+# Pairs are gathered and condensed this many at a time.
+CHUNK = 512
+
+
+class BatchFit:
+    """Errors of Y_f θ = τ_f over all pairs of a span, for a θ that is named afterwards.
+
+    Per joint the rows [Y_f τ_f] are condensed to the triangular factor of their QR decomposition:
+    ‖Y_f θ − τ_f‖ over the span equals ‖R (θ, −1)‖, without the cancellation of normal equations
+    and with as much memory after an hour as after a second.
+
+    Attributes:
+        count: Number of pairs.
+    """
+
+    def __init__(self, n: int, m: int) -> None:
+        """Start with no pairs of ``n`` joints and ``m`` parameters."""
+        self.count = 0
+        self._factor = np.zeros((n, 0, m + 1))
+        self._rows: list[np.ndarray] = []
+
+    def add(self, regressor: np.ndarray, torque: np.ndarray) -> None:
+        """Add a pair: Y_f, shape (n, m), and τ_f, shape (n,) [N·m]."""
+        self.count += 1
+        self._rows.append(np.column_stack([regressor, torque]))
+        if len(self._rows) == CHUNK:
+            self._condense()
+
+    def _condense(self) -> None:
+        if self._rows:
+            rows = np.stack(self._rows, axis=1)
+            self._rows.clear()
+            stacked = np.concatenate([self._factor, rows], axis=1)
+            self._factor = np.stack([np.linalg.qr(joint, mode='r') for joint in stacked])
+
+    def factor(self) -> np.ndarray:
+        """Return R per joint, shape (n, at most m + 1, m + 1)."""
+        self._condense()
+        return self._factor
+
+    def rmse(self, theta: np.ndarray) -> np.ndarray:
+        """Return the root mean square of Y_f θ − τ_f per joint, shape (n,) [N·m]."""
+        residual = self.factor() @ np.append(theta, -1.0)
+        return np.linalg.norm(residual, axis=1) / np.sqrt(max(self.count, 1))
+
+
+def least_squares(fit: BatchFit) -> np.ndarray:
+    """Return the θ, shape (m,), with the least Σ ‖Y_f θ − τ_f‖² over a whole span.
+
+    Columns are scaled to length one; directions no pair shows stay zero.
+    """
+    rows = np.concatenate(list(fit.factor()))
+    columns, target = rows[:, :-1], rows[:, -1]
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    solution: np.ndarray = np.linalg.lstsq(columns / scale, target, rcond=1e-10)[0] / scale
+    return solution

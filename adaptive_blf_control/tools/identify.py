@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``identify LOG --urdf FILE``: learn a measured robot's parameters from its log, in one pass.
+
+The log is streamed through the very objects of the identifier node: no look-ahead, one sample
+after the other. Before and after the training span, θ̂ is frozen and the samples are only filtered.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+import sys
+from typing import Any
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.bags.logs import load_log
+from adaptive_blf_control.errors import BlfError, LogError, ParameterError
+from adaptive_blf_control.identification.estimate_file import write_estimate
+from adaptive_blf_control.parameters.build import build_arm, build_identifier
+from adaptive_blf_control.parameters.yaml_file import (
+    apply_settings,
+    given_values,
+    load_yaml,
+    node_values,
+)
+from adaptive_blf_control.tools.log_pass import choose_spans, learn
+from adaptive_blf_control.tools.log_report import figures_of, table
+
+__all__ = ['REAL_ROBOT', 'main']
+
+REAL_ROBOT: dict[str, Any] = {
+    'arm': 'urdf',
+    'friction': {'viscous': True, 'coulomb': True, 'offset': True},
+    'update_law': 'concurrent',
+    'kt': 1.0,
+    'kh': 1000.0,
+    'filter': {'time_constant': 0.1, 'settle': 5.0},
+    'history': {'size': 1000, 'epsilon': 0.05},
+    'change': {'window': 0.0},
+    'excitation': {'window': 0.0},
+}
+"""The identifier's parameters where no ``--config`` is given; ``docs/benchmarks.md`` tells why."""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='identify', description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('log', type=Path, metavar='LOG',
+                        help='a bag (rosbag2 folder, .mcap or .db3) with a JointState topic, or '
+                        'CSV with a header t,q1..,qd1..,tau1.. [s, rad, rad/s, N·m]')
+    parser.add_argument('--urdf', metavar='FILE', help='path or package://... of the robot')
+    parser.add_argument('--joints', metavar='A,B,...',
+                        help="joints to identify, the others are locked; default: the config's, "
+                        "else the URDF's. For CSV: the names of its columns, in order")
+    parser.add_argument('--topic', metavar='T', help='JointState topic of the bag')
+    parser.add_argument('--train', metavar='T0:T1',
+                        help='span to learn from [s]; either end may be left out. Default: the '
+                        'first half of the log after five time constants of the filter')
+    parser.add_argument('--test', metavar='T0:T1',
+                        help='span to predict with θ̂ frozen [s]; default: the rest of the log '
+                        'after the training span')
+    parser.add_argument('--config', type=Path, metavar='FILE',
+                        help='parameter file, e.g. config/panda_identification.yaml')
+    parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',
+                        dest='settings', help='change a parameter, e.g. history.size=200')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
+    parser.add_argument('--output', type=Path, metavar='FILE',
+                        help='where θ̂ is written; default: the parameter estimate_file, else '
+                        'theta_hat.yaml in the present folder')
+    return parser
+
+
+def _values(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the identifier's parameters: from the file (or `REAL_ROBOT`), then the options."""
+    data = load_yaml(options.config) if options.config else {
+        '/**/identifier': {'ros__parameters': json.loads(json.dumps(REAL_ROBOT))}}
+    data = apply_settings(data, options.settings)
+    values = node_values(data, 'identifier')
+    if options.urdf is not None:
+        values['arm'], values['urdf'] = 'urdf', options.urdf
+    if values['arm'] == 'urdf' and (not values['urdf'] or values['urdf'].startswith('topic:')):
+        raise ParameterError('urdf', values['urdf'], 'a file: name one with --urdf FILE')
+    if options.joints is not None:
+        values['joints'] = [name.strip() for name in options.joints.split(',')]
+    elif values['arm'] == 'urdf' and 'joints' not in given_values(data, 'identifier'):
+        values['joints'] = _joints_of(values['urdf'])
+    return values
+
+
+def _joints_of(urdf: str) -> list[str]:
+    from adaptive_blf_control.arms.urdf_model import reduced_model
+    from adaptive_blf_control.arms.urdf_source import read_urdf
+    return list(reduced_model(read_urdf(urdf), None)[1])
+
+
+def _identify(options: argparse.Namespace) -> tuple[dict[str, Any], Arm]:
+    values = _values(options)
+    output = options.output or Path(values['estimate_file'])
+    if not output.parent.is_dir():  # known before the work, not after
+        raise ParameterError('--output', str(output), 'a file in a folder that exists')
+    arm = build_arm(values)
+    log = load_log(options.log, topic=options.topic, joints=arm.joints)
+    if log.problem:
+        print(f'identify: {options.log}: {log.problem}', file=sys.stderr)
+    identifier = build_identifier(values, arm)
+    settings = identifier.settings
+    spans = choose_spans(log.t, options.train, options.test, 5.0 * (
+        settings.time_constant + settings.state_order * settings.state_time_constant))
+    result = learn(identifier, log, *spans)
+    for name, fit in (('train', result.train), ('test', result.test)):
+        if fit.count == 0:
+            raise LogError(f'{options.log}: no sample of the {name} span can be used: the filter '
+                           f'restarts at gaps of more than {settings.gap:g} s and settles for '
+                           f'{settings.settle:g} time constants')
+    figures = figures_of(log, identifier, result, spans)
+    try:
+        write_estimate(output, arm.parameters, identifier)
+    except OSError as error:
+        raise ParameterError('--output', str(output), f'a file that can be written '
+                             f'({error.strerror})') from None
+    figures['output'] = str(output)
+    return figures, arm
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the command; 0 if parameters were learned, 2 on bad input."""
+    options = _parser().parse_args(args)
+    try:
+        figures, arm = _identify(options)
+    except BlfError as error:
+        print(f'identify: {" ".join(str(error).split())}', file=sys.stderr)
+        return 2
+    print(json.dumps(figures, indent=2) if options.json else table(figures, str(options.log)))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

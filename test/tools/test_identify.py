@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``identify``: on a simulated arm with known parameters, bad input, real robots."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip('pinocchio')
+
+from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.bags.joint_state import JointStateCodec
+from adaptive_blf_control.bags.logs import load_log
+from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.identification.torque_filter import TorqueFilter
+from adaptive_blf_control.tools.identify import main
+
+URDF = """<robot name="planar">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.2 0.03 0"/><mass value="2.5"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.03"/></inertial></link>
+  <link name="fore"><inertial><origin xyz="0.15 0 0"/><mass value="1.2"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>
+    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
+</robot>
+"""
+CONFIG = """/**/identifier:
+  ros__parameters:
+    arm: urdf
+    joints: [shoulder, elbow]
+    friction: {viscous: true}
+    kh: 100.0
+    filter: {time_constant: 0.05, settle: 2.0}
+    history: {size: 40, epsilon: 0.1}
+"""
+PERIOD = 0.002
+ROBOTS = {
+    'panda': ('panda_gaz2019/panda_exciting_traj.csv', 'panda_gaz2019/panda_gaz2019.urdf',
+              (0.165, 0.211, 0.141, 0.127, 0.059, 0.052, 0.042), 64, 1020.0),
+    'ur10': ('ur10_unisa2025/ur10_exciting.csv', 'ur10_unisa2025/ur10_dh.urdf',
+             (2.109, 3.101, 1.233, 0.389, 0.452, 1.769), 54, 8000.0),
+}
+
+
+@pytest.fixture(scope='module')
+def arm():
+    return UrdfArm(URDF, ['shoulder', 'elbow'], viscous=[0.8, 0.3])
+
+
+@pytest.fixture(scope='module')
+def motion(arm):
+    """Return (t, q, qd, tau) of 6 s: tau is the mean over the interval that ends at t."""
+    plant, q, qd = arm.dynamics(arm.nominal), np.array([0.3, -0.5]), np.zeros(2)
+    tau, rows = np.zeros(2), []
+    for k in range(3001):
+        t = PERIOD * k
+        rows.append(np.concatenate([[t], q, qd, tau]))
+        goal = np.array([np.sin(2.1 * t) + 0.5 * np.sin(5.3 * t), np.sin(3.2 * t + 1.0)])
+        tau = 60.0 * (goal - q) - 6.0 * qd
+        q, qd = plant.advance(q, qd, tau, PERIOD, 2)
+    return np.array(rows)
+
+
+def write_csv(path, rows, header='t,q1,q2,qd1,qd2,tau1,tau2'):
+    np.savetxt(path, rows, '%.17g', ',', header=header, comments='')
+    return path
+
+
+@pytest.fixture
+def files(tmp_path, motion):
+    """Write log, URDF and config; return the arguments that name them."""
+    (tmp_path / 'arm.urdf').write_text(URDF)
+    (tmp_path / 'config.yaml').write_text(CONFIG)
+    write_csv(tmp_path / 'log.csv', motion)
+    return [str(tmp_path / 'log.csv'), '--urdf', str(tmp_path / 'arm.urdf'),
+            '--config', str(tmp_path / 'config.yaml'), '--output', str(tmp_path / 'theta.yaml')]
+
+
+def figures(capsys, arguments):
+    assert main([*arguments, '--json']) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def complaint(capsys, arguments):
+    """Run with bad input and return the one line it prints."""
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ''
+    assert printed.err.startswith('identify: ')
+    assert printed.err.count('\n') == 1
+    return printed.err
+
+
+def test_known_parameters_are_recovered_and_written(capsys, tmp_path, files, arm):
+    result = figures(capsys, files)
+    theta = np.array(list(result['theta_hat'].values()))
+    assert tuple(result['theta_hat']) == arm.parameters
+    np.testing.assert_allclose(theta, arm.nominal, atol=1e-3 * np.abs(arm.nominal).max())
+    assert result['history_rank'] == result['columns'] == arm.m
+    assert max(np.divide(result['test_rmse'], result['test_torque_rms'])) < 1e-3
+    assert result['samples'] == 3001
+    assert result['dropped'] == result['restarts'] == 0
+    assert result['train_span'] == pytest.approx([0.25, 3.0])
+    assert result['test_span'] == pytest.approx([3.0, 6.0])
+    assert (result['train_samples'], result['test_samples']) == (1375, 1501)
+    assert result['insertions'] >= result['history_count'] == 40
+    np.testing.assert_array_equal(read_estimate(tmp_path / 'theta.yaml', arm.parameters), theta)
+
+
+def test_rmse_is_that_of_the_filtered_torque_over_the_span(capsys, files, arm, motion):
+    result = figures(capsys, [*files, '--set', 'kh=0.001', '--train', '1:2', '--test', '4:5.5'])
+    theta = np.array(list(result['theta_hat'].values()))
+    torque_filter, pairs = TorqueFilter(2, arm.m, 0.05), []
+    for i, (_, *row) in enumerate(motion):
+        torque_filter.update(PERIOD if i else 0.0, *arm.Y12(np.array(row[:2]), np.array(row[2:4])),
+                             np.array(row[4:]))
+        pairs.append(torque_filter.pair)
+    for name, span in (('train', slice(500, 1000)), ('test', slice(2000, 2750))):
+        regressor, torque = (np.array(part[span]) for part in zip(*pairs))
+        expected = np.sqrt(np.mean((regressor @ theta - torque) ** 2, axis=0))
+        assert expected.min() > 0.01
+        np.testing.assert_allclose(result[f'{name}_rmse'], expected, rtol=1e-6)
+        if name == 'train':
+            batch = np.linalg.lstsq(regressor.reshape(-1, arm.m), torque.ravel(), rcond=None)[0]
+    expected = np.sqrt(np.mean((regressor @ batch - torque) ** 2, axis=0))
+    np.testing.assert_allclose(result['batch_test_rmse'], expected, rtol=1e-3)
+
+
+def test_nothing_after_the_training_span_changes_the_estimate(capsys, tmp_path, files, motion):
+    whole = figures(capsys, files)
+    other = motion.copy()
+    other[other[:, 0] >= 3.0, 1:] *= 0.5
+    write_csv(tmp_path / 'log.csv', other)
+    changed = figures(capsys, files)
+    assert changed['theta_hat'] == whole['theta_hat']
+    assert changed['insertions'] == whole['insertions']
+    assert changed['test_rmse'] != whole['test_rmse']
+
+
+def test_bag_with_joints_in_another_order_gives_the_same_as_csv(capsys, tmp_path, files, motion):
+    codec = JointStateCodec(['gripper', 'elbow', 'shoulder'])
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic('/arm/joint_states', 'sensor_msgs/msg/JointState')
+        for i, (_, q1, q2, v1, v2, tau1, tau2) in enumerate(motion):
+            stamp = 10**18 + i * 2_000_000
+            writer.write('/arm/joint_states', codec.encode(
+                stamp, [0.0, q2, q1], [0.0, v2, v1], [0.0, tau2, tau1]), stamp)
+    csv = figures(capsys, files)
+    bag = figures(capsys, [str(tmp_path / 'bag'), *files[1:], '--topic', 'arm/joint_states'])
+    assert bag['joints'] == ['shoulder', 'elbow']
+    np.testing.assert_allclose(list(bag['theta_hat'].values()), list(csv['theta_hat'].values()),
+                               rtol=1e-9, atol=1e-12)
+
+
+def test_rows_that_cannot_be_used_are_dropped_and_counted(capsys, tmp_path, files, motion, arm):
+    rows = motion.copy()
+    rows[100:110, 3] = np.nan
+    rows[700, 6] = np.inf
+    rows[900, 0] = rows[899, 0]
+    write_csv(tmp_path / 'log.csv', rows)
+    result = figures(capsys, files)
+    assert result['dropped'] == 12
+    assert result['samples'] == 2989
+    np.testing.assert_allclose(list(result['theta_hat'].values()), arm.nominal, atol=0.01)
+
+
+def test_gap_restarts_the_filter_and_the_estimate_survives(capsys, tmp_path, files, motion, arm):
+    write_csv(tmp_path / 'log.csv', np.delete(motion, slice(600, 700), axis=0))
+    result = figures(capsys, files)
+    assert result['restarts'] == 1
+    np.testing.assert_allclose(list(result['theta_hat'].values()), arm.nominal, atol=0.01)
+
+
+def test_without_config_friction_of_three_kinds_is_learned(capsys, files):
+    result = figures(capsys, [*files[:3], *files[5:]])
+    assert result['joints'] == ['shoulder', 'elbow']
+    assert [name for name in result['theta_hat'] if name.endswith('elbow')] == [
+        'fv_elbow', 'fc_elbow', 'f0_elbow']
+    assert result['history_size'] == 1000
+    assert result['history_rank'] == result['columns']
+
+
+def test_table_names_joints_rank_speed_and_output(capsys, files):
+    assert main(files) == 0
+    text = capsys.readouterr().out
+    for words in ('shoulder', 'elbow', 'mean', 'batch least squares', 'rank 8 of 8',
+                  'us per sample', 'learned from 0.25 .. 3.00 s', files[-1]):
+        assert words in text
+
+
+def test_our_own_bag_of_the_closed_form_arm_needs_no_urdf(capsys, tmp_path, repository):
+    from adaptive_blf_control.tools.simulate import main as simulate
+    config = str(repository / 'config/two_link.yaml')
+    assert simulate([config, '--duration', '4', '--bag', str(tmp_path / 'bag')]) == 0
+    capsys.readouterr()
+    result = figures(capsys, [str(tmp_path / 'bag'), '--config', config,
+                              '--output', str(tmp_path / 'theta.yaml')])
+    np.testing.assert_allclose(list(result['theta_hat'].values()), [3.473, 0.196, 0.242, 5.3, 1.1],
+                               atol=0.05)
+
+
+@pytest.mark.parametrize(('header', 'count', 'words'), [
+    ('t,q1,q2,qd1,x,tau1,tau2', 100, 'log.csv: row 1: missing column qd2'),
+    ('t,q1,q2,qd1,qd2,a,b', 100, 'log.csv: row 1: no effort'),
+    ('t,q1,q2,qd1,qd2,tau1,tau2', 2, 'log.csv: 2 usable rows of 2')])
+def test_bad_log_is_named_with_its_fault(capsys, tmp_path, files, motion, header, count, words):
+    write_csv(tmp_path / 'log.csv', motion[:count], header)
+    assert words in complaint(capsys, files)
+
+
+def test_log_of_nothing_but_nan_is_named(capsys, tmp_path, files, motion):
+    rows = motion[:50].copy()
+    rows[:, 5] = np.nan
+    write_csv(tmp_path / 'log.csv', rows)
+    assert '0 usable rows of 50' in complaint(capsys, files)
+    (tmp_path / 'log.csv').unlink()
+    assert 'log.csv: cannot be read' in complaint(capsys, files)
+
+
+def test_log_without_an_unbroken_stretch_is_told(capsys, tmp_path, files, motion):
+    write_csv(tmp_path / 'log.csv', motion[::100])  # 0.2 s apart
+    assert 'gaps of more than 0.05 s' in complaint(capsys, files)
+
+
+def test_bag_without_effort_names_the_joint(capsys, tmp_path, files):
+    codec = JointStateCodec(['shoulder', 'elbow'], fields=['position', 'velocity'])
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        for i in range(9):
+            writer.write('/joint_states', codec.encode(i, [1.0, 2.0], [3.0, 4.0]), i)
+    assert "no effort for joint 'shoulder'" in complaint(capsys, [str(tmp_path / 'bag'),
+                                                                  *files[1:]])
+
+
+@pytest.mark.parametrize(('more', 'words'), [
+    (['--joints', 'shoulder,wrist'], "no joint 'wrist'"),
+    (['--joints', 'shoulder,shoulder'], 'distinct joint names'),
+    (['--joints', 'elbow'], 'log.csv has 2 joints'),
+    (['--urdf', 'nowhere.urdf'], "'nowhere.urdf' does not exist"),
+    (['--config', 'nowhere.yaml'], "'nowhere.yaml'"),
+    (['--set', 'history.siz=3'], 'history.siz'),
+    (['--set', 'kh=1'], "'identifier.kh' is 1: expected a floating-point number: write 1.0"),
+    (['--output', 'no/such/folder/theta.yaml'], 'a folder that exists')])
+def test_bad_option_is_named(capsys, files, more, words):
+    assert words in complaint(capsys, [*files, *more])
+
+
+def test_missing_urdf_is_asked_for(capsys, files):
+    assert '--urdf FILE' in complaint(capsys, [files[0], *files[3:]])
+
+
+@pytest.mark.parametrize(('spans', 'words'), [
+    (['--train', '1-2'], "'--train' is '1-2': expected T0:T1"),
+    (['--train', 'a:2'], "'--train' is 'a:2': expected T0:T1"),
+    (['--train', '2:2'], 'T0 < T1'),
+    (['--train', 'nan:2'], 'T0 < T1'),
+    (['--train', '1:7'], 'inside the log'),
+    (['--train=-1:3'], 'inside the log'),
+    (['--train', '1.0001:1.0002'], 'samples in it'),
+    (['--train', '1:'], 'T0 < T1'),
+    (['--test', '2:5'], 'after the training, which ends at 3 s'),
+    (['--train', '4:5', '--test', '1:2'], 'after the training, which ends at 5 s')])
+def test_bad_span_is_answered_with_the_span_of_the_log(capsys, files, spans, words):
+    text = complaint(capsys, [*files, *spans])
+    assert words in text
+    assert 'the log goes from 0 to 6 s' in text
+
+
+def test_open_ended_spans_reach_to_the_ends_of_the_log(capsys, files):
+    result = figures(capsys, [*files, '--train', ':2', '--test', '5:'])
+    assert (result['train_span'], result['test_span']) == ([0.0, 2.0], [5.0, 6.0])
+    assert result['train_samples'] == 950  # of 1000: the filter settles for 0.1 s
+    assert result['test_samples'] == 501
+
+
+def real_arguments(robot, realdata, repository, tmp_path):
+    log, urdf, *_ = ROBOTS[robot]
+    return [str(realdata / log), '--urdf', str(realdata / urdf), '--config',
+            str(repository / f'config/{robot}_identification.yaml'),
+            '--output', str(tmp_path / 'theta.yaml')]
+
+
+@pytest.mark.parametrize('robot', ROBOTS)
+def test_measured_robot_is_learned_as_well_as_by_batch_least_squares(
+        capsys, realdata, repository, tmp_path, robot):
+    _, _, batch, columns, period = ROBOTS[robot]
+    result = figures(capsys, real_arguments(robot, realdata, repository, tmp_path))
+    assert np.mean(result['test_rmse']) <= 1.05 * np.mean(batch)  # the issue asks for 1.15
+    assert result['history_rank'] == result['columns'] == columns
+    assert result['us_per_sample'] < period
+    assert result['restarts'] == 0
+
+
+def test_bag_of_the_ur10_gives_the_same_as_its_csv(capsys, realdata, repository, tmp_path):
+    arguments = real_arguments('ur10', realdata, repository, tmp_path)
+    csv = figures(capsys, arguments)
+    bag = figures(capsys, [
+        str(realdata / 'ur10_unisa2025/ur10_exciting_trajectory.db3'), *arguments[1:]])
+    assert bag['joints'] == csv['joints']
+    np.testing.assert_allclose(bag['test_rmse'], csv['test_rmse'], rtol=0.01)  # 7 digits in CSV
+    assert len(load_log(arguments[0]).t) == bag['samples']
