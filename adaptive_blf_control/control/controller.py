@@ -10,7 +10,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.barrier import barrier
-from adaptive_blf_control.control.law import errors, limited, torque
+from adaptive_blf_control.control.law import answer, errors
 from adaptive_blf_control.control.reference import Reference, ReferencePoint
 from adaptive_blf_control.control.sets import (
     check_performance_inside_safety,
@@ -62,7 +62,7 @@ class ControlOutput(NamedTuple):
         reference: y_d with derivatives.
         x: Regressor X, shape (n, m).
         bound: Active bound (11) [rad].
-        saturated: Where the torque limit is at work, bool.
+        wanted: Torque before the limit [N·m].
     """
 
     torque: np.ndarray
@@ -72,7 +72,12 @@ class ControlOutput(NamedTuple):
     reference: ReferencePoint
     x: np.ndarray
     bound: np.ndarray
-    saturated: np.ndarray
+    wanted: np.ndarray
+
+    @property
+    def saturated(self) -> np.ndarray:
+        """Where the torque limit is at work, shape (n,), bool."""
+        return self.torque != self.wanted
 
 
 class Controller:
@@ -108,9 +113,9 @@ class Controller:
             q, qd, point.position, point.velocity, point.acceleration,
             self.performance.lower, self.performance.upper, settings.k1)
         x = self.arm.X(q, qd, alpha, alpha_dot)
-        wanted = torque(x, theta, settings.k2, e1, e2, b, settings.coupling == 'per_joint')
-        tau = limited(wanted, settings.torque_limit)
-        return ControlOutput(tau, e2 @ x, e1, e2, point, x, b, tau != wanted)
+        tau, wanted, term = answer(x, theta, settings.k2, e1, e2, b,
+                                   settings.coupling == 'per_joint', settings.torque_limit)
+        return ControlOutput(tau, term, e1, e2, point, x, b, wanted)
 
     def lyapunov(self, q: np.ndarray, output: ControlOutput, theta: np.ndarray) -> float:
         """V = V1 + ½ e2ᵀ M(q) e2 (30), M from ``theta``; a monitor, not part of the law."""

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Update law (22), (37) with an implicit step: stable for every gain and step."""
+"""Update laws (20), (22), (37) with one implicit step: stable for every gain and step.
+
+They differ in what goes into the step only:
+
+* ``gradient`` (20): the present pair, k_h = 0 and no Xᵀe2. Its Γ is our k_t Γ.
+* ``concurrent`` (22): the recorded pairs as well.
+* ``ablf_concurrent`` (37): Xᵀe2 of the controller as well, which Theorem 2 needs.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +14,9 @@ import numpy as np
 
 from adaptive_blf_control.compiled import jit
 
-__all__ = ['implicit_step']
+__all__ = ['UPDATE_LAWS', 'implicit_step']
+
+UPDATE_LAWS = ('gradient', 'concurrent', 'ablf_concurrent')
 
 
 @jit

@@ -29,6 +29,8 @@ from adaptive_blf_control.topics import COMMANDS, JOINT_STATES
 
 __all__ = ['ArmDriver', 'main']
 
+NEVER = 2**63  # ns, before the grid of the states is laid
+
 
 class ArmDriver(DataNode):
     """Simulated arm: commands in, joint states out.
@@ -52,7 +54,7 @@ class ArmDriver(DataNode):
         self._codec = JointStateCodec(self.arm.joints, self.values['frame_id'])
         self._nan = np.full(self.arm.n, np.nan)
         self._impulse = np.zeros(self.arm.n)  # ∫ τ dt since the last state [N·m·s]
-        self._due_ns: int | None = None  # monotonic, like all times but the stamps
+        self._due_ns = NEVER  # monotonic, like all times but the stamps
         self._offset_ns = self._begin_ns = self._moved_ns = self._last_state_ns = 0
         self._command_ns = 0
         self._states = self.data_publisher(JointState, JOINT_STATES)
@@ -83,10 +85,13 @@ class ArmDriver(DataNode):
         self.plant.apply(torque)
 
     def _move_to(self, now_ns: int) -> None:
-        dt = (now_ns - self._moved_ns) * 1e-9
-        if dt > 0.0:
-            self.plant.advance(dt)
-            self._impulse = self._impulse + self.plant.torque * dt
+        ahead_ns = now_ns - self._moved_ns
+        if ahead_ns > 0:
+            # After a stall in steps of a period still: one long step could be an unstable one.
+            steps = -(-ahead_ns // self._period_ns)
+            for _ in range(steps):
+                self.plant.advance(ahead_ns * 1e-9 / steps)
+            self._impulse = self._impulse + self.plant.torque * (ahead_ns * 1e-9)
             self._moved_ns = now_ns
 
     def loop(self) -> None:
@@ -94,9 +99,7 @@ class ArmDriver(DataNode):
         wait_for, duration = self.values['wait_for_subscribers'], self.values['duration']
         while self._states.get_subscription_count() < wait_for and not self._ended():
             self.spin_data(0.01)
-        self._due_ns = time.monotonic_ns()
-        self._offset_ns = self.get_clock().now().nanoseconds - self._due_ns
-        self._moved_ns = self._last_state_ns = self._due_ns
+        self._start_clock()
         while not self._ended():
             wait_ns = self._due_ns - time.monotonic_ns()
             if wait_ns > 0:
@@ -108,9 +111,14 @@ class ArmDriver(DataNode):
                                        f'{self.missed} periods missed')
                 return
 
+    def _start_clock(self) -> None:
+        """Lay the grid of the states."""
+        self._due_ns = self._moved_ns = self._last_state_ns = time.monotonic_ns()
+        self._offset_ns = self.get_clock().now().nanoseconds - self._due_ns
+
     def _catch_up(self, now_ns: int) -> None:
         """Publish the state that is due, on the grid; periods that passed unseen are missed."""
-        if self._due_ns is None or now_ns < self._due_ns:
+        if now_ns < self._due_ns:
             return
         late = (now_ns - self._due_ns) // self._period_ns
         self.missed += late
@@ -120,15 +128,16 @@ class ArmDriver(DataNode):
         self.sampled()
 
     def _publish_state(self, due_ns: int) -> None:
-        effort = self._nan
+        effort, interval = self._nan, 0.0
         if self.started:
             self._watch(due_ns)
             self._move_to(due_ns)
-            effort = self._impulse * (1e9 / (due_ns - max(self._last_state_ns, self._begin_ns)))
+            interval = (due_ns - max(self._last_state_ns, self._begin_ns)) * 1e-9
+            effort = self._impulse / interval
             self._impulse = np.zeros(self.arm.n)
         self._last_state_ns = due_ns
         self._states.publish(self._codec.encode(
-            due_ns + self._offset_ns, self.plant.q, self.plant.qd, effort))
+            due_ns + self._offset_ns, *self.plant.measure(effort, interval)))
 
     def _watch(self, now_ns: int) -> None:
         if not self.timed_out and now_ns - self._command_ns > self.values[
@@ -153,7 +162,7 @@ class ArmDriver(DataNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(ArmDriver, args)
+    return run_node('arm_driver', ArmDriver, args)
 
 
 if __name__ == '__main__':

@@ -21,12 +21,15 @@ from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.bags.controller_codecs import ControllerCodecs
 from adaptive_blf_control.bags.joint_state import JointStateReader
 from adaptive_blf_control.control.controller import Controller, ControlOutput, sampling_number
-from adaptive_blf_control.errors import BagError, BlfError, ParameterError
-from adaptive_blf_control.nodes.data_node import DataNode, run_node
+from adaptive_blf_control.errors import BagError, BlfError
+from adaptive_blf_control.nodes.data_node import DataNode, run_node, TOO_LATE
 from adaptive_blf_control.nodes.node_parameters import on_change
 from adaptive_blf_control.nodes.robot_description import arm_of
-from adaptive_blf_control.parameters.build import build_controller, controller_settings
-from adaptive_blf_control.parameters.table import broadcast
+from adaptive_blf_control.parameters.build import (
+    build_controller,
+    controller_settings,
+    initial_theta,
+)
 from adaptive_blf_control.topics import (
     ADAPTATION_TERM,
     BARRIER,
@@ -53,17 +56,13 @@ class ControllerNode(DataNode):
         super().__init__('controller', context=context, **options)
         values = self.values
         self.arm = arm_of(self)
-        self.theta = broadcast(values['initial_estimate'], self.arm.m)
-        if values['model'] == 'known':
-            self.theta = broadcast(values['known_parameters'], self.arm.m)
-        if self.theta.size != self.arm.m:
-            raise ParameterError('controller.initial_estimate', self.theta.tolist(),
-                                 f'length 1 or {self.arm.m} (one for each of the parameters)')
+        self.theta = initial_theta(values, self.arm)
         self.output: ControlOutput | None = None
         self._controller: Controller | None = None
         self._warm_up()
         self._start_ns = 0
         self._last_ns: int | None = None
+        self._jumped_ns: int | None = None
         self._heard_at: float | None = None
         self._lost = False
         self._samples_seen = 0
@@ -131,21 +130,44 @@ class ControllerNode(DataNode):
             joint = self.arm.joints[int(np.argmin(np.isfinite(q) & np.isfinite(qd)))]
             self.drop('non-finite joint state', f'joint {joint!r}')
             return
-        if self._last_ns is not None and stamp <= self._last_ns:
-            self.drop('joint state out of order', f'stamp {stamp} ns after {self._last_ns} ns')
+        if not self._in_order(stamp):
             return
-        if self._controller is None and not self._start(stamp, q):
+        begins = self._controller is None
+        if begins and not self._start(stamp, q):
             return
         self._last_ns = stamp
         self._heard_at, self._lost = time.monotonic(), False
         self._answer(stamp, q, qd)
+        if begins:  # after the answer: writing a log line takes longer than the law
+            self.get_logger().info('motion begins')
+
+    def _in_order(self, stamp: int) -> bool:
+        """Whether time goes on; a stamp far ahead counts once a second message confirms it.
+
+        One wild stamp would otherwise throw the reference ahead and make every later state old.
+        """
+        if stamp >= TOO_LATE:
+            self.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
+            return False
+        if self._last_ns is None:
+            return True
+        ahead = stamp - self._last_ns
+        if ahead <= 0:
+            self.drop('joint state out of order', f'stamp {stamp} ns after {self._last_ns} ns')
+            return False
+        jumped, longest = self._jumped_ns, self.values['state_timeout'] * 1e9
+        if ahead > longest and (jumped is None or not 0 < stamp - jumped <= longest):
+            self._jumped_ns = stamp
+            self.drop('stamp jumps ahead', f'{ahead * 1e-9:.6g} s after the last one')
+            return False
+        self._jumped_ns = None
+        return True
 
     def _start(self, stamp: int, q: np.ndarray) -> bool:
         if self._commands.get_subscription_count() == 0:
             return False
         self._controller = build_controller(self.values, self.arm, q)
         self._start_ns = stamp
-        self.get_logger().info('motion begins')
         return True
 
     def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray) -> None:
@@ -207,7 +229,7 @@ class ControllerNode(DataNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(ControllerNode, args)
+    return run_node('controller', ControllerNode, args)
 
 
 if __name__ == '__main__':

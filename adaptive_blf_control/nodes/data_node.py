@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import gc
+import inspect
 import signal
 import sys
 import threading
@@ -16,21 +17,29 @@ import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import get_logger_level, LoggingSeverity, set_logger_level
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.nodes.direct_wait import DataGroup, DirectWait, take_all
-from adaptive_blf_control.nodes.node_parameters import declare
+from adaptive_blf_control.nodes.node_parameters import (
+    check_files,
+    declare,
+    explain_files,
+    refuse_untyped,
+)
 
-__all__ = ['DataNode', 'run_node']
+__all__ = ['TOO_LATE', 'DataNode', 'run_node']
 
 # A wait on data alone does not see a stop request: it ends at least this often to look.
 LONGEST_WAIT = 0.05  # s
 DEPTH = 100
+TOO_LATE = 2**31 * 10**9  # ns, the first time that header.stamp cannot hold
+SAY_AGAIN = 1.0  # s between two log lines about the same reason
 
 Handler = Callable[[bytes, dict[str, int]], None]
 
@@ -48,8 +57,12 @@ class DataNode(Node):
 
     def __init__(self, kind: str, *, context: Context | None = None, **options: Any) -> None:
         """Make the node named ``kind`` and declare its table of parameters."""
-        super().__init__(kind, context=context,
-                         automatically_declare_parameters_from_overrides=True, **options)
+        try:
+            super().__init__(kind, context=context,
+                             automatically_declare_parameters_from_overrides=True, **options)
+        except ValueError:  # rclpy does not tell which
+            refuse_untyped(self, kind)
+            raise
         self.kind = kind
         try:
             self.values = declare(self, kind)
@@ -59,6 +72,7 @@ class DataNode(Node):
         self.stop = threading.Event()
         self.exit_code = 0
         self.drops: dict[str, int] = {}
+        self._said: dict[str, float] = {}
         self._data_group = DataGroup()
         self._waited: list[tuple[Subscription, Handler, bool]] = []
         self._drained: list[tuple[Subscription, Handler, bool]] = []
@@ -68,6 +82,9 @@ class DataNode(Node):
         self._rate_since = time.monotonic()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_timer(1.0, self._publish_diagnostics)
+        # rclpy's logger asks inspect for its caller, and the first such question reads every
+        # loaded module's file: 50 to 100 ms that must not fall into a control cycle.
+        inspect.getframeinfo(sys._getframe())
 
     def data_publisher(self, message_type: type, topic: str) -> Publisher:
         """Return a reliable publisher; ``publish(bytes)`` sends CDR as it is."""
@@ -75,7 +92,8 @@ class DataNode(Node):
 
     def data_subscription(self, message_type: type, topic: str, handler: Handler, *,
                           wake: bool = True, newest_only: bool = False,
-                          reliable: bool = False, depth: int = DEPTH) -> Subscription:
+                          reliable: bool = False, latched: bool = False,
+                          depth: int = DEPTH) -> Subscription:
         """Subscribe to raw CDR.
 
         Args:
@@ -86,9 +104,12 @@ class DataNode(Node):
             newest_only: When several messages wait, handle the last and count the others as
                 superseded: acting on old data is worse than not acting on it.
             reliable: Ask for reliable delivery; best effort also hears reliable publishers.
+            latched: Ask for what a transient local publisher sent before.
             depth: History depth.
         """
         qos = QoSProfile(depth=depth)
+        if latched:
+            qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
         qos.reliability = (ReliabilityPolicy.RELIABLE if reliable
                            else ReliabilityPolicy.BEST_EFFORT)
         subscription = self.create_subscription(
@@ -98,11 +119,21 @@ class DataNode(Node):
         self._wait = None
         return subscription
 
+    def end_data_subscription(self, subscription: Subscription) -> None:
+        """Stop hearing what :meth:`data_subscription` returned; call it in the node's loop."""
+        for entries in (self._waited, self._drained):
+            entries[:] = [entry for entry in entries if entry[0] is not subscription]
+        self._wait = None
+        self.destroy_subscription(subscription)
+
     def drop(self, reason: str, detail: str) -> None:
         """Count a message that is not used and say why, at most once a second per reason."""
         self.drops[reason] = self.drops.get(reason, 0) + 1
-        self.get_logger().warning(f'{reason}: {detail} ({self.drops[reason]} so far)',
-                                  throttle_duration_sec=1.0)
+        now = time.monotonic()
+        # The logger's own throttle goes by line of code, so one reason would silence another.
+        if now - self._said.get(reason, -SAY_AGAIN) >= SAY_AGAIN:
+            self._said[reason] = now
+            self.get_logger().warning(f'{reason}: {detail} ({self.drops[reason]} so far)')
 
     def sampled(self) -> None:
         """Count one sample of the node's work, for the rate in the diagnostics."""
@@ -133,15 +164,22 @@ class DataNode(Node):
         gc.collect()
         gc.freeze()  # nothing made so far will be collected: no pauses for it
         try:
-            self.loop()
+            self._while_up(self.loop)
         finally:
             try:
-                self.finish()
+                self._while_up(self.finish)
             finally:
                 self.stop.set()
                 executor.shutdown(timeout_sec=2.0)
                 thread.join(timeout=2.0)
         return self.exit_code
+
+    def _while_up(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except RuntimeError:  # also rclpy's own errors
+            if self.context.ok():
+                raise  # else ROS was shut down under a message being sent: that is the end
 
     def loop(self) -> None:
         """Serve data until the end; the driver replaces this with a timed loop."""
@@ -177,20 +215,39 @@ class DataNode(Node):
             self._diagnostics.publish(array)
 
 
-def run_node(make: Callable[[], DataNode], args: list[str] | None) -> int:
-    """Run a node as a process: signals, clear errors, clean shutdown; return the exit code."""
-    name = 'node'
+def run_node(kind: str, make: Callable[[], DataNode], args: list[str] | None) -> int:
+    """Run a node as a process: signals, clear errors, clean shutdown.
+
+    Args:
+        kind: Name of the node, for messages.
+        make: Makes the node.
+        args: ROS arguments; those of the process where None.
+
+    Returns:
+        The exit status: 2 where the node cannot be made, or ends with an error of ours.
+    """
+    made: list[DataNode] = []
+    asked: list[int] = []
+
+    def end(number: int, _: object) -> None:
+        asked.append(number)
+        if not made:  # nothing to wind down yet, and making a node may take long
+            raise SystemExit(128 + number)
+        made[0].stop.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, end)
     try:
-        # Our own handlers: the last torque and the bag's end come before ROS goes down.
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        node = make()
+        _initialise(kind, args)
+        made.append(make())
     except (BlfError, ParameterException, RuntimeError) as error:
-        print(f'{name}: {error}', file=sys.stderr)
+        print(f'{kind}: {error}', file=sys.stderr)
         rclpy.try_shutdown()
         return 2
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: node.stop.set())
+    node = made[0]
     try:
+        if asked:  # came in the moment the node was being handed over
+            node.stop.set()
         return node.run()
     except BlfError as error:
         node.get_logger().fatal(str(error))
@@ -198,3 +255,25 @@ def run_node(make: Callable[[], DataNode], args: list[str] | None) -> int:
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+def _initialise(kind: str, args: list[str] | None) -> None:
+    """Start ROS without its signal handlers: the last torque and the bag's end come before.
+
+    Raises:
+        ParameterError: a parameter file cannot be used, with the reason in our words.
+        RuntimeError: any other argument ROS does not take.
+    """
+    arguments = sys.argv if args is None else args
+    check_files(arguments)
+    set_logger_level('rcl', LoggingSeverity.FATAL)  # says less than what is raised, and first
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        explain_files(arguments, kind)
+        unknown = type(error).__name__ == 'UnknownROSArgsError'
+        raise RuntimeError(f'unknown ROS arguments {error}' if unknown else
+                           str(error).split(', at /')[0]) from None
+    finally:
+        if get_logger_level('rcl') == LoggingSeverity.FATAL:
+            set_logger_level('rcl', LoggingSeverity.UNSET)

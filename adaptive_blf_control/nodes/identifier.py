@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 import sys
 from typing import Any
@@ -19,8 +18,7 @@ from adaptive_blf_control.bags.cdr import encode_float64, encode_int32
 from adaptive_blf_control.bags.joint_state import JointStateCodec, JointStateReader
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.identification.estimate_file import write_estimate
-from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.nodes.data_node import DataNode, run_node
+from adaptive_blf_control.nodes.data_node import DataNode, run_node, TOO_LATE
 from adaptive_blf_control.nodes.node_parameters import on_change
 from adaptive_blf_control.nodes.robot_description import arm_of
 from adaptive_blf_control.parameters.build import build_identifier, identifier_settings
@@ -50,7 +48,7 @@ class IdentifierNode(DataNode):
         super().__init__('identifier', context=context, **options)
         self.arm = arm_of(self)
         self.identifier = build_identifier(self.values, self.arm)
-        self._warm_up()
+        self.identifier.warm_up()
         self._term = np.zeros(self.arm.m)
         self._term_ns: int | None = None
         self._zero_ns: int | None = None
@@ -68,15 +66,6 @@ class IdentifierNode(DataNode):
         self.create_service(Trigger, '~/reset_history', self.on_reset_history)
         self.create_service(Trigger, '~/save_estimate', self.on_save_estimate)
         on_change(self, 'identifier', self.values, self._retune)
-
-    def _warm_up(self) -> None:
-        """Compile everything on a throw-away identifier, the full stack's search included."""
-        spare = Identifier(self.arm, dataclasses.replace(
-            self.identifier.settings, size=self.arm.m, settle=0.0, gap=1.0))
-        random = np.random.default_rng(0)
-        for k in range(spare.stack.size + 5):
-            q, qd, tau = random.normal(size=(3, self.arm.n))
-            spare.update(k * 1e-3, q, qd, tau)
 
     def _retune(self, values: dict[str, Any]) -> None:
         settings = identifier_settings(values, self.arm)
@@ -101,12 +90,16 @@ class IdentifierNode(DataNode):
         except BagError as error:
             self.drop('unusable joint state', str(error))
             return
+        if stamp >= TOO_LATE:
+            self.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
+            return
         if self._reset_requested:
             self._reset_requested = False
             self.identifier.reset_history()
         if self._zero_ns is None:
             self._zero_ns = stamp  # seconds since 1970 as a double would cost 2e-7 s of precision
-        theta = self.identifier.update((stamp - self._zero_ns) * 1e-9, q, qd, tau, self._held_term(stamp))
+        theta = self.identifier.update((stamp - self._zero_ns) * 1e-9, q, qd, tau,
+                                       self._held_term(stamp))
         self.sampled()
         self._theta.publish(self._theta_codec.encode(stamp, theta))
         stack = self.identifier.stack
@@ -117,11 +110,10 @@ class IdentifierNode(DataNode):
             self._sigma_min.publish(encode_float64(stack.sigma_min))
 
     def _held_term(self, stamp: int) -> np.ndarray | None:
-        values = self.values
-        if not values['use_adaptation_term'] or self._term_ns is None:
+        if self._term_ns is None:
             return None
         age = (stamp - self._term_ns) * 1e-9
-        return self._term if abs(age) <= values['adaptation_term_timeout'] else None
+        return self._term if abs(age) <= self.values['adaptation_term_timeout'] else None
 
     def on_reset_history(self, request: Trigger.Request,
                          response: Trigger.Response) -> Trigger.Response:
@@ -159,7 +151,7 @@ class IdentifierNode(DataNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(IdentifierNode, args)
+    return run_node('identifier', IdentifierNode, args)
 
 
 if __name__ == '__main__':

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -16,13 +17,19 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+import yaml
 
-from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.parameters.nodes import TABLES
 from adaptive_blf_control.parameters.table import Parameter, per_joint, validated
-from adaptive_blf_control.parameters.yaml_file import known_elsewhere, ROS_OWN
+from adaptive_blf_control.parameters.yaml_file import (
+    known_elsewhere,
+    load_yaml,
+    node_values,
+    ROS_OWN,
+)
 
-__all__ = ['declare', 'descriptor', 'on_change']
+__all__ = ['check_files', 'declare', 'descriptor', 'explain_files', 'on_change', 'refuse_untyped']
 
 ROS_TYPES = {
     'bool': ParameterType.PARAMETER_BOOL,
@@ -123,3 +130,40 @@ def on_change(node: Node, kind: str, values: dict[str, Any],
         return SetParametersResult(successful=True)
 
     node.add_on_set_parameters_callback(changed)
+
+
+def refuse_untyped(node: Node, kind: str) -> None:
+    """Raise ParameterError for a given value that has no type in ROS: an empty list."""
+    # rclpy has no public way to what was given to a node that could not be made.
+    for name, parameter in getattr(node, '_parameter_overrides', {}).items():
+        if parameter.type_ == RosParameter.Type.NOT_SET:
+            raise ParameterError(f'{kind}.{name}', [],
+                                 'at least one element: an empty list has no type in ROS')
+
+
+def check_files(args: Sequence[str]) -> None:
+    """Raise ParameterError for a parameter file that is not a YAML mapping.
+
+    ROS would take a file of other content for an empty one, and the node would run on defaults.
+    """
+    for path in _files(args):
+        try:
+            content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError):
+            content = None
+        if not isinstance(content, dict):
+            load_yaml(path)  # names file, line and reason
+
+
+def explain_files(args: Sequence[str], kind: str) -> None:
+    """Raise ParameterError for what our own reader finds wrong with the parameter files.
+
+    Only for files that ROS has refused: its message has the line at best, this one has name,
+    value and what is expected.
+    """
+    for path in _files(args):
+        node_values(load_yaml(path), kind)
+
+
+def _files(args: Sequence[str]) -> Iterator[str]:
+    return (path for flag, path in zip(args, args[1:]) if flag == '--params-file')

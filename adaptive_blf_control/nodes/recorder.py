@@ -6,7 +6,7 @@ from __future__ import annotations
 import importlib
 import sys
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters, ListParameters
@@ -14,9 +14,11 @@ from rclpy.context import Context
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSDurabilityPolicy, QoSReliabilityPolicy
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 import yaml
 
+from adaptive_blf_control.bags.definitions import message_definition
 from adaptive_blf_control.bags.metadata import default_qos
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
@@ -28,6 +30,16 @@ __all__ = ['Recorder', 'main']
 
 LOOK_AROUND = 0.25  # s between looks at the graph
 DEPTH = 5000
+
+
+class _Heard(NamedTuple):
+    """A topic that is being recorded: what was asked for, and what hears it."""
+
+    type_name: str
+    message_type: type
+    reliable: bool
+    latched: bool
+    subscription: Subscription
 
 
 class Recorder(DataNode):
@@ -49,11 +61,13 @@ class Recorder(DataNode):
         self._sequence: dict[str, int] = {}
         self._failure: str | None = None
         self._pending: dict[str, str] = {}
+        self._heard: dict[str, _Heard] = {}
         for topic in self.values['topics']:
             name = self.resolve_topic_name(topic)
             self._pending[name] = TOPICS.get(topic, '')
-        self._parameters: dict[str, dict[str, Any]] = {}
+        self._settings: dict[str, dict[str, Any]] = {}
         self._asked: set[str] = set()
+        self._askers: dict[str, AsyncParameterClient] = {}
         self._remember(self.get_fully_qualified_name(), dict(self.values))
         self._looked_at = self._flushed_at = time.monotonic()
         self._subscribe_known()
@@ -71,21 +85,39 @@ class Recorder(DataNode):
         package, _, name = type_name.partition('/msg/')
         try:
             message_type = getattr(importlib.import_module(f'{package}.msg'), name)
-        except (ImportError, AttributeError):
+            message_definition(type_name)  # a bag cannot hold messages without it
+        except (ImportError, AttributeError, BagError):
             self.get_logger().error(f'{topic}: message type {type_name!r} is not installed here: '
                                     f'the topic is not recorded')
             return
         self.received[topic] = self.lost[topic] = 0
+        self._hear(topic, type_name, message_type)
 
+    def _hear(self, topic: str, type_name: str, message_type: type) -> None:
+        """Subscribe with what every publisher that is known now can give."""
         def record(data: bytes, info: dict[str, int]) -> None:
             self._record(topic, type_name, data, info)
 
-        self.data_subscription(message_type, topic, record, depth=DEPTH,
-                               reliable=not self._offered_best_effort(topic))
+        reliable, latched = self._offered(topic)
+        self._heard[topic] = _Heard(
+            type_name, message_type, reliable, latched, self.data_subscription(
+                message_type, topic, record, depth=DEPTH, reliable=reliable, latched=latched))
 
-    def _offered_best_effort(self, topic: str) -> bool:
-        return any(info.qos_profile.reliability == QoSReliabilityPolicy.BEST_EFFORT
-                   for info in self.get_publishers_info_by_topic(topic))
+    def _offered(self, topic: str) -> tuple[bool, bool]:
+        """Return whether all publishers are reliable, and whether all are transient local."""
+        profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+        return (all(p.reliability != QoSReliabilityPolicy.BEST_EFFORT for p in profiles),
+                bool(profiles) and all(p.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL
+                                       for p in profiles))
+
+    def _adapt(self) -> None:
+        """Subscribe anew where a publisher that came later cannot be heard as asked."""
+        for topic, heard in list(self._heard.items()):
+            reliable, latched = self._offered(topic)
+            missed = latched and not heard.latched and not self.received[topic]
+            if missed or (heard.reliable and not reliable):
+                self.end_data_subscription(heard.subscription)
+                self._hear(topic, heard.type_name, heard.message_type)
 
     def _record(self, topic: str, type_name: str, data: bytes, info: dict[str, int]) -> None:
         self.received[topic] += 1
@@ -125,14 +157,15 @@ class Recorder(DataNode):
             self.get_logger().error(f'recording stopped, what was written is kept: {reason}')
 
     def idle(self) -> None:
-        """Flush and look for topics whose type was not known yet."""
+        """Flush and look for topics and publishers that were not known yet."""
         now = time.monotonic()
         if now - self._flushed_at >= self.values['flush_period']:
             self._flushed_at = now
             self._flush()
-        if self._pending and now - self._looked_at >= LOOK_AROUND:
+        if now - self._looked_at >= LOOK_AROUND:
             self._looked_at = now
             self._subscribe_known()
+            self._adapt()
 
     def _flush(self) -> None:
         if self._failure is None:
@@ -149,7 +182,8 @@ class Recorder(DataNode):
                 if info.node_name.startswith('_') or node in self._asked | {
                         self.get_fully_qualified_name()}:
                     continue
-                client = AsyncParameterClient(self, node)
+                client = self._askers.get(node) or AsyncParameterClient(self, node)
+                self._askers[node] = client
                 if client.services_are_ready():
                     self._asked.add(node)
                     client.list_parameters([], 0).add_done_callback(
@@ -170,14 +204,14 @@ class Recorder(DataNode):
     def _remember(self, node: str, values: dict[str, Any]) -> None:
         plain = {name: list(value) if hasattr(value, '__len__') and not isinstance(value, str)
                  else value for name, value in values.items()}
-        self._parameters[node] = {'ros__parameters': plain}
+        self._settings[node] = {'ros__parameters': plain}
 
     def finish(self) -> None:
         """Drain what has arrived, then close file, index and metadata."""
         if self.context.ok():
             self.spin_data(0.0)
         self.bag.set_custom_data(
-            {PARAMETERS_KEY: yaml.safe_dump(dict(self._parameters), sort_keys=False)})
+            {PARAMETERS_KEY: yaml.safe_dump(dict(self._settings), sort_keys=False)})
         try:
             self.bag.close()
         except BagError as error:
@@ -202,7 +236,7 @@ class Recorder(DataNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(Recorder, args)
+    return run_node('recorder', Recorder, args)
 
 
 if __name__ == '__main__':

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.three_link import ThreeLinkArm
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.control.controller import Controller, ControllerSettings
 from adaptive_blf_control.control.reference import Reference, SmoothStart, SumOfSinusoids
@@ -18,10 +19,13 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.identification.identifier import Identifier, IdentifierSettings
 from adaptive_blf_control.parameters.table import broadcast
-from adaptive_blf_control.simulation.plant import Plant
+from adaptive_blf_control.simulation.plant import Epoch, Plant
+from adaptive_blf_control.simulation.schedule import Change, Schedule
+from adaptive_blf_control.simulation.sensors import Sensors, SensorSettings
 
 __all__ = ['build_arm', 'build_controller', 'build_identifier', 'build_plant',
-           'controller_settings', 'identifier_settings']
+           'controller_settings', 'identifier_settings', 'initial_theta',
+           'true_theta']
 
 Values = Mapping[str, Any]
 FRICTION = ('viscous', 'coulomb', 'offset')
@@ -39,6 +43,8 @@ def build_arm(values: Values, robot_description: str | None = None) -> Arm:
         raise ParameterError('joints', list(joints), 'distinct joint names, at least one')
     if values['arm'] == 'two_link':
         return TwoLinkArm(joints)
+    if values['arm'] == 'three_link':
+        return ThreeLinkArm(joints)
     from adaptive_blf_control.arms.urdf import UrdfArm  # Pinocchio only where it is needed
     source = robot_description or values['urdf']
     if not source:
@@ -53,13 +59,56 @@ def build_arm(values: Values, robot_description: str | None = None) -> Arm:
                    gravity=tuple(values['gravity']), **true)
 
 
+def true_theta(values: Values, arm: Arm) -> np.ndarray:
+    """Return θ* of the driver's arm, payload included, shape (m,).
+
+    Raises:
+        ParameterError: ``true_parameters`` do not fit the arm or ``true_model``, or a payload is
+            asked of an arm that cannot say where its tip is.
+    """
+    given, payload = list(values['true_parameters']), values['payload']
+    if values['true_model'] == 'given':
+        if len(given) != arm.m:
+            raise ParameterError('arm_driver.true_parameters', given,
+                                 f'{arm.m} values: {" ".join(arm.parameters)}')
+        theta = np.array(given)
+    elif any(given):
+        raise ParameterError('arm_driver.true_parameters', given,
+                             'no values, or true_model: given')
+    else:
+        theta = arm.nominal
+    if not np.isfinite(theta).all():
+        raise ParameterError('arm_driver.true_parameters', given, 'finite values')
+    if payload == 0.0:
+        return theta
+    if arm.payload_direction is None:
+        raise ParameterError('arm_driver.payload', payload,
+                             f'0.0: the arm {values["arm"]} has no tip to put it on')
+    return theta + payload * arm.payload_direction
+
+
 def build_plant(values: Values, arm: Arm) -> Plant:
     """Build the simulated arm of the driver."""
-    theta = np.array(values['true_parameters']) if values['arm'] == 'two_link' else arm.nominal
-    return Plant(arm.dynamics(theta), broadcast(values['initial_position'], arm.n),
+    lists = [values[f'schedule.{field}'] for field in ('time', 'parameter', 'value')]
+    if len({len(column) for column in lists}) != 1:
+        raise ParameterError('arm_driver.schedule', [len(column) for column in lists],
+                             'time, parameter and value of the same length')
+    changes = [Change(*row) for row in zip(*lists) if row[1]]
+    schedule = Schedule(true_theta(values, arm), arm.parameters, changes, arm.payload_direction,
+                        values['payload'])
+    epochs = [Epoch(t, arm.dynamics(theta), dict(zip(arm.parameters, theta.tolist())))
+              for t, theta in schedule.epochs]
+    return Plant(epochs, broadcast(values['initial_position'], arm.n),
                  broadcast(values['initial_velocity'], arm.n),
                  broadcast(values['torque_limit'], arm.n), values['substeps'],
-                 dict(zip(arm.parameters, theta.tolist())))
+                 Sensors(_sensor_settings(values)), values['dead_time'])
+
+
+def _sensor_settings(values: Values) -> SensorSettings:
+    encoder = values['sensors.model'] == 'encoder'
+    return SensorSettings(values['sensors.encoder_counts'] if encoder else None,
+                          values['sensors.gear_ratio'], values['sensors.velocity_time_constant'],
+                          values['sensors.torque_noise'], values['sensors.seed'])
 
 
 def _reference(values: Values, joints: tuple[str, ...]) -> Reference:
@@ -106,6 +155,16 @@ def build_controller(values: Values, arm: Arm, start: np.ndarray | None) -> Cont
     return controller
 
 
+def initial_theta(values: Values, arm: Arm) -> np.ndarray:
+    """Return what the controller uses before the first θ̂, or for good (``model: known``), (m,)."""
+    name = 'known_parameters' if values['model'] == 'known' else 'initial_estimate'
+    theta = broadcast(values[name], arm.m)
+    if theta.size != arm.m or not np.isfinite(theta).all():
+        raise ParameterError(f'controller.{name}', theta.tolist(),
+                             f'finite, length 1 or {arm.m} (one for each of the parameters)')
+    return theta
+
+
 def identifier_settings(values: Values, arm: Arm) -> IdentifierSettings:
     """Build the gains of the identifier, with θ̂(0) from a file where one is named."""
     estimate = broadcast(values['initial_estimate'], arm.m)
@@ -119,7 +178,12 @@ def identifier_settings(values: Values, arm: Arm) -> IdentifierSettings:
         initial_estimate=estimate, gamma=broadcast(values['gamma'], arm.m), kt=values['kt'],
         kh=values['kh'], time_constant=values['filter.time_constant'], gap=values['filter.gap'],
         settle=values['filter.settle'], size=values['history.size'],
-        epsilon=values['history.epsilon'])
+        epsilon=values['history.epsilon'], state_order=values['filter.state_order'],
+        state_time_constant=values['filter.state_time_constant'],
+        change_window=values['change.window'], change_threshold=values['change.threshold'],
+        change_resolution=values['change.resolution'], update_law=values['update_law'],
+        excitation_window=values['excitation.window'], noise=values['history.noise'],
+        noise_seed=values['history.noise_seed'])
 
 
 def build_identifier(values: Values, arm: Arm) -> Identifier:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from adaptive_blf_control.control.controller import COUPLINGS
+from adaptive_blf_control.identification.update_law import UPDATE_LAWS
 from adaptive_blf_control.parameters.table import Parameter, Table
 from adaptive_blf_control.topics import TOPICS
 
@@ -11,7 +12,7 @@ __all__ = ['ARM', 'TABLES']
 
 ARM: Table = (
     Parameter('arm', 'string', 'two_link', 'Which arm the regressors describe.',
-              choices=('two_link', 'urdf')),
+              choices=('two_link', 'three_link', 'urdf')),
     Parameter('joints', 'string_array', ['joint1', 'joint2'],
               'Joint names in the order of every array; for a URDF a sub-chain may be named.'),
     Parameter('urdf', 'string', '',
@@ -32,14 +33,39 @@ ARM_DRIVER: Table = ARM + (
               length='joints'),
     Parameter('initial_velocity', 'double_array', [0.0], 'Joint velocities at the start.',
               'rad/s', length='joints'),
-    Parameter('true_parameters', 'double_array', [3.473, 0.196, 0.242, 5.3, 1.1],
-              'True parameters theta* of a two_link arm: p1 p2 p3 f1 f2.', length=5),
+    Parameter('true_model', 'string', 'nominal',
+              'Where theta* of the simulated arm comes from: the nominal values of the arm, or '
+              'given as true_parameters.', choices=('nominal', 'given')),
+    Parameter('true_parameters', 'double_array', [0.0],
+              'theta* for true_model: given, e.g. p1 p2 p3 f1 f2 of two_link.',
+              length='parameters'),
+    Parameter('payload', 'double', 0.0,
+              'Point mass at the tip of the true arm, on top of true_model (three_link, urdf).',
+              'kg', 0.0),
     Parameter('true_friction.viscous', 'double_array', [0.0],
               'True viscous coefficients of a URDF arm.', 'N*m*s/rad', 0.0, length='joints'),
     Parameter('true_friction.coulomb', 'double_array', [0.0],
               'True Coulomb torques of a URDF arm.', 'N*m', 0.0, length='joints'),
     Parameter('true_friction.offset', 'double_array', [0.0],
               'True constant torques of a URDF arm.', 'N*m', length='joints'),
+    Parameter('schedule.time', 'double_array', [0.0],
+              'Times, ascending, at which the true arm changes.', 's', 0.0),
+    Parameter('schedule.parameter', 'string_array', [''],
+              'What changes then: a parameter of the true arm, or payload; an empty name does '
+              'nothing.'),
+    Parameter('schedule.value', 'double_array', [0.0], 'Its new value; the payload in kg.'),
+    Parameter('sensors.model', 'string', 'perfect',
+              'perfect: the true state; encoder: counts, and velocities from their differences.',
+              choices=('perfect', 'encoder')),
+    Parameter('sensors.encoder_counts', 'int', 2000, 'Encoder counts per motor turn.', '', 1),
+    Parameter('sensors.gear_ratio', 'double', 100.0, 'Motor turns per joint turn.', '', 0.0,
+              exclusive=True),
+    Parameter('sensors.velocity_time_constant', 'double', 0.005,
+              'First-order filter behind the position difference; 0 leaves it bare.', 's', 0.0),
+    Parameter('sensors.torque_noise', 'double', 0.0,
+              'Standard deviation of the measured torque.', 'N*m', 0.0),
+    Parameter('sensors.seed', 'int', 0, 'Seed of the noise.', '', 0),
+    Parameter('dead_time', 'int', 0, 'Whole samples after which a command acts.', '', 0, 1000),
     Parameter('substeps', 'int', 1, 'Runge-Kutta steps per sample.', '', 1, 1000),
     Parameter('torque_limit', 'double_array', [200.0],
               'Torque at which the simulated drives saturate.', 'N*m', 0.0, exclusive=True,
@@ -70,14 +96,36 @@ IDENTIFIER: Table = ARM + (
     Parameter('filter.gap', 'double', 0.05,
               'After a longer interval between samples the filter restarts.', 's', 0.0,
               exclusive=True),
-    Parameter('filter.settle', 'double', 0.0,
+    Parameter('filter.settle', 'double', 5.0,
               'Filter time constants after a (re)start during which nothing is recorded.', '',
               0.0),
+    Parameter('filter.state_order', 'int', 0,
+              'Order N of the low-pass on position and torque that also gives the velocity, for '
+              'coarse encoders; 0 uses the measured velocity.', '', 0, 8),
+    Parameter('filter.state_time_constant', 'double', 0.03,
+              'Time constant T of each of its N stages.', 's', 0.0, exclusive=True),
+    Parameter('change.window', 'double', 0.1,
+              'Window of the monitor that empties the history when the arm has changed; 0 is off.',
+              's', 0.0),
+    Parameter('change.threshold', 'double', 25.0,
+              'Mean square residual, in units of the recorded one, that counts as a change.', '',
+              1.0, exclusive=True),
+    Parameter('change.resolution', 'double', 0.01,
+              'Part of the torque below which a change does not matter.', '', 0.0),
     Parameter('history.size', 'int', 20, 'Number of recorded pairs, P.', '', 1, 100000),
     Parameter('history.epsilon', 'double', 0.1,
               'Relative difference of a new pair to the last one taken, epsilon.', '', 0.0),
-    Parameter('use_adaptation_term', 'bool', True,
-              'Add the stabilising term X^T e2 of (37); false gives pure identification (22).',
+    Parameter('history.noise', 'double', 0.0,
+              'Remark 3: standard deviation of the noise put on recorded regressors, relative to '
+              'them, while the measured pairs lack rank. It fabricates data: theta_hat is biased '
+              'until those pairs are gone. 0 is off.', '', 0.0),
+    Parameter('history.noise_seed', 'int', 0, 'Seed of that noise.', '', 0),
+    Parameter('excitation.window', 'double', 10.0,
+              'Window T of the persistence-of-excitation index (21); 0 switches it off.', 's',
+              0.0),
+    Parameter('update_law', 'string', 'ablf_concurrent',
+              'gradient (20): present data only; concurrent (22): recorded data as well; '
+              'ablf_concurrent (37): the stabilising term X^T e2 as well.', choices=UPDATE_LAWS,
               read_only=False),
     Parameter('adaptation_term_timeout', 'double', 0.1,
               'An adaptation term older than this (by stamp) counts as zero.', 's', 0.0,
@@ -106,7 +154,8 @@ CONTROLLER: Table = ARM + (
     Parameter('safety.upper', 'double_array', [3.14], 'Upper end of the safety set, k_d (7).',
               'rad', length='joints'),
     Parameter('performance.lower', 'double_array', [-0.15],
-              'Lower end of the performance set, -k_a (8).', 'rad', length='joints'),
+              'Lower end of the performance set, -k_a (8). Equal and opposite to the upper end it '
+              'gives the symmetric barrier (SBLF) for that joint.', 'rad', length='joints'),
     Parameter('performance.upper', 'double_array', [0.15],
               'Upper end of the performance set, k_b (8).', 'rad', length='joints'),
     Parameter('reference.<joint>.offset', 'double', 0.0, 'Centre of the sinusoids.', 'rad'),

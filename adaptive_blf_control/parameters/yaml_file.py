@@ -16,7 +16,13 @@ import yaml
 
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.nodes import TABLES
-from adaptive_blf_control.parameters.table import JOINT, Parameter, per_joint, validated
+from adaptive_blf_control.parameters.table import (
+    JOINT,
+    Parameter,
+    per_joint,
+    validated,
+    value_problem,
+)
 
 __all__ = ['PARAMETERS_KEY', 'ROS_OWN', 'apply_settings', 'given_values', 'known_elsewhere',
            'load_yaml', 'node_values']
@@ -41,6 +47,8 @@ def load_yaml(path: str | Path) -> dict[str, Any]:
         raise ParameterError('params-file', str(path),
                              'a mapping of node names to ros__parameters')
     for key, section in data.items():
+        if not isinstance(key, str):
+            raise ParameterError('params-file', str(path), f'a name of a node, not {key!r}')
         if not isinstance(section, dict) or set(section) != {'ros__parameters'} or \
                 not isinstance(section['ros__parameters'], dict):
             raise ParameterError('params-file', str(path),
@@ -108,8 +116,10 @@ def node_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
     table = per_joint(TABLES[node], _joints(data, node))
     joints = given.get('joints', next((p.default for p in table.values() if p.name == 'joints'),
                                       []))
-    sizes = {'joints': len(joints)} if isinstance(joints, list) else {}
-    return validated(table.values(), given, node, sizes)
+    problem = value_problem(table['joints'], joints, {}) if 'joints' in table else None
+    if problem:  # said first: most other names and lengths hang on it
+        raise ParameterError(f'{node}.joints', joints, problem)
+    return validated(table.values(), given, node, {'joints': len(joints)})
 
 
 def apply_settings(data: dict[str, Any], settings: list[str]) -> dict[str, Any]:
@@ -122,18 +132,25 @@ def apply_settings(data: dict[str, Any], settings: list[str]) -> dict[str, Any]:
         if not equals or not name:
             raise ParameterError('--set', setting, 'NODE.NAME=VALUE')
         head, _, tail = name.partition('.')
-        node, key = (f'/**/{head}', tail) if head in TABLES and tail else ('/**', name)
-        section: dict[str, Any] = {}
-        leaf = section
-        *groups, last = key.split('.')
-        for group in groups:
-            leaf = leaf.setdefault(group, {})
+        node, key = (head, tail) if head in TABLES and tail else ('**', name)
         try:
-            leaf[last] = yaml.safe_load(text)
+            value = yaml.safe_load(text)
         except yaml.YAMLError:
             raise ParameterError('--set', setting, 'a YAML value after =') from None
-        _merge(data.setdefault(node, {'ros__parameters': {}})['ros__parameters'], section)
+        home = data.setdefault('/**' if node == '**' else f'/**/{node}', {'ros__parameters': {}})
+        # Other sections that apply to the node may come later in the file, and later ones win.
+        others = [section for name, section in data.items()
+                  if (node == '**' or name == node or name.endswith(f'/{node}'))
+                  and key in dict(_flat(section['ros__parameters']))]
+        for section in (home, *others):
+            _merge(section['ros__parameters'], _nested(key, value))
     return data
+
+
+def _nested(name: str, value: Any) -> dict[str, Any]:
+    for part in reversed(name.split('.')):
+        value = {part: value}
+    return dict(value)
 
 
 def _merge(into: dict[str, Any], other: Mapping[str, Any]) -> None:

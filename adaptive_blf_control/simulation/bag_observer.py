@@ -72,13 +72,13 @@ class BagObserver:
         """Write one sample in the order the nodes would have sent it."""
         stamp = self._epoch_ns + int(round(sample.t * 1e9))
         controller, output = self._loop.controller, sample.output
-        margins = np.concatenate([controller.safety.margin(sample.q),
+        margins = np.concatenate([controller.safety.margin(sample.measured.q),
                                   controller.performance.margin(output.e1)])
         messages = {
-            JOINT_STATES: self._state.encode(stamp, sample.q, sample.qd, sample.effort),
+            JOINT_STATES: self._state.encode(stamp, *sample.measured),
             COMMANDS: self._torque.encode(output.torque),
             **self._controller.encode(stamp, output, margins, controller.lyapunov(
-                sample.q, output, sample.theta_hat)),
+                sample.measured.q, output, sample.theta_hat)),
             THETA_HAT: self._theta.encode(stamp, sample.theta_hat),
         }
         insertions = self._loop.identifier.stack.insertions

@@ -23,10 +23,11 @@ from adaptive_blf_control.parameters.build import (
     build_controller,
     build_identifier,
     build_plant,
+    initial_theta,
 )
-from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.parameters.yaml_file import node_values
 from adaptive_blf_control.simulation.plant import Plant
+from adaptive_blf_control.simulation.sensors import Measurement
 
 __all__ = ['ClosedLoop', 'Sample', 'Trace', 'build_closed_loop']
 
@@ -36,9 +37,7 @@ class Sample:
     """One sample of the loop: the measured state and what the nodes answer to it."""
 
     t: float
-    q: np.ndarray
-    qd: np.ndarray
-    effort: np.ndarray
+    measured: Measurement
     output: ControlOutput
     theta_hat: np.ndarray
     rank: int
@@ -49,11 +48,13 @@ class Sample:
 class Trace:
     """A run as arrays over N samples.
 
-    t (N,) [s]; q, e1 (N, n) [rad]; torque (N, n) [N·m]; theta_hat (N, m); rank and σ_min (N,).
+    t (N,) [s]; q, e1 (N, n) [rad] and qd (N, n) [rad/s], the true ones; torque (N, n) [N·m];
+    theta_hat (N, m); rank and σ_min (N,).
     """
 
     t: np.ndarray
     q: np.ndarray
+    qd: np.ndarray
     e1: np.ndarray
     torque: np.ndarray
     theta_hat: np.ndarray
@@ -66,13 +67,28 @@ class ClosedLoop:
     """The whole path on one thread: the same objects that run in the nodes."""
 
     def __init__(self, plant: Plant, controller: Controller, identifier: Identifier,
-                 period: float, initial_estimate: np.ndarray) -> None:
-        """Join the parts; ``period`` [s] is the sample interval."""
+                 period: float, initial_estimate: np.ndarray, known: bool = False) -> None:
+        """Join the parts.
+
+        Args:
+            plant: The arm that is driven.
+            controller: The law.
+            identifier: Learns along.
+            period: Sample interval [s].
+            initial_estimate: θ the controller starts with, shape (m,).
+            known: The controller keeps that θ and never hears the identifier (34).
+        """
         self.plant = plant
         self.controller = controller
         self.identifier = identifier
         self.period = period
         self._initial_estimate = initial_estimate
+        self._known = known
+
+    @property
+    def known(self) -> np.ndarray | None:
+        """θ that the controller keeps (34), shape (m,); None where it hears the identifier."""
+        return self._initial_estimate if self._known else None
 
     @property
     def arm(self) -> Arm:
@@ -81,13 +97,9 @@ class ClosedLoop:
 
     def warm_up(self) -> None:
         """Compile everything on throw-away objects, so that a run starts at full speed."""
-        q, qd, arm = self.plant.q, self.plant.qd, self.arm
-        spare = Identifier(arm, self.identifier.settings)
-        for k in range(spare.stack.size + 3):
-            output = self.controller.update(0.0, q + 0.1 * np.sin(k + np.arange(arm.n)), qd,
-                                            self._initial_estimate)
-            spare.update(k * self.period, output.reference.position + 0.1 * np.sin(k * output.e1),
-                         output.e2 + k, output.torque, output.adaptation_term)
+        q, qd = self.plant.q, self.plant.qd
+        output = self.controller.update(0.0, q, qd, self._initial_estimate)
+        self.identifier.warm_up()
         self.plant.trial(output.torque, self.period)
 
     def run(self, duration: float, observer: Callable[[Sample], None] | None = None) -> Trace:
@@ -99,7 +111,7 @@ class ClosedLoop:
         """
         steps = int(round(duration / self.period)) + 1
         n, m = self.arm.n, self.arm.m
-        q, e1, torque = (np.empty((steps, n)) for _ in range(3))
+        q, qd, e1, torque = (np.empty((steps, n)) for _ in range(4))
         theta_hat = np.empty((steps, m))
         rank, sigma_min = np.empty(steps, dtype=int), np.empty(steps)
         plant, controller, identifier = self.plant, self.controller, self.identifier
@@ -107,20 +119,21 @@ class ClosedLoop:
         begin = time.perf_counter()  # duration of the computation, not a time of the logic
         for k in range(steps):
             t = k * self.period
-            effort = plant.torque
-            output = controller.update(t, plant.q, plant.qd, theta)
-            theta = identifier.update(t, plant.q, plant.qd, effort, term)
+            measured = plant.measure(plant.torque, self.period if k else 0.0)
+            output = controller.update(t, measured.q, measured.qd, theta)
+            estimate = identifier.update(t, *measured, term)
             term = output.adaptation_term
+            theta = theta if self._known else estimate
             stack = identifier.stack
-            q[k], e1[k], torque[k], theta_hat[k] = plant.q, output.e1, output.torque, theta
+            q[k], torque[k], theta_hat[k] = plant.q, output.torque, estimate
+            qd[k], e1[k] = plant.qd, plant.q - output.reference.position
             rank[k], sigma_min[k] = stack.rank, stack.sigma_min
             if observer is not None:
-                observer(Sample(t, plant.q, plant.qd, effort, output, theta, stack.rank,
-                                stack.sigma_min))
+                observer(Sample(t, measured, output, estimate, stack.rank, stack.sigma_min))
             plant.apply(output.torque)
             plant.advance(self.period)
         wall = time.perf_counter() - begin
-        return Trace(np.arange(steps) * self.period, q, e1, torque, theta_hat, rank, sigma_min,
+        return Trace(np.arange(steps) * self.period, q, qd, e1, torque, theta_hat, rank, sigma_min,
                      wall)
 
 
@@ -132,4 +145,4 @@ def build_closed_loop(data: Mapping[str, Any]) -> ClosedLoop:
     arm = build_arm(controller)
     return ClosedLoop(plant, build_controller(controller, arm, plant.q),
                       build_identifier(identifier, build_arm(identifier)), 1.0 / driver['rate'],
-                      broadcast(controller['initial_estimate'], arm.m))
+                      initial_theta(controller, arm), controller['model'] == 'known')

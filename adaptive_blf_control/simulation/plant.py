@@ -3,54 +3,103 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.control.law import limited
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.simulation.sensors import Measurement, Sensors, SensorSettings
 
-__all__ = ['Plant']
+__all__ = ['Epoch', 'Plant']
+
+
+class Epoch(NamedTuple):
+    """The true arm from ``t`` [s] on: its dynamics, and θ* by parameter name."""
+
+    t: float
+    dynamics: ForwardDynamics
+    parameters: Mapping[str, float]
 
 
 class Plant:
     """State (3) of the true arm, advanced with RK4 under the torque last applied.
 
     Attributes:
-        q: Positions, shape (n,) [rad].
-        qd: Velocities, shape (n,) [rad/s].
-        torque: Torque that acts now, after saturation, shape (n,) [N·m].
-        true_parameters: θ* by parameter name, for monitors only.
+        q: True positions, shape (n,) [rad].
+        qd: True velocities, shape (n,) [rad/s].
+        t: Time since the start [s].
+        torque: Torque that acts now, after saturation and dead time, shape (n,) [N·m].
     """
 
-    def __init__(self, dynamics: ForwardDynamics, q: np.ndarray, qd: np.ndarray,
-                 torque_limit: np.ndarray, substeps: int,
-                 true_parameters: Mapping[str, float]) -> None:
-        """Start at rest or in motion with zero torque; ``substeps`` RK4 steps per advance."""
+    def __init__(self, epochs: Sequence[Epoch], q: np.ndarray, qd: np.ndarray,
+                 torque_limit: np.ndarray, substeps: int = 1, sensors: Sensors | None = None,
+                 dead_time: int = 0) -> None:
+        """Start at rest or in motion with zero torque.
+
+        Args:
+            epochs: The true arm over time, the first from t = 0 on.
+            q: Positions, shape (n,) [rad].
+            qd: Velocities, shape (n,) [rad/s].
+            torque_limit: Where the drives saturate, shape (n,) [N·m].
+            substeps: RK4 steps per advance.
+            sensors: How the state is measured; None measures perfectly.
+            dead_time: Whole samples after which a command acts.
+        """
         for name, value in (('initial_position', q), ('initial_velocity', qd)):
             if not np.all(np.isfinite(value)):
                 raise ParameterError(f'arm_driver.{name}', value.tolist(), 'finite values')
-        self._dynamics = dynamics
+        self.epochs = tuple(epochs)
+        self._ahead = deque(self.epochs[1:])
+        self._dynamics = self.epochs[0].dynamics
         self.q = np.array(q, dtype=float)
         self.qd = np.array(qd, dtype=float)
+        self.t = 0.0
         self.torque_limit = np.array(torque_limit, dtype=float)
         self.torque = np.zeros_like(self.q)
-        self.true_parameters = dict(true_parameters)
         self._substeps = substeps
+        self._sensors = sensors or Sensors(SensorSettings())
+        self._dead_time = dead_time
+        self._commanded = self.torque
+        self._underway: deque[np.ndarray] = deque(
+            [self.torque] * max(dead_time - 1, 0))
 
-    def theta(self, parameters: Sequence[str]) -> np.ndarray:
-        """Return θ* in the order of ``parameters``; 0 for an effect the true arm does not have."""
-        return np.array([self.true_parameters.get(name, 0.0) for name in parameters])
+    def truth(self, parameters: Sequence[str]) -> tuple[tuple[float, np.ndarray], ...]:
+        """Return (t, θ*) of each epoch in the order of ``parameters``, for monitors only.
+
+        An effect the true arm does not have counts as 0.
+        """
+        return tuple((epoch.t, np.array([epoch.parameters.get(name, 0.0) for name in parameters]))
+                     for epoch in self.epochs)
+
+    def measure(self, torque: np.ndarray, dt: float) -> Measurement:
+        """Take a sample ``dt`` [s] after the last one; call it once a sample.
+
+        Args:
+            torque: Mean torque over the interval that ends now, shape (n,) [N·m].
+            dt: Length of that interval [s].
+        """
+        if self._dead_time:
+            self._underway.append(self._commanded)
+            self.torque = self._underway.popleft()
+        return self._sensors.measure(self.q, self.qd, torque, dt)
 
     def apply(self, torque: np.ndarray) -> None:
-        """Hold ``torque``, shape (n,) [N·m], clipped to the drives' limit, from now on."""
-        self.torque = limited(torque, self.torque_limit)
+        """Command ``torque``, shape (n,) [N·m], clipped to the drives' limit, and hold it."""
+        self._commanded = limited(torque, self.torque_limit)
+        if not self._dead_time:
+            self.torque = self._commanded
 
     def advance(self, dt: float) -> None:
-        """Move on by ``dt`` [s] under the held torque."""
+        """Move on by ``dt`` [s] under the held torque; changes act from the next advance on."""
+        while self._ahead and self.t >= self._ahead[0].t - 1e-9:
+            self._dynamics = self._ahead.popleft().dynamics
         self.q, self.qd = self._dynamics.advance(self.q, self.qd, self.torque, dt,
                                                  self._substeps)
+        self.t += dt
 
     def trial(self, torque: np.ndarray, dt: float) -> None:
         """Compute a step without taking it, e.g. to compile it before the clock runs."""

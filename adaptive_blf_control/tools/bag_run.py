@@ -15,7 +15,7 @@ from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.parameters.build import build_arm, build_plant
 from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.parameters.yaml_file import node_values, PARAMETERS_KEY
-from adaptive_blf_control.tools.summary import Run
+from adaptive_blf_control.tools.summary import Run, Truth
 from adaptive_blf_control.topics import (
     COMMANDS,
     HISTORY_RANK,
@@ -72,19 +72,19 @@ def run_of_bag(bag: Bag) -> Run:
         t_theta=(estimates.stamp_ns[learning] - stamps[0]) * 1e-9,
         theta_hat=estimates.position[learning], rank=int(_last(bag, HISTORY_RANK)),
         sigma_min=float(_last(bag, HISTORY_SIGMA_MIN)), safety=sets[0], performance=sets[1],
-        theta_true=_true_parameters(data, estimates.names))
+        truth=_true_parameters(data, estimates.names))
 
 
 def _last(bag: Bag, name: str) -> float:
     return float(bag.doubles(topic_named(bag, name))[1][-1])
 
 
-def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> np.ndarray | None:
-    """θ* of a simulated arm, matched by name; None for a real one."""
+def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> Truth | None:
+    """θ* of a simulated arm over time, matched by name; None for a real one."""
     if not any(key.endswith('/arm_driver') for key in data):
         return None
     driver = node_values(data, 'arm_driver')
-    return build_plant(driver, build_arm(driver)).theta(parameters)
+    return build_plant(driver, build_arm(driver)).truth(parameters)
 
 
 def rates(bag: Bag, run: Run) -> dict[str, float]:

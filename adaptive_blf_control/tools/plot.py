@@ -70,10 +70,11 @@ def plot_run(run: Run, path: Path, title: str) -> None:
     for j, name in enumerate(run.parameters):
         line, = estimates.plot(*_thin(run.t_theta, run.theta_hat[:, j]), lw=1.5 if few else 0.7,
                                label=name if few else None)
-        if run.theta_true is not None:
-            estimates.axhline(run.theta_true[j], color=line.get_color(), ls='--', lw=0.8)
+        if run.truth:
+            estimates.plot(run.t_theta, run.theta_true(run.t_theta)[:, j], color=line.get_color(),
+                           ls='--', lw=0.8)
     estimates.set_title('estimates (solid)' + (
-        ' and true parameters (dashed)' if run.theta_true is not None else ''), fontsize=10)
+        ' and true parameters (dashed)' if run.truth else ''), fontsize=10)
     if few:
         estimates.legend(fontsize=8, loc='center left', bbox_to_anchor=(1.0, 0.5))
     figure.savefig(path, dpi=110)

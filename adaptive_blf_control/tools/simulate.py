@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from pathlib import Path
 import sys
 
 from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.parameters.yaml_file import apply_settings, load_yaml, node_values
 from adaptive_blf_control.simulation.closed_loop import build_closed_loop, ClosedLoop, Trace
+from adaptive_blf_control.simulation.promise import promise_of_trace
 from adaptive_blf_control.tools.summary import Run, summarise, table
 
 __all__ = ['main', 'run_of_trace']
@@ -21,13 +24,20 @@ def run_of_trace(loop: ClosedLoop, trace: Trace) -> Run:
     return Run(loop.arm.joints, loop.arm.parameters, trace.t, trace.q, trace.e1, trace.t,
                trace.theta_hat, int(trace.rank[-1]), float(trace.sigma_min[-1]),
                loop.controller.safety, loop.controller.performance,
-               loop.plant.theta(loop.arm.parameters))
+               loop.plant.truth(loop.arm.parameters))
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and value > 0.0):
+        raise argparse.ArgumentTypeError(f'{text}: expected a time > 0 s')
+    return value
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='simulate', description=__doc__)
     parser.add_argument('config', type=Path, help='parameter file, e.g. config/two_link.yaml')
-    parser.add_argument('--duration', type=float, metavar='S',
+    parser.add_argument('--duration', type=_seconds, metavar='S',
                         help="length of the run [s]; default: the driver's duration, else 20")
     parser.add_argument('--set', action='append', default=[], metavar='NODE.NAME=VALUE',
                         dest='settings', help='change a parameter, e.g. controller.k2=[30.0]')
@@ -42,6 +52,9 @@ def main(args: list[str] | None = None) -> int:
     try:
         data = apply_settings(load_yaml(options.config), options.settings)
         loop = build_closed_loop(data)
+        warning = rank_warning(loop.identifier.settings, loop.arm.n, loop.arm.m)
+        if warning:
+            print(f'simulate: warning: {warning}', file=sys.stderr)
         loop.warm_up()
         duration = options.duration or node_values(data, 'arm_driver')['duration'] or 20.0
         if options.bag is None:
@@ -55,12 +68,15 @@ def main(args: list[str] | None = None) -> int:
         return 2
     run = run_of_trace(loop, trace)
     figures = summarise(run)
+    promise = promise_of_trace(loop, trace)
+    figures['guarantee'] = promise.figures()
     figures['wall_s'] = trace.wall_s
     figures['real_time_factor'] = float(trace.t[-1] / trace.wall_s)
     if options.json:
         print(json.dumps(figures, indent=2))
     else:
         print(table(figures, run))
+        print(promise.line())
         print(f'speed                {figures["real_time_factor"]:.1f} x real time'
               + (f'\nbag                  {options.bag}' if options.bag else ''))
     return 0 if figures['set_violations'] == 0 else 1

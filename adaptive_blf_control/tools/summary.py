@@ -10,7 +10,9 @@ import numpy as np
 
 from adaptive_blf_control.control.sets import JointInterval
 
-__all__ = ['SETTLED', 'Run', 'settling_time', 'summarise', 'table']
+__all__ = ['SETTLED', 'Run', 'Truth', 'settling_time', 'summarise', 'table']
+
+Truth = tuple[tuple[float, np.ndarray], ...]
 
 SETTLED = 0.01  # part of ‖θ*‖ under which ‖θ̃‖ counts as settled
 
@@ -31,7 +33,7 @@ class Run:
         sigma_min: σ_min of the history stack at the end.
         safety: Safety set (7).
         performance: Performance set (8).
-        theta_true: θ*, shape (m,), where it is known.
+        truth: (t, θ*) from t [s] on, in ascending order from 0, where θ* is known.
     """
 
     joints: tuple[str, ...]
@@ -45,7 +47,14 @@ class Run:
     sigma_min: float
     safety: JointInterval
     performance: JointInterval
-    theta_true: np.ndarray | None = None
+    truth: Truth | None = None
+
+    def theta_true(self, t: np.ndarray) -> np.ndarray:
+        """Return θ* at the times ``t`` (K,) [s], shape (K, m); NaN where it is not known."""
+        if not self.truth:
+            return np.full((t.size, len(self.parameters)), np.nan)
+        epoch = np.searchsorted([start for start, _ in self.truth], t + 1e-9, side='right') - 1
+        return np.array([theta for _, theta in self.truth])[np.maximum(epoch, 0)]
 
 
 def settling_time(t: np.ndarray, error: np.ndarray, threshold: float) -> float | None:
@@ -54,6 +63,17 @@ def settling_time(t: np.ndarray, error: np.ndarray, threshold: float) -> float |
     if above.size == 0:
         return float(t[0])
     return float(t[above[-1] + 1]) if above[-1] + 1 < t.size else None
+
+
+def _settling_times(run: Run, truth: Truth, error: np.ndarray) -> list[float | None]:
+    """Settling time in each epoch of θ*, from its start [s]."""
+    times: list[float | None] = []
+    for (start, theta), end in zip(truth, [*(t for t, _ in truth[1:]), np.inf]):
+        inside = (run.t_theta >= start - 1e-9) & (run.t_theta < end - 1e-9)
+        if inside.any():
+            times.append(settling_time(run.t_theta[inside] - start, error[inside],
+                                       SETTLED * float(np.linalg.norm(theta))))
+    return times
 
 
 def summarise(run: Run) -> dict[str, Any]:
@@ -77,15 +97,17 @@ def summarise(run: Run) -> dict[str, Any]:
         'theta_error_norm': None,
         'theta_true_norm': None,
         'theta_settling_time_s': None,
+        'theta_settling_times_s': [],
         'history_rank': run.rank,
         'history_sigma_min': run.sigma_min,
     }
-    if run.theta_true is not None:
-        error = np.linalg.norm(run.theta_hat - run.theta_true, axis=1)
-        size = float(np.linalg.norm(run.theta_true))
+    if run.truth:
+        true = run.theta_true(run.t_theta)
+        error = np.linalg.norm(run.theta_hat - true, axis=1)
         figures['theta_error_norm'] = float(error[-1])
-        figures['theta_true_norm'] = size
-        figures['theta_settling_time_s'] = settling_time(run.t_theta, error, SETTLED * size)
+        figures['theta_true_norm'] = float(np.linalg.norm(true[-1]))
+        times = figures['theta_settling_times_s'] = _settling_times(run, run.truth, error)
+        figures['theta_settling_time_s'] = times[0]
     return figures
 
 
@@ -107,13 +129,14 @@ def table(figures: dict[str, Any], run: Run) -> str:
             f'{figures["rms_error_last_quarter"][i]:>14.2e}{bound:>20}'
             f'{figures["min_margin"][i]:>14.4f}')
     lines.append('')
-    if run.theta_true is not None:
-        settled = figures['theta_settling_time_s']
+    if run.truth:
+        settled = figures['theta_settling_times_s']
         lines.append(
             f'parameter error      {figures["theta_error_norm"]:.3g} of '
             f'{figures["theta_true_norm"]:.3g} in norm; '
-            + (f'within {SETTLED:.0%} after {settled:.2f} s' if settled is not None
-               else f'not yet within {SETTLED:.0%}'))
+            + f'within {SETTLED:.0%} ' + ', '.join(
+                ('after ' if not i else f'and {run.truth[i][0]:g} s: after ')
+                + ('not yet' if t is None else f'{t:.2f} s') for i, t in enumerate(settled)))
     lines.append(f'history stack        rank {figures["history_rank"]} of {len(run.parameters)}, '
                  f'σ_min {figures["history_sigma_min"]:.3g}')
     return '\n'.join(lines)

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Notices that the arm has changed: recorded pairs that contradict present data.
+
+With rank full the stack alone determines an estimate, θ_s = Q⁻¹ g, whatever θ̂ is doing. If the arm
+is still the one that was recorded, the present residual r = Y_f θ_s − τ_f is as small as the residuals
+of the recorded pairs. The monitor compares both joint by joint:
+
+    d_i² = r_i² / (s_i² + (ρ t_i)²),
+
+s_i² the mean square residual of joint i in the stack widened by the uncertainty of θ_s along Y_f, t_i
+the RMS of its recorded filtered torque, ρ the part of the torque below which a change does not
+matter. When the mean of d_i² over a window stays above a threshold for any joint, the arm has changed.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.errors import ParameterError
+
+__all__ = ['ChangeMonitor', 'normalised_residual', 'windowed_step']
+
+
+@jit
+def normalised_residual(regressor: np.ndarray, torque: np.ndarray, theta: np.ndarray,
+                        inverse: np.ndarray, variance: np.ndarray, floor: np.ndarray,
+                        ) -> np.ndarray:
+    """Return d² of the module's docstring per joint, shape (n,).
+
+    Args:
+        regressor: Present Y_f, shape (n, m).
+        torque: Present τ_f, shape (n,) [N·m].
+        theta: θ_s, shape (m,).
+        inverse: Q⁻¹, shape (m, m).
+        variance: Mean square residual of the stack per joint, shape (n,) [N²·m²].
+        floor: (ρ t_i)², shape (n,) [N²·m²].
+    """
+    residual = np.dot(regressor, theta) - torque
+    spread = np.sum(np.dot(regressor, inverse) * regressor, axis=1)
+    return residual * residual / (variance * (1.0 + spread) + floor)
+
+
+@jit
+def windowed_step(mean: np.ndarray, gain: float, cap: float, regressor: np.ndarray,
+                  torque: np.ndarray, theta: np.ndarray, inverse: np.ndarray,
+                  variance: np.ndarray, floor: np.ndarray) -> np.ndarray:
+    """Exponential mean of d² limited to ``cap``: one wild sample is not a change."""
+    square = normalised_residual(regressor, torque, theta, inverse, variance, floor)
+    return mean + gain * (np.minimum(square, cap) - mean)
+
+
+class ChangeMonitor:
+    """Sequential test on the normalised residual.
+
+    Attributes:
+        statistic: Windowed mean of d² per joint, shape (n,).
+        changes: How often a change was found.
+    """
+
+    def __init__(self, n: int, window: float, threshold: float, resolution: float) -> None:
+        """Set up the monitor.
+
+        Args:
+            n: Number of joints.
+            window: Time constant of the mean [s]; 0 switches the monitor off.
+            threshold: Mean of d² that counts as a change, > 1.
+            resolution: ρ, part of the torque that does not matter.
+        """
+        if not (math.isfinite(window) and window >= 0.0):
+            raise ParameterError('identifier.change.window', window, 'a time >= 0 s')
+        if not threshold > 1.0:
+            raise ParameterError('identifier.change.threshold', threshold, 'a value > 1')
+        if not resolution >= 0.0:
+            raise ParameterError('identifier.change.resolution', resolution, 'a value >= 0')
+        self.window = window
+        self.threshold = threshold
+        self.resolution = resolution
+        self.statistic = np.zeros(n)
+        self.changes = 0
+        self._insertions = -1
+        self._theta = self._variance = self._floor = np.zeros(0)
+        self._inverse = np.zeros((0, 0))
+
+    def reset(self) -> None:
+        """Begin anew, e.g. after the stack was emptied."""
+        self.statistic = np.zeros_like(self.statistic)
+        self._insertions = -1
+
+    def learn(self, regressors: np.ndarray, torques: np.ndarray, gram: np.ndarray,
+              moment: np.ndarray, insertions: int) -> None:
+        """Take over a stack of full rank: pairs (P, n, m) and (P, n), Q (m, m), g (m,)."""
+        if insertions == self._insertions:
+            return
+        self._insertions = insertions
+        self._inverse = np.linalg.inv(gram)
+        self._theta = self._inverse @ moment
+        residuals = np.einsum('pnm,m->pn', regressors, self._theta) - torques
+        # P n equations fix m unknowns: the fit absorbs that part of the noise.
+        freedom = max(1.0 - gram.shape[0] / torques.size, 0.1)
+        self._variance = np.mean(residuals ** 2, axis=0) / freedom
+        self._floor = self.resolution ** 2 * np.mean(torques ** 2, axis=0) + 1e-300
+
+    def update(self, dt: float, regressor: np.ndarray, torque: np.ndarray) -> bool:
+        """Look at the present pair; True where the arm has changed since the stack was filled."""
+        if self.window <= 0.0 or self._insertions < 0:
+            return False
+        self.statistic = windowed_step(
+            self.statistic, -math.expm1(-dt / self.window), 20.0 * self.threshold, regressor,
+            torque, self._theta, self._inverse, self._variance, self._floor)
+        if self.statistic.max() < self.threshold:
+            return False
+        self.changes += 1
+        self.reset()
+        return True

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts about reference trajectories: exact derivatives, their range, the smooth start."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from adaptive_blf_control.control.reference import Reference, SmoothStart, SumOfSinusoids
+from adaptive_blf_control.errors import ParameterError
+
+hypothesis = pytest.importorskip('hypothesis')
+st = hypothesis.strategies
+
+T = 2.0
+START = np.array([0.2, -1.0])
+
+
+def sinusoids() -> SumOfSinusoids:
+    return SumOfSinusoids(np.array([0.1, -0.5]), np.array([[0.5, 0.3], [0.4, -0.2]]),
+                          np.array([[0.9, 2.1], [1.3, 3.7]]), np.array([[0.0, 1.0], [0.5, 4.0]]))
+
+
+REFERENCES = {'sinusoids': sinusoids(), 'smooth start': SmoothStart(sinusoids(), T, START)}
+
+
+@pytest.mark.parametrize('reference', REFERENCES.values(), ids=REFERENCES)
+def test_derivatives_equal_finite_differences(reference: Reference):
+    step = 1e-6
+    for t in np.linspace(0.01, 6.0, 83):
+        point, before, after = (reference.at(t + s * step) for s in (0, -1, 1))
+        np.testing.assert_allclose(point.velocity, (after.position - before.position) / (2 * step),
+                                   atol=1e-7)
+        np.testing.assert_allclose(point.acceleration,
+                                   (after.velocity - before.velocity) / (2 * step), atol=1e-7)
+
+
+@pytest.mark.parametrize('reference', REFERENCES.values(), ids=REFERENCES)
+@hypothesis.given(t=st.floats(0.0, 1e4))
+def test_range_is_never_left(reference: Reference, t):
+    lower, upper = reference.range()
+    position = reference.at(t).position
+    assert np.all(position >= lower - 1e-12)
+    assert np.all(position <= upper + 1e-12)
+
+
+def test_range_is_reached_by_one_sinusoid():
+    reference = SumOfSinusoids(np.array([0.5]), np.array([[-2.0]]), np.array([[1.0]]),
+                               np.array([[0.0]]))
+    assert [end[0] for end in reference.range()] == [-1.5, 2.5]
+    assert reference.at(np.pi / 2).position[0] == pytest.approx(-1.5)
+    assert reference.at(-np.pi / 2).position[0] == pytest.approx(2.5)
+
+
+def test_the_papers_reference_is_a_sine_and_a_cosine():
+    reference = SumOfSinusoids(np.zeros(2), np.array([[1.0], [2.0]]), np.full((2, 1), 0.5),
+                               np.array([[0.0], [np.pi / 2]]))
+    for t in (0.0, 1.0, 17.3):
+        np.testing.assert_allclose(reference.at(t).position,
+                                   [np.sin(0.5 * t), 2 * np.cos(0.5 * t)], atol=1e-14)
+
+
+def test_smooth_start_begins_at_rest_in_the_start_posture():
+    point = SmoothStart(sinusoids(), T, START).at(0.0)
+    np.testing.assert_array_equal(point.position, START)
+    np.testing.assert_array_equal(point.velocity, np.zeros(2))
+    np.testing.assert_array_equal(point.acceleration, np.zeros(2))
+
+
+def test_smooth_start_joins_the_reference_with_two_derivatives():
+    smooth, reference = SmoothStart(sinusoids(), T, START), sinusoids()
+    np.testing.assert_allclose(smooth.at(T * (1 - 1e-9)), reference.at(T), atol=1e-7)
+    np.testing.assert_array_equal(smooth.at(T), reference.at(T))
+    np.testing.assert_array_equal(smooth.at(7.7), reference.at(7.7))
+
+
+def test_before_the_start_the_posture_is_held():
+    point = SmoothStart(sinusoids(), T, START).at(-1.0)
+    np.testing.assert_array_equal(point.position, START)
+    np.testing.assert_array_equal(point.velocity, np.zeros(2))
+
+
+def test_range_of_a_smooth_start_contains_the_start_posture_and_the_reference():
+    lower, upper = SmoothStart(sinusoids(), T, np.array([-5.0, 5.0])).range()
+    low, high = sinusoids().range()
+    np.testing.assert_array_equal(lower, [-5.0, low[1]])
+    np.testing.assert_array_equal(upper, [high[0], 5.0])
+
+
+def test_smooth_start_keeps_its_own_posture():
+    start = START.copy()
+    smooth = SmoothStart(sinusoids(), T, start)
+    start[:] = 9.0
+    np.testing.assert_array_equal(smooth.at(0.0).position, START)
+
+
+@pytest.mark.parametrize('duration', [0.0, -1.0, float('nan')])
+def test_a_blend_needs_time(duration):
+    with pytest.raises(ParameterError, match='smooth_start'):
+        SmoothStart(sinusoids(), duration, START)
+
+
+@pytest.mark.parametrize('wrong', ['frequency', 'phase'])
+def test_a_wrong_shape_is_named(wrong):
+    arrays = {name: np.ones((2, 3)) for name in ('amplitude', 'frequency', 'phase')}
+    arrays[wrong] = np.ones((2, 2))
+    with pytest.raises(ParameterError, match=rf'reference\.{wrong}.*\(2, 3\)'):
+        SumOfSinusoids(np.zeros(2), **arrays)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts about the safety set (7), the performance set (8) and the check of (9)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from adaptive_blf_control.control.sets import (
+    check_performance_inside_safety,
+    check_start,
+    JointInterval,
+)
+from adaptive_blf_control.errors import ParameterError, SetViolation
+
+JOINTS = ('joint1', 'joint2')
+PERFORMANCE = JointInterval(np.array([-0.17, -0.17]), np.array([0.2, 0.2]), 'performance')
+SAFETY = JointInterval(np.array([-1.17, -2.17]), np.array([1.2, 2.2]), 'safety')
+RANGE = np.array([-1.0, -2.0]), np.array([1.0, 2.0])
+
+
+def test_equality_of_the_papers_example_is_allowed():
+    check_performance_inside_safety(SAFETY, PERFORMANCE, RANGE, JOINTS)
+
+
+@pytest.mark.parametrize(('side', 'joint', 'moved', 'value', 'bound'), [
+    ('below', 1, -2.001, -2.171, -2.17),
+    ('above', 0, 1.001, 1.201, 1.2),
+])
+def test_a_reference_that_pokes_out_names_joint_and_numbers(side, joint, moved, value, bound):
+    lower, upper = RANGE[0].copy(), RANGE[1].copy()
+    (lower if side == 'below' else upper)[joint] = moved
+    with pytest.raises(SetViolation, match=f'pokes out of the safety set {side}') as caught:
+        check_performance_inside_safety(SAFETY, PERFORMANCE, (lower, upper), JOINTS)
+    assert caught.value.joint == JOINTS[joint]
+    assert caught.value.value == pytest.approx(value)
+    assert caught.value.bound == bound
+    for word in (JOINTS[joint], f'{value:.6g}', f'{bound:.6g}', 'rad'):
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(('lower', 'upper'), [(0.0, 0.2), (-0.1, 0.0), (0.1, 0.2), (-0.2, -0.1)])
+def test_performance_set_has_to_contain_zero_error(lower, upper):
+    performance = JointInterval(np.array([-0.1, lower]), np.array([0.1, upper]))
+    with pytest.raises(ParameterError, match='lower < 0 < upper'):
+        check_performance_inside_safety(SAFETY, performance, RANGE, JOINTS)
+
+
+def test_a_start_inside_both_sets_is_accepted():
+    check_start(SAFETY, PERFORMANCE, np.array([1.19, -2.16]), np.array([0.19, -0.16]), JOINTS)
+
+
+@pytest.mark.parametrize('q', [[0.0, 2.2], [0.0, 2.3], [0.0, -2.17], [0.0, float('nan')]])
+def test_a_start_position_on_or_beyond_the_safety_bound_is_refused(q):
+    with pytest.raises(SetViolation, match="'joint2': start position outside the safety set"):
+        check_start(SAFETY, PERFORMANCE, np.array(q), np.zeros(2), JOINTS)
+
+
+@pytest.mark.parametrize('error', [[0.2, 0.0], [-0.17, 0.0], [float('nan'), 0.0]])
+def test_a_start_error_on_or_beyond_the_performance_bound_is_refused(error):
+    with pytest.raises(SetViolation, match="'joint1': start error outside the performance set"):
+        check_start(SAFETY, PERFORMANCE, np.zeros(2), np.array(error), JOINTS)
+
+
+def test_margin_is_the_distance_to_the_nearer_bound():
+    np.testing.assert_allclose(SAFETY.margin(np.array([1.0, -2.0])), [0.2, 0.17])
+    np.testing.assert_allclose(SAFETY.margin(np.array([1.3, -2.27])), [-0.1, -0.1])
+
+
+@pytest.mark.parametrize(('lower', 'upper'), [(1.0, 1.0), (2.0, 1.0)])
+def test_an_empty_interval_is_refused(lower, upper):
+    with pytest.raises(ParameterError, match=r'controller\.safety\.lower'):
+        JointInterval(np.array([0.0, lower]), np.array([1.0, upper]), 'controller.safety')
+
+
+@pytest.mark.parametrize('value', [float('nan'), float('inf'), -float('inf')])
+def test_bounds_are_finite(value):
+    with pytest.raises(ParameterError, match=r'safety\.upper.*finite'):
+        JointInterval(np.array([0.0]), np.array([value]), 'safety')
+
+
+def test_bounds_cannot_be_changed():
+    with pytest.raises(ValueError, match='read-only'):
+        SAFETY.lower[0] = -9.0

@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts about Algorithm 1: the pruned search equals the brute-force one, rank and σ_min hold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.history_stack import (
+    HistoryStack,
+    is_different,
+    squared_projections,
+)
+
+hypothesis = pytest.importorskip('hypothesis')
+st = hypothesis.strategies
+
+EPS = np.finfo(float).eps
+
+
+def gram_of(regressors: np.ndarray) -> np.ndarray:
+    return np.einsum('pni,pnj->ij', regressors, regressors)
+
+
+def sigma_of(regressors: np.ndarray) -> float:
+    return float(np.linalg.eigvalsh(gram_of(regressors))[0])
+
+
+def brute_force(regressors: np.ndarray, candidate: np.ndarray) -> np.ndarray:
+    """Lines 10-13 of Algorithm 1: σ_min with the candidate in each slot."""
+    trials = np.repeat(regressors[np.newaxis], len(regressors), axis=0)
+    trials[np.arange(len(regressors)), np.arange(len(regressors))] = candidate
+    return np.array([sigma_of(trial) for trial in trials])
+
+
+def true_rank(regressors: np.ndarray) -> int:
+    """Rank by the singular values of H, which resolve twice the digits of H Hᵀ."""
+    values = np.linalg.svd(regressors.reshape(-1, regressors.shape[-1]), compute_uv=False)
+    assert not np.any((values > 1e-10 * values[0]) & (values < 3e-7 * values[0])), 'no clear rank'
+    return int(np.count_nonzero(values > 3e-7 * values[0]))
+
+
+def rounding_of(*arrays: np.ndarray) -> float:
+    """Return what an eigenvalue of the sum of Y'Y may be off by."""
+    return 50.0 * EPS * sum(float(np.sum(array * array)) for array in arrays)
+
+
+def filled(regressors: np.ndarray, epsilon: float = 0.0) -> HistoryStack:
+    size, n, m = regressors.shape
+    stack = HistoryStack(n, m, size, epsilon)
+    for slot, regressor in enumerate(regressors):
+        assert stack.offer(regressor, regressor.sum(axis=1)) == slot
+    return stack
+
+
+def assert_offer_is_brute_force(stack: HistoryStack, candidate: np.ndarray) -> bool:
+    """Offer to a full stack of full rank; return whether the candidate was taken."""
+    before = stack.regressors.copy()
+    sigmas, old = brute_force(before, candidate), sigma_of(before)
+    tolerance = rounding_of(before, candidate)
+    slot = stack.offer(candidate, candidate.sum(axis=1))
+    if slot < 0:
+        assert sigmas.max() <= old + tolerance
+        np.testing.assert_array_equal(stack.regressors, before)
+        return False
+    assert sigmas.max() >= old - tolerance
+    assert sigmas[slot] >= sigmas.max() - tolerance  # the very slot, but for ties
+    before[slot] = candidate
+    np.testing.assert_array_equal(stack.regressors, before)
+    return True
+
+
+def assert_measured(stack: HistoryStack) -> None:
+    """Rank, σ_min, Q and the moment are those of the stored pairs."""
+    pairs = stack.regressors[:stack.count]
+    expected, tolerance = gram_of(pairs), 1e-12 * max(np.sum(pairs * pairs), 1e-300)
+    np.testing.assert_allclose(stack.gram, expected, atol=tolerance)
+    np.testing.assert_allclose(stack.moment, np.einsum('pni,pn->i', pairs,
+                                                       stack.torques[:stack.count]),
+                               atol=10 * tolerance)
+    assert stack.rank == true_rank(pairs)
+    if stack.rank == expected.shape[0]:
+        assert stack.sigma_min == pytest.approx(sigma_of(pairs), abs=rounding_of(pairs))
+    else:
+        assert stack.sigma_min == 0.0
+
+
+def random_pairs(random: np.random.Generator, kind: str, count: int, n: int, m: int) -> np.ndarray:
+    pairs = random.normal(size=(count, n, m))
+    if kind == 'scales':
+        pairs *= 10.0 ** random.uniform(-2.0, 2.0, (count, 1, 1))
+    elif kind == 'columns':
+        pairs *= 10.0 ** random.uniform(-1.5, 1.5, m)
+    elif kind == 'near duplicates':
+        pairs[count // 2:] = pairs[:count - count // 2] * (1.0 + 1e-7)
+    elif kind == 'duplicates':
+        pairs[count // 2:] = pairs[:count - count // 2]
+    elif kind == 'smooth':  # what neighbouring samples look like
+        pairs = np.cumsum(0.3 * pairs, axis=0)
+    return pairs
+
+
+KINDS = ('normal', 'scales', 'columns', 'near duplicates', 'duplicates', 'smooth')
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_pruned_search_equals_brute_force_on_hundreds_of_random_stacks(kind):
+    random, offers, taken = np.random.default_rng(KINDS.index(kind)), 0, 0
+    while offers < 600:
+        n, m = random.integers(1, 4), random.integers(2, 7)
+        size = random.integers(-(-m // n), -(-m // n) + 5)
+        pairs = random_pairs(random, kind, size + 8, n, m)
+        random.shuffle(pairs)
+        stack = filled(pairs[:size])
+        if stack.rank < m:
+            continue
+        for candidate in pairs[size:]:
+            taken += assert_offer_is_brute_force(stack, candidate)
+            assert_measured(stack)
+            offers += 1
+    assert offers > taken > 50
+
+
+def test_offering_a_stored_pair_again_does_not_lower_sigma_min():
+    random = np.random.default_rng(7)
+    for _ in range(100):
+        stack = filled(random.normal(size=(4, 2, 4)))
+        before = stack.sigma_min
+        assert_offer_is_brute_force(stack, stack.regressors[random.integers(4)].copy())
+        assert stack.sigma_min >= before - rounding_of(stack.regressors)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_sigma_min_never_falls_once_the_stack_is_full_and_of_full_rank(kind):
+    random = np.random.default_rng(8)
+    stack, last, insertions = HistoryStack(2, 5, 7, 0.1), 0.0, 0
+    for candidate in random_pairs(random, kind, 1500, 2, 5):
+        stack.offer(candidate, np.zeros(2))
+        if stack.full and stack.rank == 5:
+            assert stack.sigma_min >= last - rounding_of(stack.regressors, candidate)
+            last = stack.sigma_min
+            insertions = stack.insertions
+    assert insertions > 20
+
+
+def test_sums_stay_exact_over_hundreds_of_replacements():
+    random, stack = np.random.default_rng(9), HistoryStack(2, 5, 7, 0.0)
+    for k in range(4000):  # ever larger pairs are ever better
+        scale = 1.005 ** k
+        stack.offer(scale * random.normal(size=(2, 5)), scale * random.normal(size=2))
+        if k % 100 == 0:
+            assert_measured(stack)
+    assert stack.insertions > 600
+    assert_measured(stack)
+
+
+def test_a_huge_pair_leaves_no_rounding_behind():
+    random, stack = np.random.default_rng(10), HistoryStack(1, 3, 4, 0.0)
+    direction = np.array([[1.0, 0.0, 0.0]])
+    for scale in (1e9, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0):
+        stack.offer(scale * (direction + 1e-3 * random.normal(size=(1, 3))), np.full(1, scale))
+    for _ in range(20):
+        stack.offer(random.normal(size=(1, 3)), random.normal(size=1))
+        assert_measured(stack)
+    assert stack.rank == 3
+    assert np.abs(stack.regressors).max() < 10.0
+
+
+@pytest.mark.parametrize('m', [3, 6])
+def test_rank_never_falls_while_the_stack_is_deficient(m):
+    random = np.random.default_rng(11)
+    for _ in range(30):
+        hidden = random.normal(size=(m - 1, m))  # everything offered lies in a subspace
+        stack, last = HistoryStack(1, m, m + 1, 0.05), 0
+        for k in range(150):
+            weights = np.zeros(m - 1)
+            weights[random.integers(0, 1 + min(k // 20, m - 2))] = 1.0
+            stack.offer((weights + 0.5 * random.normal() * weights)[np.newaxis] @ hidden,
+                        np.zeros(1))
+            assert stack.rank >= last
+            assert stack.sigma_min == 0.0
+            last = stack.rank
+            assert_measured(stack)
+        assert last == m - 1
+
+
+def test_a_full_stack_of_one_direction_makes_room_for_others():
+    stack = HistoryStack(1, 3, 4, 0.0)
+    for scale in (1.0, 2.0, 3.0, 4.0):
+        stack.offer(np.array([[scale, 0.0, 0.0]]), np.zeros(1))
+    assert (stack.full, stack.rank) == (True, 1)
+    for unit in np.eye(3)[1:]:
+        assert stack.offer(unit[np.newaxis], np.zeros(1)) >= 0
+    assert stack.rank == 3
+
+
+def test_an_indispensable_pair_is_passed_over():
+    stack = HistoryStack(1, 3, 3, 0.0)
+    for row in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]):
+        stack.offer(np.array([row]), np.zeros(1))
+    slots = [stack.offer(np.array([[0.0, y, 0.0]]), np.zeros(1)) for y in (3.0, 4.0, 5.0)]
+    assert slots == [-1, 1, 2]
+    assert stack.rank == 2
+
+
+@hypothesis.given(seed=st.integers(0, 1_000_000), n=st.integers(1, 3), m=st.integers(2, 6),
+                  epsilon=st.floats(0.0, 1.5), closeness=st.floats(1e-3, 3.0))
+def test_difference_is_that_of_the_spectral_norm(seed, n, m, epsilon, closeness):
+    random = np.random.default_rng(seed)
+    last = random.normal(size=(n, m))
+    candidate = last + closeness * random.normal(size=(n, m))
+    ratio = np.linalg.norm(candidate - last, 2) / np.linalg.norm(candidate, 2)
+    hypothesis.assume(abs(ratio - epsilon) > 1e-9)
+    assert is_different(candidate, last, epsilon) == (ratio >= epsilon)
+
+
+def test_a_zero_or_non_finite_candidate_is_not_different():
+    for value in (0.0, float('nan'), float('inf')):
+        stack = HistoryStack(1, 2, 2, 0.0)
+        assert stack.offer(np.full((1, 2), value), np.zeros(1)) == -1
+        assert stack.count == 0
+
+
+def test_comparison_is_with_the_last_pair_taken_not_the_last_offered():
+    stack = HistoryStack(1, 2, 10, 0.1)
+    values = [1.0, 1.05, 1.09, 1.12, 1.2]  # 1.12 differs from 1.0 by more than a tenth of itself
+    slots = [stack.offer(np.array([[v, 0.0]]), np.zeros(1)) for v in values]
+    assert slots == [0, -1, -1, 1, -1]
+
+
+def test_a_stack_of_random_motion_reaches_full_rank():
+    random, stack = np.random.default_rng(12), HistoryStack(2, 5, 7, 0.1)
+    ranks = []
+    for _ in range(20):
+        stack.offer(random.normal(size=(2, 5)), np.zeros(2))
+        ranks.append(stack.rank)
+    assert ranks[:3] == [2, 4, 5]
+    assert stack.full
+
+
+def test_pairs_are_copied():
+    stack, regressor, torque = HistoryStack(1, 2, 2, 0.1), np.ones((1, 2)), np.ones(1)
+    stack.offer(regressor, torque)
+    regressor[:], torque[:] = 5.0, 5.0
+    np.testing.assert_array_equal(stack.regressors[0], np.ones((1, 2)))
+    np.testing.assert_array_equal(stack.torques[0], np.ones(1))
+    assert stack.offer(np.ones((1, 2)), np.ones(1)) == -1
+
+
+def test_clearing_forgets_everything():
+    random = np.random.default_rng(13)
+    pairs = random.normal(size=(9, 2, 3))
+    used, fresh = HistoryStack(2, 3, 4, 0.1), HistoryStack(2, 3, 4, 0.1)
+    for pair in pairs:
+        used.offer(pair, pair.sum(axis=1))
+    used.clear()
+    assert (used.count, used.insertions, used.rank, used.sigma_min) == (0, 0, 0, 0.0)
+    for pair in pairs:
+        assert used.offer(pair, pair.sum(axis=1)) == fresh.offer(pair, pair.sum(axis=1))
+    np.testing.assert_array_equal(used.gram, fresh.gram)
+    np.testing.assert_array_equal(used.moment, fresh.moment)
+
+
+def test_squared_projections_are_those_of_each_pair():
+    random = np.random.default_rng(14)
+    pairs, u = random.normal(size=(6, 2, 4)), random.normal(size=4)
+    np.testing.assert_allclose(squared_projections(pairs, u),
+                               [np.sum((pair @ u) ** 2) for pair in pairs])
+
+
+@pytest.mark.parametrize(('size', 'epsilon', 'name'), [
+    (0, 0.1, 'size'), (-1, 0.1, 'size'), (3, -0.1, 'epsilon'), (3, float('nan'), 'epsilon')])
+def test_size_and_threshold_are_checked(size, epsilon, name):
+    with pytest.raises(ParameterError, match=rf'identifier\.history\.{name}'):
+        HistoryStack(1, 2, size, epsilon)

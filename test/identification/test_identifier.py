@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts about the identifier: it converges, and nothing absurd gets into θ̂."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.identifier import Identifier, IdentifierSettings
+
+hypothesis = pytest.importorskip('hypothesis')
+st = hypothesis.strategies
+
+ARM = TwoLinkArm()
+SETTINGS = IdentifierSettings(
+    initial_estimate=np.array([0.0, 9.0, 6.0, 0.0, 0.0]), gamma=np.ones(5), kt=10.0, kh=10.0,
+    time_constant=0.001, gap=0.05, size=7, epsilon=0.1)
+STATE = np.array([0.1, 0.2]), np.array([0.3, -0.4]), np.array([1.0, 2.0])
+
+pairs = st.tuples(st.floats(), st.floats())
+absurd_samples = st.tuples(st.floats(0.0, 0.03), pairs, pairs, pairs,
+                           st.lists(st.floats(), min_size=5, max_size=5))
+
+
+def identifier(**changes) -> Identifier:
+    return Identifier(ARM, dataclasses.replace(SETTINGS, **changes))
+
+
+def learned(samples, **changes) -> Identifier:
+    result = identifier(**changes)
+    for sample in samples:
+        result.update(*sample)
+    return result
+
+
+def drops(**counts: int) -> dict[str, int]:
+    return {'not finite': 0, 'too large': 0, 'stamp repeated': 0, 'stamp went back': 0, **counts}
+
+
+def error_of(result: Identifier) -> float:
+    return float(np.linalg.norm(result.theta - ARM.nominal))
+
+
+@pytest.mark.parametrize('jitter', [0.0, 0.5])
+def test_estimate_converges_to_the_true_parameters(record, jitter):
+    result = learned(record(steps=1500, jitter=jitter), kt=100.0, kh=100.0)
+    assert result.stack.rank == 5
+    assert error_of(result) < 1e-3
+
+
+def test_history_keeps_teaching_when_the_arm_stands_still(record):
+    result = learned(record(steps=300))
+    before, last = error_of(result), record(steps=300)[-1]
+    for k in range(3000):
+        result.update(last.t + 1.0 + k * 1e-3, last.q, np.zeros(2), np.zeros(2))
+    assert error_of(result) < 0.1 * before
+
+
+def test_learning_does_not_depend_on_when_the_clock_starts(record):
+    late = learned([(s.t + 4096.0, *s[1:]) for s in record(steps=200)])
+    np.testing.assert_allclose(late.theta, learned(record(steps=200)).theta, rtol=1e-6)
+
+
+def test_adaptation_term_moves_the_estimate_against_its_sign():
+    term = np.array([1.0, -2.0, 0.0, 0.5, 0.0])
+    result = identifier(kt=0.0, kh=0.0)
+    for k in range(3):
+        result.update(k * 0.01, *STATE, term)
+    np.testing.assert_allclose(result.theta, SETTINGS.initial_estimate - 0.02 * term)
+
+
+def test_estimate_is_replaced_and_never_changed_in_place(record):
+    result, seen = identifier(), []
+    for sample in record(steps=20):
+        theta = result.update(*sample)
+        seen.append((theta, theta.copy()))
+    for theta, copy in seen:
+        np.testing.assert_array_equal(theta, copy)
+    np.testing.assert_array_equal(SETTINGS.initial_estimate, [0.0, 9.0, 6.0, 0.0, 0.0])
+
+
+def test_observing_does_not_learn(record):
+    result, other = identifier(), identifier()
+    for sample in record(steps=50):
+        result.observe(*sample)
+        other.update(*sample)
+    np.testing.assert_array_equal(result.theta, SETTINGS.initial_estimate)
+    assert result.stack.count == 0
+    np.testing.assert_array_equal(result.pair[0], other.pair[0])
+
+
+@pytest.mark.parametrize('bad', [float('nan'), float('inf'), -float('inf')])
+@pytest.mark.parametrize('place', range(4))
+def test_a_sample_that_is_not_finite_is_dropped_and_counted(record, bad, place):
+    samples = list(record(steps=100))
+    broken = [np.array(field, dtype=float) for field in samples[50]]
+    broken[place] = np.full_like(broken[place], bad)
+    without = learned(samples[:50] + samples[51:])
+    got = learned(samples[:50] + [(float(broken[0]), *broken[1:])] + samples[51:])
+    assert got.dropped == drops(**{'not finite': 1})
+    np.testing.assert_array_equal(got.theta, without.theta)
+
+
+def test_a_repeated_stamp_is_dropped_and_counted(record):
+    samples = record(steps=100)
+    got = learned([*samples[:50], samples[49], *samples[50:]])
+    assert got.dropped == drops(**{'stamp repeated': 1})
+    np.testing.assert_array_equal(got.theta, learned(samples).theta)
+
+
+def test_a_stamp_that_goes_back_a_little_is_dropped_and_counted(record):
+    samples = record(steps=100)
+    got = learned([*samples[:50], samples[30], samples[47], *samples[50:]])
+    assert got.dropped == drops(**{'stamp went back': 2})
+    assert got.restarts == 1
+    np.testing.assert_array_equal(got.theta, learned(samples).theta)
+
+
+def test_a_clock_that_jumps_back_far_starts_the_filter_anew(record):
+    samples = record(steps=300)
+    got = learned([*samples[:200], *samples[:200]])
+    assert sum(got.dropped.values()) == 0
+    assert got.restarts == 2
+    assert got.stack.insertions > learned(samples[:200]).stack.insertions - 1
+    assert error_of(got) < error_of(learned(samples[:200]))
+
+
+def test_a_gap_starts_the_filter_anew_and_keeps_what_was_learned(record):
+    samples = record(steps=400)
+    got = learned(samples[:200] + samples[300:])
+    assert got.restarts == 2
+    assert got.stack.insertions >= 7
+    assert error_of(got) < error_of(learned(samples[:200]))
+
+
+def test_restarting_by_hand_forgets_the_filter_only(record):
+    result = learned(record(steps=100))
+    theta, count = result.theta, result.stack.count
+    result.restart()
+    assert result.update(0.0, *STATE) is theta
+    assert not result.pair[0].any()
+    assert result.stack.count == count
+    assert sum(result.dropped.values()) == 0
+
+
+def test_resetting_the_history_keeps_the_estimate(record):
+    result = learned(record(steps=100))
+    theta = result.theta
+    result.reset_history()
+    assert (result.stack.count, result.stack.rank) == (0, 0)
+    assert result.theta is theta
+
+
+def test_nothing_is_recorded_until_the_filter_has_settled(record):
+    result = identifier(settle=20.0)  # of 1 ms
+    for sample in record(steps=30):
+        result.update(*sample)
+        assert result.settled == (sample.t >= 0.02 - 1e-9)
+        assert (result.stack.count > 0) == result.settled
+
+
+def test_settling_begins_again_after_a_gap(record):
+    samples = record(steps=400)
+    result = learned(samples[:100], settle=20.0)
+    count = result.stack.insertions
+    for sample in samples[200:220]:
+        result.update(*sample)
+        assert not result.settled
+    assert result.stack.insertions == count
+
+
+@pytest.mark.filterwarnings('ignore:.*encountered:RuntimeWarning')
+@hypothesis.settings(max_examples=150)
+@hypothesis.given(st.lists(absurd_samples, max_size=12))
+def test_estimate_stays_finite_and_the_identifier_recovers_from_absurd_data(steps):
+    result, t = identifier(size=5, epsilon=0.0), 0.0
+    for dt, q, qd, tau, term in steps:
+        t += dt
+        theta = result.update(t, np.array(q), np.array(qd), np.array(tau), np.array(term))
+        assert np.isfinite(theta).all()
+        assert np.isfinite(result.pair[0]).all()
+        assert np.isfinite(result.stack.gram).all()
+        assert np.isfinite(result.stack.sigma_min)
+    for k in range(3):
+        result.update(t + 1.0 + k * 1e-3, *STATE)
+    assert result.pair[0].any()  # the filter runs again
+
+
+@pytest.mark.filterwarnings('ignore:.*encountered:RuntimeWarning')
+@pytest.mark.parametrize('glitch', [1e4, 1e10, 1e30, 1e80, 1e200, 1e308])
+def test_one_absurd_velocity_does_not_end_the_learning(record, glitch):
+    samples = list(record(steps=1500))
+    samples[60] = samples[60]._replace(qd=np.array([glitch, -glitch]))
+    result = learned(samples, kt=100.0, kh=100.0)
+    assert result.dropped['too large'] in (1, 2)  # the sample, and the one after a restart
+    assert error_of(result) < 1e-3
+
+
+@pytest.mark.parametrize(('name', 'value'), [
+    ('kt', -1.0), ('kt', float('nan')), ('kh', float('inf')), ('settle', -0.1),
+    ('gamma', np.zeros(5)), ('gamma', np.full(5, float('nan'))), ('gamma', np.full(5, np.inf)),
+    ('initial_estimate', np.full(5, float('inf')))])
+def test_settings_are_checked_by_name(name, value):
+    with pytest.raises(ParameterError, match=rf'identifier\.{name}'):
+        dataclasses.replace(SETTINGS, **{name: value})

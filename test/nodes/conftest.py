@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Real nodes on real DDS: a private graph per test, a deadline instead of a sleep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import os
+from pathlib import Path
+import random
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+import pytest
+
+pytest.importorskip('rclpy', reason='no ROS 2 here: the nodes cannot run')
+
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+
+POLL = 0.002  # s between looks of wait_until
+ANNOUNCE = """<?xml version="1.0" encoding="UTF-8" ?>
+<profiles xmlns="http://www.eprosima.com">
+  <participant profile_name="test" is_default_profile="true">
+    <rtps><builtin><discovery_config>
+      <leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
+      <initialAnnouncements>
+        <count>20</count><period><sec>0</sec><nanosec>100000000</nanosec></period>
+      </initialAnnouncements>
+    </discovery_config></builtin></rtps>
+  </participant>
+</profiles>
+"""
+
+
+def _wait_until(condition: Callable[[], Any], timeout: float = 20.0, what: str = '') -> Any:
+    """Return the first true value of ``condition``; fail where none comes within ``timeout``."""
+    give_up = time.monotonic() + timeout
+    while True:
+        value = condition()
+        if value:
+            return value
+        if time.monotonic() > give_up:
+            pytest.fail(f'not within {timeout:g} s: {what or condition}')
+        time.sleep(POLL)
+
+
+def _free_domain() -> int:
+    """Return a domain in which no participant of this machine listens."""
+    for domain in random.sample(range(1, 102), 101):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(('', 7410 + 250 * domain))  # first participant's discovery port
+            except OSError:
+                continue
+        return domain
+    pytest.fail('no DDS domain is free')
+
+
+class Peer(Node):
+    """The test's own node: plain rclpy, spun in a thread, everything received is kept.
+
+    Attributes:
+        heard: Raw messages by topic: bytes and info, in order of arrival.
+    """
+
+    def __init__(self, context: Context) -> None:
+        """Make the node."""
+        super().__init__('peer', context=context, start_parameter_services=False)
+        self.heard: dict[str, list[tuple[bytes, dict[str, int]]]] = {}
+
+    def listen(self, message_type: type, topic: str, qos: QoSProfile | int = 1000,
+               ) -> list[tuple[bytes, dict[str, int]]]:
+        """Subscribe to raw CDR; return the list that grows."""
+        heard = self.heard.setdefault(topic, [])
+
+        def keep(data: bytes, info: dict[str, int]) -> None:
+            heard.append((data, info))
+
+        self.create_subscription(message_type, topic, keep, qos, raw=True)
+        return heard
+
+    def call(self, service_type: type, name: str, request: Any = None) -> Any:
+        """Call a service and return its response."""
+        client = self.create_client(service_type, name)
+        assert client.wait_for_service(20.0), f'no service {name}'
+        future = client.call_async(request or service_type.Request())
+        return _wait_until(lambda: future.done() and future.result(), what=f'answer of {name}')
+
+
+class Graph:
+    """Nodes in one private context, each in its own thread; closing ends all of them."""
+
+    def __init__(self, domain: int | None = None) -> None:
+        """Start a context in ``domain``, else in one of its own."""
+        self.context = Context()
+        self.context.init(domain_id=domain or _free_domain())
+        self._nodes: list[Node] = []
+        self._threads: list[tuple[threading.Event, threading.Thread]] = []
+
+    def make(self, kind: type, *, namespace: str = '', **parameters: Any) -> Any:
+        """Make a node; ``__`` in a parameter's name stands for a dot."""
+        overrides = [Parameter(name.replace('__', '.'), value=value)
+                     for name, value in parameters.items()]
+        return self.add(kind(context=self.context, namespace=namespace,
+                             parameter_overrides=overrides))
+
+    def add(self, node: Any) -> Any:
+        """Destroy a node made elsewhere together with the graph."""
+        self._nodes.append(node)
+        return node
+
+    def run(self, node: Any) -> Runner:
+        """Run a node of ours in a thread."""
+        runner = Runner(node)
+        self._threads.append((node.stop, runner.thread))
+        runner.thread.start()
+        return runner
+
+    def peer(self) -> Peer:
+        """Return a node of the test that is being spun."""
+        node = Peer(self.context)
+        self._nodes.append(node)
+        stop = threading.Event()
+        executor = SingleThreadedExecutor(context=self.context)
+        executor.add_node(node)
+
+        def spin() -> None:
+            try:
+                while not stop.is_set():
+                    executor.spin_once(timeout_sec=0.05)
+            except ExternalShutdownException:
+                pass
+            finally:
+                executor.shutdown(timeout_sec=1.0)
+
+        thread = threading.Thread(target=spin, daemon=True)
+        self._threads.append((stop, thread))
+        thread.start()
+        return node
+
+    def close(self) -> None:
+        """End threads, nodes and context; fail where a thread hangs."""
+        for stop, _ in self._threads:
+            stop.set()
+        hanging = []
+        for _, thread in self._threads:
+            if thread.ident is not None:
+                thread.join(10.0)
+                if thread.is_alive():
+                    hanging.append(thread)
+        if not hanging:
+            for node in self._nodes:
+                node.destroy_node()
+        self.context.try_shutdown()
+        assert not hanging, f'{len(hanging)} node threads did not end'
+
+
+class Runner:
+    """``node.run()`` in a thread.
+
+    Attributes:
+        code: What it returned, None while it runs.
+        error: What it raised, if anything.
+    """
+
+    def __init__(self, node: Any) -> None:
+        """Prepare the thread."""
+        self.code: int | None = None
+        self.error: BaseException | None = None
+        self.node = node
+        self.thread = threading.Thread(target=self._run, daemon=True)
+
+    def _run(self) -> None:
+        try:
+            self.code = self.node.run()
+        except BaseException as error:  # shown by the test
+            self.error = error
+
+    def end(self, timeout: float = 10.0) -> int | None:
+        """Ask the node to end, wait for it and return its exit code; raise what it raised."""
+        self.node.stop.set()
+        return self.join(timeout)
+
+    def join(self, timeout: float = 10.0) -> int | None:
+        """Wait until the node has ended by itself and return its code; raise what it raised."""
+        self.thread.join(timeout)
+        assert not self.thread.is_alive(), 'the node did not end'
+        if self.error is not None:
+            raise self.error
+        return self.code
+
+
+class Process:
+    """One executable as a process with its output in a file."""
+
+    def __init__(self, arguments: list[str], environment: dict[str, str], output: Path) -> None:
+        """Start ``python -m adaptive_blf_control ARGUMENTS``."""
+        self._file = output
+        with output.open('wb') as stream:
+            self.popen = subprocess.Popen(
+                [sys.executable, '-m', 'adaptive_blf_control', *arguments], env=environment,
+                stdin=subprocess.DEVNULL, stdout=stream, stderr=subprocess.STDOUT)
+
+    @property
+    def text(self) -> str:
+        """What it printed so far."""
+        return self._file.read_text(encoding='utf-8', errors='replace')
+
+    def wait(self, timeout: float = 60.0) -> int:
+        """Wait for its end and return the exit status."""
+        return self.popen.wait(timeout)
+
+    def signal(self, number: signal.Signals) -> int:
+        """Send a signal, wait for the end and return the exit status."""
+        self.popen.send_signal(number)
+        return self.wait()
+
+    def kill(self) -> None:
+        """End it for good."""
+        if self.popen.poll() is None:
+            self.popen.kill()
+            self.popen.wait()
+
+
+class Processes:
+    """Starts executables in one private domain; closing kills what is left."""
+
+    def __init__(self, folder: Path) -> None:
+        """Choose the domain; files go to ``folder``."""
+        self.folder = folder
+        self.domain = _free_domain()
+        profile = folder / 'announce.xml'
+        profile.write_text(ANNOUNCE, encoding='utf-8')
+        self.environment = {**os.environ, 'ROS_DOMAIN_ID': str(self.domain),
+                            'ROS_LOG_DIR': str(folder / 'log'),
+                            'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
+        self._started: list[Process] = []
+
+    def start(self, *arguments: str) -> Process:
+        """Start one executable with the arguments that follow its name."""
+        output = self.folder / f'{len(self._started)}_{arguments[0]}.txt'
+        process = Process(list(arguments), self.environment, output)
+        self._started.append(process)
+        return process
+
+    def close(self) -> None:
+        """Kill what still runs."""
+        for process in self._started:
+            process.kill()
+
+
+@pytest.fixture
+def wait_until() -> Callable[..., Any]:
+    """Return ``wait_until(condition, timeout=20.0, what='')``: the deadline instead of a sleep."""
+    return _wait_until
+
+
+@pytest.fixture
+def graph() -> Iterator[Graph]:
+    """Return a private graph for nodes in threads."""
+    graph = Graph()
+    yield graph
+    graph.close()
+
+
+@pytest.fixture
+def graph_of() -> Iterator[Callable[[int], Graph]]:
+    """Return ``graph_of(domain)``: the test's nodes in the domain of some processes."""
+    graphs: list[Graph] = []
+
+    def make(domain: int) -> Graph:
+        graphs.append(Graph(domain))
+        return graphs[-1]
+
+    yield make
+    for graph in graphs:
+        graph.close()
+
+
+@pytest.fixture
+def processes(tmp_path: Path) -> Iterator[Processes]:
+    """Return a starter of processes in a private domain."""
+    processes = Processes(tmp_path)
+    yield processes
+    processes.close()

@@ -1,0 +1,441 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controller answers what it can trust and nothing else, and ends with a zero torque."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import time
+
+import numpy as np
+import pytest
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.bags.cdr import decode_float64_array
+from adaptive_blf_control.errors import SetViolation
+from adaptive_blf_control.nodes.controller import ControllerNode
+from adaptive_blf_control.parameters.build import build_controller
+from adaptive_blf_control.topics import (
+    ADAPTATION_TERM,
+    BARRIER,
+    COMMANDS,
+    JOINT_STATES,
+    REFERENCE,
+    THETA_HAT,
+    TRACKING_ERROR,
+)
+
+TASK = {
+    'k1': [1000.0, 800.0], 'k2': [60.0, 8.0], 'torque_limit': [200.0, 100.0],
+    'initial_estimate': [3.0, 0.2, 0.3, 5.0, 1.0],
+    'safety__lower': [-1.17, -2.17], 'safety__upper': [1.2, 2.2],
+    'performance__lower': [-0.17], 'performance__upper': [0.2],
+    'reference__joint1__amplitude': [1.0], 'reference__joint1__frequency': [0.5],
+    'reference__joint2__amplitude': [2.0], 'reference__joint2__frequency': [0.5],
+    'reference__joint2__phase': [math.pi / 2.0],
+}
+Q, QD = [0.01, 1.98], [0.4, -0.1]
+PARAMETERS = TwoLinkArm().parameters
+
+
+def _state(ms: float, q=Q, qd=QD, names=('joint1', 'joint2'), effort=(0.0, 0.0)) -> JointState:
+    message = JointState(name=list(names), position=[float(x) for x in q],
+                         velocity=[float(x) for x in qd], effort=[float(x) for x in effort])
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(ms * 1e6) + 10**12,
+                                                                    10**9)
+    return message
+
+
+def _estimate(theta, names=PARAMETERS) -> bytes:
+    return serialize_message(JointState(name=list(names), position=[float(x) for x in theta]))
+
+
+class _Rig:
+    """A controller whose handlers the test calls, and everything it sends over DDS."""
+
+    def __init__(self, graph, wait_until, namespace: str = '', **parameters) -> None:
+        self.node = graph.make(ControllerNode, namespace=namespace, **{**TASK, **parameters})
+        self.peer = graph.peer()
+        self._wait_until = wait_until
+        self.sent = {topic: self.peer.listen(kind, f'{namespace}/{topic}'.lstrip('/')) for topic, kind in (
+            (COMMANDS, Float64MultiArray), (ADAPTATION_TERM, JointState), (REFERENCE, JointState),
+            (TRACKING_ERROR, JointState), (BARRIER, JointState))}
+        wait_until(lambda: all(self.node.count_subscribers(topic) for topic in self.sent)
+                   and self.node._commands.get_subscription_count() == 1, what='the match')
+        self._answers = 0
+
+    def answer(self, state: JointState) -> np.ndarray:
+        """Hand over a state and return the torque that was sent."""
+        self.node.on_joint_states(serialize_message(state), {})
+        self._answers += 1
+        self._wait_until(lambda: len(self.sent[COMMANDS]) == self._answers, what='the torque')
+        return self.torques[-1]
+
+    @property
+    def torques(self) -> list[np.ndarray]:
+        return [decode_float64_array(data) for data, _ in self.sent[COMMANDS]]
+
+    def ignores(self, state: JointState | bytes, reason: str) -> None:
+        """Check that a message is dropped for ``reason``, unanswered, and leaves no trace."""
+        node, data = self.node, state if isinstance(state, bytes) else serialize_message(state)
+        before = (node.output, node.theta, node._last_ns, node._heard_at, node._samples_seen)
+        drops = dict(node.drops)
+        node.on_joint_states(data, {})
+        assert node.drops == {**drops, reason: drops.get(reason, 0) + 1}
+        after = (node.output, node.theta, node._last_ns, node._heard_at, node._samples_seen)
+        assert all(a is b or a == b for a, b in zip(before, after))
+
+
+@pytest.fixture
+def rig(graph, wait_until):
+    """Return ``rig(**parameters)``."""
+    return lambda **parameters: _Rig(graph, wait_until, **parameters)
+
+
+def _values(rig_, **changed) -> dict:
+    return {**rig_.node.values, **changed}
+
+
+def test_the_torque_is_that_of_the_law_for_the_state_and_the_time_since_the_start(rig) -> None:
+    rig = rig(state_timeout=1.0)
+    law = build_controller(_values(rig), TwoLinkArm(), np.array(Q))
+    theta = np.array(TASK['initial_estimate'])
+    for ms, q, qd in ((0.0, Q, QD), (1.0, [0.02, 1.97], QD), (250.0, [0.1, 1.99], [0.5, -0.3])):
+        expected = law.update(ms * 1e-3, np.array(q), np.array(qd), theta)
+        np.testing.assert_allclose(rig.answer(_state(ms, q, qd)), expected.torque, rtol=1e-9)
+    term = deserialize_message(rig.sent[ADAPTATION_TERM][-1][0], JointState)
+    assert tuple(term.name) == PARAMETERS
+    np.testing.assert_allclose(term.position, expected.adaptation_term, rtol=1e-9)
+    assert term.header.stamp == _state(250.0).header.stamp
+
+
+def test_what_the_user_sees_is_reference_errors_and_margins_by_name(rig, wait_until) -> None:
+    rig = rig(state_timeout=1.0)
+    rig.answer(_state(0.0))
+    rig.answer(_state(500.0, [0.3, 1.9], [0.4, -0.4]))
+    wait_until(lambda: len(rig.sent[BARRIER]) == 2)
+    reference, error, barrier = (deserialize_message(rig.sent[topic][-1][0], JointState)
+                                 for topic in (REFERENCE, TRACKING_ERROR, BARRIER))
+    yd = np.array([math.sin(0.25), 2.0 * math.cos(0.25)])
+    np.testing.assert_allclose(reference.position, yd, rtol=1e-12)
+    np.testing.assert_allclose(reference.effort, -0.25 * yd, rtol=1e-12)  # the acceleration
+    np.testing.assert_allclose(error.position, np.array([0.3, 1.9]) - yd, rtol=1e-9)
+    margins = dict(zip(barrier.name, barrier.position))
+    assert margins['joint2.safety_margin'] == pytest.approx(2.2 - 1.9)
+    assert margins['joint1.performance_margin'] == pytest.approx(0.2 - (0.3 - yd[0]))
+    assert margins['V'] > 0.0
+
+
+def test_monitors_are_thinned_out_while_every_state_is_answered(rig, wait_until) -> None:
+    rig = rig(monitor_decimation=5)
+    for k in range(11):
+        rig.answer(_state(k))
+    wait_until(lambda: len(rig.sent[BARRIER]) == 3 and len(rig.sent[ADAPTATION_TERM]) == 11)
+
+
+def test_joints_are_matched_by_name_in_any_order_among_any_others(graph, wait_until) -> None:
+    plain, other = _Rig(graph, wait_until), _Rig(graph, wait_until, '/other')
+    for k, q in enumerate((Q, [0.05, 1.9], [0.0, 2.0])):
+        ordered = plain.answer(_state(k, q, QD))
+        shuffled = other.answer(_state(k, [7.0, q[1], 8.0, q[0]], [1.0, QD[1], 2.0, QD[0]],
+                                       ('gripper', 'joint2', 'wheel', 'joint1'), [0.0] * 4))
+        np.testing.assert_array_equal(ordered, shuffled)
+        assert ordered[0] != ordered[1]
+
+
+def test_states_that_cannot_be_used_are_dropped_and_counted(rig) -> None:
+    rig = rig()
+    good = rig.answer(_state(0.0))
+    unusable = 'unusable joint state'
+    rig.ignores(_state(1.0, names=('joint1', 'joint3')), unusable)
+    rig.ignores(_state(1.0, [1.0], [1.0], ('joint1',), [0.0]), unusable)
+    rig.ignores(_state(1.0, [0.0] * 3, [0.0] * 3, ('joint1', 'joint2', 'joint2'), []), unusable)
+    rig.ignores(_state(1.0, [0.01], QD), unusable)
+    rig.ignores(_state(1.0, Q, [0.1, 0.1, 0.1]), unusable)
+    rig.ignores(JointState(), unusable)
+    rig.ignores(b'', unusable)
+    rig.ignores(serialize_message(_state(1.0))[:50], unusable)
+    not_finite = 'non-finite joint state'
+    rig.ignores(_state(1.0, [], QD), not_finite)  # empty arrays: nothing was measured
+    rig.ignores(_state(1.0, Q, []), not_finite)
+    for value in (math.nan, math.inf, -math.inf):
+        rig.ignores(_state(1.0, [0.01, value]), not_finite)
+        rig.ignores(_state(1.0, Q, [value, 0.1]), not_finite)
+    out_of_order = 'joint state out of order'
+    rig.ignores(_state(0.0), out_of_order)
+    rig.ignores(_state(-0.001), out_of_order)
+    rig.ignores(_state(-1e6), out_of_order)
+    np.testing.assert_array_equal(good, rig.torques[0])
+    assert len(rig.torques) == 1
+    assert not np.array_equal(rig.answer(_state(1.0, [0.05, 1.9])), good)
+    assert sum(rig.node.drops.values()) == 19
+
+
+def test_one_wild_stamp_is_dropped_and_a_clock_that_stays_ahead_is_followed(rig) -> None:
+    rig = rig()
+    rig.answer(_state(0.0))
+    rig.ignores(_state(5000.0), 'stamp jumps ahead')
+    rig.answer(_state(1.0))
+    rig.ignores(_state(7000.0), 'stamp jumps ahead')
+    rig.ignores(_state(9000.0), 'stamp jumps ahead')
+    rig.answer(_state(9001.0))
+    rig.ignores(_state(8000.0), 'joint state out of order')
+    assert rig.node.output.reference.position[0] == pytest.approx(math.sin(4.5005))
+
+
+def test_a_stamp_that_no_message_can_hold_is_dropped(rig) -> None:
+    rig = rig()
+    rig.answer(_state(0.0))
+    state = _state(0.0)
+    state.header.stamp.sec, state.header.stamp.nanosec = 2**31 - 1, 2**32 - 1
+    rig.ignores(state, 'unusable joint state')
+
+
+def test_effort_is_not_needed(rig) -> None:
+    rig = rig()
+    assert np.isfinite(rig.answer(_state(0.0, effort=[math.nan, math.nan]))).all()
+    assert np.isfinite(rig.answer(_state(1.0, effort=[]))).all()
+
+
+def test_no_bytes_on_any_topic_give_a_non_finite_torque(rig) -> None:
+    hypothesis = pytest.importorskip('hypothesis')
+    from hypothesis import strategies
+    rig = rig(monitor_decimation=7)
+    node = rig.node
+    rig.answer(_state(0.0))
+    state, estimate = serialize_message(_state(1.0)), _estimate(TASK['initial_estimate'])
+    numbers = strategies.lists(strategies.floats(), min_size=2, max_size=2)
+    extreme = strategies.builds(
+        lambda q, qd, ms: serialize_message(_state(ms, q, qd)), numbers, numbers,
+        strategies.integers(0, 10**6))
+    estimates = strategies.builds(_estimate, strategies.lists(strategies.floats(), min_size=5,
+                                                              max_size=5))
+
+    def corrupted(good: bytes):
+        return strategies.builds(lambda at, new: good[:at] + new + good[at + len(new):],
+                                 strategies.integers(0, len(good)), strategies.binary(max_size=9))
+
+    @hypothesis.settings(max_examples=3000)
+    @hypothesis.given(
+        strategies.binary(max_size=120) | corrupted(state) | extreme,
+        strategies.binary(max_size=120) | corrupted(estimate) | estimates)
+    def any_bytes(joint_state: bytes, theta_hat: bytes) -> None:
+        node.on_theta_hat(theta_hat, {})
+        node._last_ns = None  # every stamp is a new one
+        with np.errstate(all='ignore'):
+            node.on_joint_states(joint_state, {})
+        assert np.isfinite(node.output.torque).all()
+        assert (np.abs(node.output.torque) <= [200.0, 100.0]).all()
+        assert np.isfinite(node.theta).all()
+
+    any_bytes()
+    assert node._samples_seen > 500
+    assert len(node.drops) == 4, node.drops
+    for torque in rig.torques:
+        assert np.isfinite(torque).all()
+
+
+def test_without_an_estimate_the_controller_goes_on_with_the_first_one(rig) -> None:
+    rig = rig()
+    law = build_controller(_values(rig), TwoLinkArm(), np.array(Q))
+    for k in range(20):
+        np.testing.assert_allclose(
+            rig.answer(_state(k)),
+            law.update(k * 1e-3, np.array(Q), np.array(QD), np.array(TASK['initial_estimate'])
+                       ).torque, rtol=1e-9)
+
+
+def test_an_estimate_acts_from_the_next_state_on_matched_by_name(graph, wait_until) -> None:
+    plain, other = _Rig(graph, wait_until), _Rig(graph, wait_until, '/other')
+    theta = np.array([3.4, 0.19, 0.25, 5.2, 1.3])
+    before = plain.answer(_state(0.0)), other.answer(_state(0.0))
+    plain.node.on_theta_hat(_estimate(theta), {})
+    other.node.on_theta_hat(_estimate(theta[::-1], PARAMETERS[::-1]), {})
+    after = plain.answer(_state(1.0)), other.answer(_state(1.0))
+    np.testing.assert_array_equal(*before)
+    np.testing.assert_array_equal(*after)
+    law = build_controller(_values(plain), TwoLinkArm(), np.array(Q))
+    np.testing.assert_allclose(
+        after[0], law.update(1e-3, np.array(Q), np.array(QD), theta).torque, rtol=1e-9)
+
+
+def test_an_estimate_that_cannot_be_used_leaves_the_last_one(rig) -> None:
+    rig = rig()
+    rig.node.on_theta_hat(_estimate([3.4, 0.19, 0.25, 5.2, 1.3]), {})
+    kept = rig.node.theta
+    for bad in ([3.0, math.nan, 0.3, 5.0, 1.0], [3.0, 0.2, 0.3, math.inf, 1.0]):
+        rig.node.on_theta_hat(_estimate(bad), {})
+    rig.node.on_theta_hat(_estimate([], []), {})
+    rig.node.on_theta_hat(_estimate([1.0] * 4, PARAMETERS[:4]), {})
+    rig.node.on_theta_hat(b'\0\1\0\0', {})
+    assert rig.node.theta is kept
+    assert rig.node.drops == {'non-finite estimate': 2, 'unusable estimate': 3}
+
+
+def test_with_known_parameters_nothing_is_learned(rig) -> None:
+    theta = [3.473, 0.196, 0.242, 5.3, 1.1]
+    rig = rig(model='known', known_parameters=theta)
+    assert rig.node.count_subscribers(THETA_HAT) == 0
+    law = build_controller(_values(rig), TwoLinkArm(), np.array(Q))
+    np.testing.assert_allclose(
+        rig.answer(_state(0.0)),
+        law.update(0.0, np.array(Q), np.array(QD), np.array(theta)).torque, rtol=1e-9)
+
+
+@pytest.mark.parametrize(('q', 'joint', 'value', 'bound', 'what'), [
+    ([-1.3, 2.0], 'joint1', -1.3, -1.17, 'safety'),
+    ([0.0, 2.5], 'joint2', 2.5, 2.2, 'safety'),
+    ([0.3, 2.0], 'joint1', 0.3, 0.2, 'performance'),
+    ([0.0, 1.5], 'joint2', -0.5, -0.17, 'performance'),
+])
+def test_a_start_outside_a_set_ends_the_node_without_any_torque(
+        graph, wait_until, q, joint, value, bound, what) -> None:
+    rig = _Rig(graph, wait_until)
+    states = rig.peer.create_publisher(JointState, JOINT_STATES, 10)
+    wait_until(lambda: states.get_subscription_count() == 1)
+    runner = graph.run(rig.node)
+    states.publish(_state(0.0, q))
+    with pytest.raises(SetViolation, match=f"joint '{joint}': start .* {what} set") as error:
+        runner.join()
+    assert error.value.value == pytest.approx(value)
+    assert error.value.bound == pytest.approx(bound)
+    assert rig.node._commands.get_subscription_count() == 1
+    assert rig.torques == []
+
+
+def test_a_process_whose_arm_starts_outside_a_set_says_so_and_fails(
+        processes, graph_of, wait_until) -> None:
+    process = processes.start('controller', '--ros-args', '-p', 'safety.upper:=[3.0, 0.5]')
+    peer = graph_of(processes.domain).peer()
+    commands = peer.listen(Float64MultiArray, COMMANDS)
+    states = peer.create_publisher(JointState, JOINT_STATES, 10)
+    wait_until(lambda: states.get_subscription_count() == 1)
+    stamps = iter(range(10**6))
+
+    def ended() -> bool:
+        states.publish(_state(next(stamps), [0.0, 0.7]))
+        return process.popen.poll() is not None
+
+    wait_until(ended)
+    assert process.wait() == 2
+    assert "joint 'joint2': start position outside the safety set: 0.7 rad against 0.5 rad" in \
+        process.text
+    assert 'Traceback' not in process.text
+    assert commands == []
+
+
+def test_a_performance_set_that_pokes_out_of_the_safety_set_is_refused(graph) -> None:
+    with pytest.raises(SetViolation, match="joint 'joint2': .*pokes out.*above: 2.25 .* 2.2 rad"):
+        graph.make(ControllerNode, **{**TASK, 'performance__upper': [0.2, 0.25]})
+    with pytest.raises(SetViolation, match="joint 'joint1': .*below: -1.18 .* -1.17 rad"):
+        graph.make(ControllerNode, **{**TASK, 'performance__lower': [-0.18, -0.17]})
+
+
+def test_a_smooth_start_takes_the_posture_it_finds(rig) -> None:
+    rig = rig(reference__smooth_start=1.0)
+    rig.answer(_state(0.0, [0.5, 1.0], [0.0, 0.0]))  # 0.5 and 1 rad away from the reference
+    np.testing.assert_allclose(rig.node.output.e1, 0.0, atol=1e-12)
+
+
+def test_nothing_is_answered_before_somebody_listens(graph, wait_until) -> None:
+    node = graph.make(ControllerNode, **TASK)
+    node.on_joint_states(serialize_message(_state(0.0)), {})
+    assert node.output is None
+    rig = graph.peer()
+    heard = rig.listen(Float64MultiArray, COMMANDS)
+    wait_until(lambda: node._commands.get_subscription_count() == 1)
+    node.on_joint_states(serialize_message(_state(700.0)), {})
+    wait_until(lambda: len(heard) == 1)
+    np.testing.assert_allclose(node.output.reference.position, [0.0, 2.0], atol=1e-12)
+
+
+def test_the_first_answer_does_not_wait_for_the_logger(rig, monkeypatch) -> None:
+    # As in a fresh process: rclpy's logger then reads every module's file, 50 to 110 ms.
+    monkeypatch.setattr(inspect, 'modulesbyfile', {})
+    monkeypatch.setattr(inspect, '_filesbymodname', {})
+    rig = rig()
+    data = serialize_message(_state(0.0))
+    begin = time.perf_counter()
+    rig.node.on_joint_states(data, {})
+    assert time.perf_counter() - begin < 0.03
+
+
+def test_a_running_node_ends_with_a_zero_torque(graph, wait_until) -> None:
+    rig = _Rig(graph, wait_until)
+    states = rig.peer.create_publisher(JointState, JOINT_STATES, 10)
+    wait_until(lambda: states.get_subscription_count() == 1)
+    runner = graph.run(rig.node)
+    states.publish(_state(0.0))
+    wait_until(lambda: len(rig.torques) == 1)
+    assert rig.torques[0].any()
+    assert runner.end() == 0
+    wait_until(lambda: len(rig.torques) == 2)
+    np.testing.assert_array_equal(rig.torques[-1], 0.0)
+
+
+def test_a_node_that_never_answered_sends_nothing_at_its_end(graph, wait_until) -> None:
+    rig = _Rig(graph, wait_until)
+    runner = graph.run(rig.node)
+    assert runner.end() == 0
+    assert rig.torques == []
+
+
+def test_when_states_stop_one_zero_torque_is_sent_and_the_next_state_resumes(graph,
+                                                                            wait_until) -> None:
+    rig = _Rig(graph, wait_until, state_timeout=0.2)
+    states = rig.peer.create_publisher(JointState, JOINT_STATES, 10)
+    wait_until(lambda: states.get_subscription_count() == 1)
+    graph.run(rig.node)
+    states.publish(_state(0.0))
+    wait_until(lambda: len(rig.torques) == 2)
+    assert rig.torques[0].any()
+    np.testing.assert_array_equal(rig.torques[1], 0.0)
+    assert 'lost' in rig.node.status()[1]
+    states.publish(_state(1.0))
+    wait_until(lambda: len(rig.torques) == 4)
+    assert rig.torques[2].any()
+    np.testing.assert_array_equal(rig.torques[3], 0.0)
+    times = [info['source_timestamp'] for _, info in rig.sent[COMMANDS]]
+    assert times[1] - times[0] >= 0.19e9
+
+
+def test_of_a_backlog_only_the_newest_state_is_answered(rig, wait_until) -> None:
+    rig = rig()
+    peer = rig.peer
+    echo = peer.listen(JointState, JOINT_STATES)
+    states = peer.create_publisher(JointState, JOINT_STATES, 50)
+    wait_until(lambda: states.get_subscription_count() == 2)
+    rig.node.spin_data(0.0)
+    for k in range(9):
+        states.publish(_state(k))
+    wait_until(lambda: len(echo) == 9)
+    rig.node.spin_data(1.0)
+    assert rig.node._samples_seen == 1
+    assert rig.node._last_ns == 10**12 + 8_000_000
+    assert rig.node.superseded == 8
+    wait_until(lambda: len(rig.torques) == 1)
+
+
+def test_gains_set_while_running_act_on_the_next_state(rig) -> None:
+    rig = rig()
+    rig.answer(_state(0.0))
+    assert rig.node.set_parameters([Parameter('k2', value=[90.0, 3.0])])[0].successful
+    law = build_controller(_values(rig, k2=[90.0, 3.0]), TwoLinkArm(), np.array(Q))
+    np.testing.assert_allclose(
+        rig.answer(_state(1.0)),
+        law.update(1e-3, np.array(Q), np.array(QD), np.array(TASK['initial_estimate'])).torque,
+        rtol=1e-9)
+
+
+def test_one_reason_for_drops_does_not_silence_another(rig, capfd) -> None:
+    rig = rig()
+    for _ in range(50):
+        rig.node.on_joint_states(b'', {})
+    rig.node.on_joint_states(serialize_message(_state(0.0, [math.nan, 2.0])), {})
+    log = capfd.readouterr().err
+    assert log.count('unusable joint state') == 1
+    assert "non-finite joint state: joint 'joint1' (1 so far)" in log

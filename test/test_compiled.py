@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts about the laws as compiled functions: the same numbers as the Python they are made of."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from adaptive_blf_control.arms import two_link
+from adaptive_blf_control.compiled import all_finite, COMPILED
+from adaptive_blf_control.control import barrier, law, reference
+from adaptive_blf_control.identification import history_stack, torque_filter, update_law
+
+N, M = 2, 5
+RANDOM = np.random.default_rng(20)
+
+
+def vector(scale: float = 1.0) -> np.ndarray:
+    return scale * RANDOM.normal(size=N)
+
+
+def matrix() -> np.ndarray:
+    return RANDOM.normal(size=(N, M))
+
+
+B = np.full(N, 0.2)
+STATE = (vector(), vector())
+PAIRS = RANDOM.normal(size=(7, N, M))
+GRAM = np.einsum('pni,pnj->ij', PAIRS, PAIRS)
+THETA = np.array([3.473, 0.196, 0.242, 5.3, 1.1])
+
+CASES = {
+    two_link.two_link_Y1: STATE,
+    two_link.two_link_Y2: STATE,
+    two_link.two_link_Y12: STATE,
+    two_link.two_link_X: (*STATE, vector(), vector()),
+    two_link.two_link_acceleration: (*STATE, vector(10.0), THETA),
+    barrier.active_bound: (vector(), -B, B),
+    barrier.interior: (vector(), B),
+    barrier.barrier: (vector(0.05), B),
+    barrier.barrier_gradient: (vector(0.05), B),
+    law.stabilising_function: (vector(0.05), vector(), vector(), vector(), B, np.full(N, 40.0)),
+    law.per_joint_coupling: (vector(0.05), vector(), B),
+    law.pseudoinverse_coupling: (vector(0.05), vector(), B),
+    law.torque: (matrix(), THETA, np.full(N, 30.0), vector(0.05), vector(), B, True),
+    law.limited: (np.array([np.nan, -5.0]), np.ones(N)),
+    law.errors: (vector(), vector(), vector(), vector(), vector(), -B, B, np.full(N, 40.0)),
+    reference._sinusoids: (0.7, vector(), matrix(), matrix(), matrix()),
+    reference._blend: (0.7, 2.0, vector(), vector(), vector(), vector()),
+    torque_filter.filter_step: (1e-3, 0.4, matrix(), vector(), matrix(), matrix(), matrix(),
+                                matrix(), vector()),
+    update_law.implicit_step: (THETA, 1e-3, np.ones(M), 10.0, 5.0, matrix(), vector(), GRAM,
+                               RANDOM.normal(size=M), RANDOM.normal(size=M)),
+    history_stack.is_different: (matrix(), matrix(), 0.1),
+    history_stack.squared_projections: (PAIRS, RANDOM.normal(size=M)),
+    all_finite: (vector(),),
+}
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
+@pytest.mark.parametrize('function', CASES, ids=lambda function: function.__name__)
+def test_a_compiled_function_equals_its_python(function):
+    arguments = CASES[function]
+    compiled, plain = function(*arguments), function.py_func(*arguments)
+    if not isinstance(plain, tuple):
+        compiled, plain = (compiled,), (plain,)
+    for got, expected in zip(compiled, plain, strict=True):
+        np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
+def test_the_pruned_search_finds_the_same_slot_compiled_and_in_python():
+    search = history_stack.best_replacement
+    values, vectors = np.linalg.eigh(GRAM)
+    for _ in range(50):
+        candidate = 1.5 * matrix()
+        bounds = (values[0] + np.sum((candidate @ vectors[:, 0]) ** 2)
+                  - history_stack.squared_projections(PAIRS, np.ascontiguousarray(vectors[:, 0])))
+        slots = {function(candidate, PAIRS, GRAM, values[0], bounds.copy())
+                 for function in (search, search.py_func)}
+        assert len(slots) == 1
+
+
+@pytest.mark.parametrize(('values', 'expected'), [
+    ([0.0, 1e308], True), ([], True), ([np.nan, 0.0], False), ([0.0, np.inf], False),
+    ([-np.inf, 0.0], False)])
+def test_all_finite_sees_every_element(values, expected):
+    assert all_finite(np.array(values, dtype=float)) is expected
+
+
+BLOCKED = """
+import sys
+sys.modules['numba'] = None
+from adaptive_blf_control.compiled import COMPILED, jit, jit_closure
+def function(x): return x
+assert not COMPILED
+assert jit(function) is function
+assert jit_closure(function) is function
+import adaptive_blf_control.simulation.closed_loop
+"""
+
+
+def test_the_core_works_where_numba_is_not_installed():
+    subprocess.run([sys.executable, '-c', BLOCKED], check=True,
+                   env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
