@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated run, whose θ* is known, against what Theorem 2 promises for it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.control.guarantee import (
+    Departure,
+    Guarantee,
+    guarantee,
+    GuaranteeMonitor,
+    lyapunov_value,
+    mass_range,
+)
+from adaptive_blf_control.control.law import errors
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
+
+__all__ = ['Promise', 'promise_of_trace']
+
+
+class Promise(NamedTuple):
+    """What was promised at the start and anew at every change of θ*, and whether it was kept.
+
+    Attributes:
+        starts: Times of the promises [s].
+        promised: One guarantee per start.
+        first: Where the run first left the promise in force, None where it was kept.
+        values: V (57) at every sample, shape (N,).
+    """
+
+    starts: tuple[float, ...]
+    promised: tuple[Guarantee, ...]
+    first: Departure | None
+    values: np.ndarray
+
+    def figures(self) -> dict[str, Any]:
+        """Return the first promise and the verdict as plain values for JSON."""
+        start = self.promised[0]
+        return {
+            'V0': start.value, 'U_e1_lower': start.error_lower.tolist(),
+            'U_e1_upper': start.error_upper.tolist(), 'e2_norm': start.e2_norm,
+            'output_lower': start.output_lower.tolist(),
+            'output_upper': start.output_upper.tolist(),
+            'V_largest': float(np.max(self.values)), 'V_last': float(self.values[-1]),
+            'restarted_at': list(self.starts[1:]), 'left': self.first is not None,
+            'message': None if self.first is None else str(self.first)}
+
+    def line(self) -> str:
+        """Say in a line of the summary what was promised and whether it was kept."""
+        start = self.promised[0]
+        part = np.max(np.concatenate([-start.error_lower, start.error_upper]))
+        return (f'Theorem 2            V(0) = {start.value:.4g}, so |e1| <= {part:.4g} rad; '
+                + ('kept' if self.first is None else f'left: {self.first}'))
+
+
+def promise_of_trace(loop: ClosedLoop, trace: Trace) -> Promise:
+    """Compare a run with Theorem 2, on the true state.
+
+    θ* is constant in the theorem: where it changes, V is taken anew as the V(0) of what follows.
+    """
+    controller, settings = loop.controller, loop.identifier.settings
+    arm, performance = loop.arm, controller.performance
+    truth = loop.plant.truth(arm.parameters)
+    values, starts, promised = np.empty(trace.t.size), [], []
+    monitor: GuaranteeMonitor | None = None
+    first: Departure | None = None
+    epoch = -1
+    for k, t in enumerate(trace.t):
+        q, e1 = trace.q[k], trace.e1[k]
+        point = controller.reference.at(t)
+        e2 = errors(q, trace.qd[k], *point, performance.lower, performance.upper,
+                    controller.settings.k1)[1]
+        begun = epoch
+        while epoch + 1 < len(truth) and t >= truth[epoch + 1][0] - 1e-9:
+            epoch += 1
+        theta = truth[epoch][1]
+        estimate = trace.theta_hat[k] if loop.known is None else loop.known
+        values[k] = lyapunov_value(arm, q, e1, e2, performance, estimate, theta, settings.gamma)
+        if epoch != begun or monitor is None:
+            starts.append(float(t))
+            promised.append(_promise(loop, float(values[k]), theta))
+            monitor = GuaranteeMonitor(promised[-1], performance, arm.joints)
+        departure = monitor.observe(float(t), e1, float(values[k]))
+        first = first or departure
+    return Promise(tuple(starts), tuple(promised), first, values)
+
+
+def _promise(loop: ClosedLoop, value: float, theta: np.ndarray) -> Guarantee:
+    performance, reference = loop.controller.performance, loop.controller.reference.range()
+    rough = guarantee(value, performance, reference, 1.0)
+    smallest, _ = mass_range(loop.arm, theta, rough.output_lower, rough.output_upper)
+    return guarantee(value, performance, reference, smallest)

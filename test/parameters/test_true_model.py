@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts about where θ* of the simulated arm comes from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from adaptive_blf_control.arms.three_link import three_link_parameters
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.build import build_arm, true_theta
+from adaptive_blf_control.parameters.yaml_file import apply_settings, node_values
+
+
+def theta(*settings: str) -> np.ndarray:
+    values = node_values(apply_settings({}, list(settings)), 'arm_driver')
+    return true_theta(values, build_arm(values))
+
+
+THREE = ('arm=three_link', 'joints=[a, b, c]')
+GIVEN = 'arm_driver.true_model=given'
+
+
+def test_nominal_is_the_default():
+    np.testing.assert_array_equal(theta(), [3.473, 0.196, 0.242, 5.3, 1.1])
+    np.testing.assert_array_equal(theta(*THREE), three_link_parameters())
+
+
+def test_given_parameters_are_taken_as_they_are():
+    given = 'arm_driver.true_parameters=[4.0, 0.2, 0.3, 5.6, 0.8]'
+    np.testing.assert_array_equal(theta(GIVEN, given), [4.0, 0.2, 0.3, 5.6, 0.8])
+
+
+def test_a_payload_comes_on_top_of_either():
+    np.testing.assert_allclose(theta(*THREE, 'arm_driver.payload=2.0'), three_link_parameters(2.0))
+    half = three_link_parameters() / 2.0
+    given = f'arm_driver.true_parameters={half.tolist()}'
+    np.testing.assert_allclose(theta(*THREE, GIVEN, given, 'arm_driver.payload=2.0') - half,
+                               three_link_parameters(2.0) - three_link_parameters())
+
+
+@pytest.mark.parametrize(('settings', 'message'), [
+    (('arm_driver.true_parameters=[4.0, 0.2, 0.3, 5.6, 0.8]',), 'true_model: given'),
+    ((GIVEN, 'arm_driver.true_parameters=[4.0, 0.2]'), 'p1 p2 p3 fv_joint1 fv_joint2'),
+    ((GIVEN,), '5 values'),
+    (('arm_driver.payload=1.0',), 'two_link has no tip'),
+    ((*THREE, 'arm_driver.payload=-1.0'), 'payload'),
+    (('arm_driver.true_model=guess',), 'nominal, given')])
+def test_what_does_not_fit_together_is_refused(settings, message):
+    with pytest.raises(ParameterError, match=message):
+        theta(*settings)
