@@ -20,7 +20,7 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(include=[package_name, f'{package_name}.*']),
-    package_data={'': ['*.json', '*.xml', '*.yaml', 'py.typed']},
+    package_data={'': ['*.css', '*.js', '*.json', '*.xml', '*.yaml', 'py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -35,7 +35,7 @@ setup(
         'urdf': ['pin>=3.3'],
         # numba's linear algebra calls the BLAS that scipy carries.
         'fast': ['numba>=0.59', 'scipy>=1.11'],
-        'plot': ['matplotlib>=3.6'],
+        'plot': ['matplotlib>=3.6', 'plotly>=6.0'],
         'test': [
             'pytest>=7.4',
             'hypothesis>=6.98',

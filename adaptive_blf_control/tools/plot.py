@@ -5,24 +5,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from adaptive_blf_control.errors import MissingExtra
+from adaptive_blf_control.report.thinning import thin
 from adaptive_blf_control.tools.summary import Run
 
 __all__ = ['plot_run']
-
-POINTS = 4000  # drawn per curve; extremes are kept
-
-
-def _thin(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Thin a curve to about ``POINTS``, keeping the least and the largest value of each piece."""
-    if t.size <= POINTS:
-        return t, y
-    pieces = np.array_split(np.arange(t.size), POINTS // 2)
-    keep = np.unique([[p[np.argmin(y[p])], p[np.argmax(y[p])]] for p in pieces])
-    return t[keep], y[keep]
-
 
 def plot_run(run: Run, path: Path, title: str) -> None:
     """Draw the run to a PNG.
@@ -47,16 +34,16 @@ def plot_run(run: Run, path: Path, title: str) -> None:
         axes = figure.add_subplot(grid[0, i], title=joint)
         axes.axhspan(run.safety.lower[i], run.safety.upper[i], color='tab:green', alpha=0.10,
                      label='safety set')
-        axes.plot(*_thin(run.t, run.q[:, i]), color='tab:blue', label='measured')
-        axes.plot(*_thin(run.t, run.q[:, i] - run.e1[:, i]), 'k--', lw=1.0, label='reference')
+        axes.plot(*thin(run.t, run.q[:, i]), color='tab:blue', label='measured')
+        axes.plot(*thin(run.t, run.q[:, i] - run.e1[:, i]), 'k--', lw=1.0, label='reference')
         errors = figure.add_subplot(grid[1, i], sharex=axes)
         errors.axhspan(run.performance.lower[i], run.performance.upper[i], color='tab:green',
                        alpha=0.10, label='performance set')
         errors.axhline(0.0, color='k', lw=0.5)
-        errors.plot(*_thin(run.t, run.e1[:, i]), color='tab:red', label='tracking error')
+        errors.plot(*thin(run.t, run.e1[:, i]), color='tab:red', label='tracking error')
         # The error is far smaller than its bound: show both, the error in an inset.
         inset = errors.inset_axes((0.48, 0.55, 0.5, 0.4))
-        inset.plot(*_thin(run.t, 1e3 * run.e1[:, i]), color='tab:red', lw=0.8)
+        inset.plot(*thin(run.t, 1e3 * run.e1[:, i]), color='tab:red', lw=0.8)
         inset.tick_params(labelsize=6)
         inset.set_title('mrad', fontsize=7, pad=2)
         if i == 0:
@@ -68,7 +55,7 @@ def plot_run(run: Run, path: Path, title: str) -> None:
     estimates = figure.add_subplot(grid[2, :], xlabel='time [s]', ylabel='estimates')
     few = len(run.parameters) <= 12
     for j, name in enumerate(run.parameters):
-        line, = estimates.plot(*_thin(run.t_theta, run.theta_hat[:, j]), lw=1.5 if few else 0.7,
+        line, = estimates.plot(*thin(run.t_theta, run.theta_hat[:, j]), lw=1.5 if few else 0.7,
                                label=name if few else None)
         if run.truth:
             estimates.plot(run.t_theta, run.theta_true(run.t_theta)[:, j], color=line.get_color(),

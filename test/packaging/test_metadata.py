@@ -22,10 +22,10 @@ ROS = ('ros-jazzy-rclpy', 'ros-jazzy-common-interfaces')
 
 
 class Declared(NamedTuple):
-    """Who provides an imported module: a PyPI distribution and a package.xml key."""
+    """Who provides an imported module: a PyPI distribution and a package.xml key, if any."""
 
     distribution: str
-    key: str
+    key: str | None
 
 
 MODULES = {
@@ -36,6 +36,7 @@ MODULES = {
     'numba': Declared('numba', 'python3-numba'),
     'scipy': Declared('scipy', 'python3-scipy'),
     'matplotlib': Declared('matplotlib', 'python3-matplotlib'),
+    'plotly': Declared('plotly', None),  # rosdep has no key for it
     **{name: Declared(ROS[0], name)
        for name in ('rclpy', 'rcl_interfaces', 'rosgraph_msgs', 'builtin_interfaces')},
     **{name: Declared(ROS[1], name)
@@ -145,7 +146,7 @@ def test_every_import_of_the_package_is_declared_in_both_files(
     for module, files in _imports(*(repository / PACKAGE).rglob('*.py')).items():
         assert module in MODULES, f'{module}, imported by {sorted(files)}, is declared nowhere'
         assert MODULES[module].distribution in runtime
-        assert MODULES[module].key in keys
+        assert MODULES[module].key is None or MODULES[module].key in keys
 
 
 def test_every_import_of_the_launch_files_is_declared(
@@ -162,8 +163,9 @@ def test_setup_runs_where_nothing_but_setuptools_is_installed(repository: Path) 
 
 def test_what_setup_requires_is_in_the_manifest(
         metadata: Metadata, manifest: ElementTree.Element) -> None:
-    keys = _keys(manifest, 'depend', 'exec_depend')
-    by_distribution: dict[str, set[str]] = {}
+    # What rosdep does not know is optional, and stands in the manifest as a comment.
+    keys: set[str | None] = {None, *_keys(manifest, 'depend', 'exec_depend')}
+    by_distribution: dict[str, set[str | None]] = {}
     for declared in MODULES.values():
         by_distribution.setdefault(declared.distribution, set()).add(declared.key)
     for extra, requirements in metadata.requires.items():

@@ -1,0 +1,376 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is plotted, free of any plotting library: sections of panels of curves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import cycle, islice
+
+import numpy as np
+
+from adaptive_blf_control.report.lyapunov import Promised, true_over_time
+from adaptive_blf_control.report.margins import margins_of
+from adaptive_blf_control.report.recording import Recording, Series
+from adaptive_blf_control.report.thinning import POINTS, thin
+from adaptive_blf_control.report.timing import command_delays_ms, intervals_ms
+
+__all__ = ['BAG_COLOURS', 'Band', 'Curve', 'INK', 'Panel', 'Section', 'sections', 'time_span']
+
+# Okabe and Ito's colours, which colour-blind people tell apart, then darker ones.
+BAG_COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#7F3C8D',
+               '#6B4C1E', '#3A6B35', '#A31621', '#4B4E6D', '#B8A600')
+INK = '#222222'
+BINS = 60
+BUDGET = 300_000  # points on a page, so that many bags of many parameters stay below 10 MB
+DECADES = 15  # below are rounding errors
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One line; ``x`` and ``y`` have shape (N,). ``step`` holds each value up to the next.
+
+    Curves of one ``group`` are switched on and off together in the legend.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    label: str
+    colour: str
+    bag: int
+    dash: str = 'solid'
+    width: float = 1.6
+    step: bool = False
+    fill: bool = False
+    legend: bool = True
+    group: str = ''
+
+
+@dataclass(frozen=True)
+class Band:
+    """A shaded range of y, from ``lower`` to ``upper``."""
+
+    lower: float
+    upper: float
+    label: str
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One plot.
+
+    Attributes:
+        key: File name and HTML id.
+        title: Title.
+        x_label: Label of x with its unit.
+        y_label: Label of y with its unit.
+        curves: Lines.
+        bands: Shaded ranges.
+        log_y: Logarithmic y axis.
+        zoom: y-range of the curves alone, where the bands are far wider; else None.
+        time: x is the time of the run.
+        filters: Names of curves one can look at alone (a menu).
+    """
+
+    key: str
+    title: str
+    y_label: str
+    curves: tuple[Curve, ...]
+    x_label: str = 'time [s]'
+    bands: tuple[Band, ...] = ()
+    log_y: bool = False
+    zoom: tuple[float, float] | None = None
+    time: bool = True
+    filters: tuple[str, ...] = ()
+
+    def log_range(self) -> tuple[float, float]:
+        """Return the y-range of a logarithmic axis: at most ``DECADES`` below the largest."""
+        values = np.concatenate([curve.y for curve in self.curves] or [np.ones(1)])
+        values = values[np.isfinite(values) & (values > 0.0)]
+        if values.size == 0:
+            return 0.1, 10.0
+        high = float(values.max())
+        low = max(float(values.min()), high * 10.0 ** -DECADES)
+        room = max((high / low) ** 0.05, 1.2)
+        return low / room, high * room
+
+
+@dataclass(frozen=True)
+class Section:
+    """Panels under one heading; ``columns`` of them side by side."""
+
+    key: str
+    title: str
+    note: str
+    panels: tuple[Panel, ...]
+    columns: int = 2
+
+
+def time_span(recordings: Sequence[Recording]) -> tuple[float, float]:
+    """Return 0 and the last time of any bag [s]; states before the controller's are outside."""
+    ends = [float(series.t[-1]) for r in recordings
+            for series in (r.q, r.e1, r.theta_hat, r.torque)
+            if series is not None and series.t.size]
+    return 0.0, max([*ends, 1e-3])
+
+
+def sections(recordings: Sequence[Recording],
+             guarantees: Sequence[Promised | None]) -> list[Section]:
+    """Return what can be plotted of these bags, all bags in each panel."""
+    maker = _Maker(recordings, guarantees)
+    found = [
+        Section('margins', 'Margins', 'Distance to the nearer bound of either set.',
+                maker.margins(), 1),
+        Section('positions', 'Joint positions', 'q and its reference; the shaded range is the '
+                'safety set (7). Figs. 4, 9 and 13 of the paper.',
+                maker.per_joint(maker.position), maker.columns),
+        Section('errors', 'Tracking errors', 'e1 = q − y_d inside the performance set (8), '
+                'shaded; dotted: what Theorem 2 guarantees (39). Figs. 5, 10 and 14.',
+                maker.per_joint(maker.error), maker.columns),
+        Section('torques', 'Torques', 'τ held over each sample interval. Figs. 6 and 11.',
+                maker.per_joint(maker.torque), maker.columns),
+        Section('estimates', 'Parameter estimates', 'θ̂ (solid) and, where known, θ* (dashed). '
+                'Figs. 2, 7 and 15.', maker.estimates(), 1),
+        Section('estimate_errors', 'Parameter errors', 'θ̃ = θ̂ − θ*. Figs. 3 and 8.',
+                maker.estimate_errors(), 2),
+        Section('history', 'History stack', 'Full rank makes θ̂ converge (Assumption 2), σ_min '
+                'sets how fast.', maker.history(), 2),
+        Section('lyapunov', 'Lyapunov function', 'V = V1 + ½ e2ᵀM(θ*)e2 + ½ θ̃ᵀΓ⁻¹θ̃ must stay '
+                'below its value at the start, or at a change of θ* (Theorem 2). The controller '
+                'publishes V1 + ½ e2ᵀM(θ̂)e2.',
+                maker.lyapunov(), 1),
+        Section('timing', 'Timing', 'Sample interval from the stamps, delay from the times of '
+                'reception.', maker.timing(), 2),
+    ]
+    return [section for section in found if section.panels]
+
+
+class _Maker:
+    """Makes the panels; colours go by bag, or by what is shown where there is one bag."""
+
+    def __init__(self, recordings: Sequence[Recording],
+                 guarantees: Sequence[Promised | None]) -> None:
+        self.recordings = recordings
+        self.guarantees = guarantees
+        self.one = len(recordings) == 1
+        self.end = time_span(recordings)[1]
+        curves = sum(4 * len(r.joints) + 2 * len(r.theta_names) + 6 for r in recordings)
+        self.points = int(np.clip(BUDGET / max(curves, 1), 500, POINTS))
+        self.joints = list(dict.fromkeys(j for r in recordings for j in r.joints))
+        self.columns = min(max(len(self.joints), 1), 3)  # 3 are readable at 1280 px
+        self.colours = list(islice(cycle(BAG_COLOURS), len(recordings)))
+
+    def per_joint(self, make: Callable[[str], Panel]) -> tuple[Panel, ...]:
+        panels = [make(joint) for joint in self.joints]
+        return tuple(panel for panel in panels if panel.curves)
+
+    def _curve(self, series: Series, column: int, label: str, colour: str, bag: int,
+               dash: str = 'solid', width: float = 1.6) -> Curve:
+        return Curve(*thin(series.t, series.values[:, column], self.points), label, colour, bag,
+                     dash, width)
+
+    def _label(self, bag: int, what: str) -> str:
+        return what if self.one else f'{self.recordings[bag].name}: {what}'
+
+    def _with(self, joint: str) -> list[tuple[int, Recording, int]]:
+        return [(b, r, r.joints.index(joint)) for b, r in enumerate(self.recordings)
+                if joint in r.joints]
+
+    def position(self, joint: str) -> Panel:
+        curves: list[Curve] = []
+        bands: dict[Band, None] = {}
+        for b, r, i in self._with(joint):
+            if r.q is not None:
+                curves.append(self._curve(r.q, i, self._label(b, 'q'), self.colours[b], b))
+            if r.reference is not None:
+                line = self._curve(r.reference, i, self._label(b, 'reference'),
+                              INK if self.one else self.colours[b], b, dash='dash', width=1.2)
+                curves.append(line)
+            if r.safety is not None:
+                bands[Band(float(r.safety.lower[i]), float(r.safety.upper[i]),
+                           'set (7)')] = None
+        return Panel(f'position_{joint}', joint, 'q [rad]', tuple(curves), bands=tuple(bands))
+
+    def error(self, joint: str) -> Panel:
+        curves: list[Curve] = []
+        bands: dict[Band, None] = {}
+        for b, r, i in self._with(joint):
+            if r.e1 is None:
+                continue
+            curves.append(self._curve(r.e1, i, self._label(b, 'e1'), self.colours[b], b))
+            if r.performance is not None:
+                bands[Band(float(r.performance.lower[i]), float(r.performance.upper[i]),
+                           'set (8)')] = None
+        zoom = _range(curves)
+        for b, r, i in self._with(joint):
+            promised = self.guarantees[b]
+            if promised is not None and r.e1 is not None:
+                ends = np.array([r.e1.t[0], r.e1.t[-1]])
+                for which, limit in enumerate((promised.lower[i], promised.upper[i])):
+                    curves.append(Curve(ends, np.full(2, limit),
+                                        self._label(b, 'Ω_e1 (39)'),
+                                        INK if self.one else self.colours[b], b, dash='dot',
+                                        width=1.2, legend=which == 0))
+        wide = max((band.upper - band.lower for band in bands), default=0.0)
+        return Panel(f'error_{joint}', joint, 'e1 [rad]', tuple(curves), bands=tuple(bands),
+                     zoom=zoom if zoom and zoom[1] - zoom[0] < 0.5 * wide else None)
+
+    def margins(self) -> tuple[Panel, ...]:
+        curves = []
+        for b, r in enumerate(self.recordings):
+            found = margins_of(r)
+            if found is None:
+                continue
+            least = Series(found.t, found.values.min(axis=1))
+            if self.one:
+                curves += [self._curve(least, i, joint, self._tone(b, i), b)
+                           for i, joint in enumerate(r.joints)]
+            else:
+                least = Series(found.t, least.values.min(axis=1)[:, None])
+                curves.append(self._curve(least, 0, self._label(b, 'least of all joints'),
+                                     self.colours[b], b))
+        if not curves:
+            return ()
+        ends = np.array([min(c.x[0] for c in curves), max(c.x[-1] for c in curves)])
+        curves.append(Curve(ends, np.zeros(2), 'bound', '#C0262D', -1, width=1.2))
+        return (Panel('margins', 'Margin to the nearer bound', 'margin [rad]', tuple(curves)),)
+
+    def torque(self, joint: str) -> Panel:
+        curves = [self._curve(r.torque, i, self._label(b, 'τ'), self.colours[b], b, width=1.2)
+                  for b, r, i in self._with(joint) if r.torque is not None]
+        return Panel(f'torque_{joint}', joint, 'τ [N·m]', tuple(curves))
+
+    def _names(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(n for r in self.recordings for n in r.theta_names))
+
+    def _tone(self, bag: int, number: int) -> str:
+        return BAG_COLOURS[number % len(BAG_COLOURS)] if self.one else self.colours[bag]
+
+    def estimates(self) -> tuple[Panel, ...]:
+        names = self._names()
+        curves = []
+        for b, r in enumerate(self.recordings):
+            truth = true_over_time(r)
+            if r.theta_hat is None:
+                continue
+            for j, name in enumerate(r.theta_names):
+                tone = self._tone(b, names.index(name))
+                curves.append(self._curve(r.theta_hat, j, self._label(b, name), tone, b))
+                if truth is not None:
+                    curves.append(replace(_held(
+                        r.theta_hat.t, truth[:, j], self._label(b, f'{name} true'), tone, b),
+                        legend=False, group=self._label(b, name)))
+        return (Panel('estimates', 'θ̂ and θ*', 'θ̂ [SI units of each parameter]', tuple(curves),
+                      filters=names),) if curves else ()
+
+    def estimate_errors(self) -> tuple[Panel, ...]:
+        names = self._names()
+        norms, parts = [], []
+        for b, r in enumerate(self.recordings):
+            truth = true_over_time(r)
+            if r.theta_hat is None or truth is None:
+                continue
+            error = Series(r.theta_hat.t, r.theta_hat.values - truth)
+            norm = Series(error.t, np.linalg.norm(error.values, axis=1)[:, None])
+            norms.append(self._curve(norm, 0, self._label(b, '‖θ̃‖'), self.colours[b], b))
+            size = 0.01 * float(np.linalg.norm(truth[-1]))
+            norms.append(Curve(norm.t[[0, -1]], np.full(2, size),
+                               self._label(b, '1 % of ‖θ*‖'), INK if self.one
+                               else self.colours[b], b, dash='dash', width=1.0))
+            parts += [self._curve(error, j, self._label(b, name),
+                                  self._tone(b, names.index(name)), b)
+                      for j, name in enumerate(r.theta_names)]
+        if not norms:
+            return ()
+        return (Panel('error_norm', 'Norm', '‖θ̃‖', tuple(norms), log_y=True),
+                Panel('error_components', 'Components', 'θ̃ [SI units of each parameter]',
+                      tuple(parts), filters=names))
+
+    def history(self) -> tuple[Panel, ...]:
+        panels = []
+        for key, title, label in (('rank', 'Rank', 'rank'),
+                                  ('sigma_min', 'Smallest eigenvalue', 'σ_min(H Hᵀ)')):
+            curves = []
+            for b, r in enumerate(self.recordings):
+                series: Series | None = getattr(r, key)
+                if series is not None:
+                    # It is published on change: what was last said holds to the end.
+                    t, y = thin(np.append(series.t, max(self.end, series.t[-1])),
+                                np.append(series.values, series.values[-1]))
+                    if key == 'sigma_min':  # 0 has no logarithm
+                        t, y = t[y > 0.0], y[y > 0.0]
+                    curves.append(Curve(t, y, self._label(b, label), self.colours[b], b,
+                                        step=True))
+                if series is not None and key == 'rank' and r.theta_names and (
+                        self.one or b == 0):
+                    curves.append(Curve(np.array([0.0, self.end]),
+                                        np.full(2, len(r.theta_names)),
+                                        'full rank', INK, b, dash='dash', width=1.0))
+            if any(curve.x.size for curve in curves):
+                panels.append(Panel(key, title, label, tuple(curves), log_y=key != 'rank'))
+        return tuple(panels)
+
+    def lyapunov(self) -> tuple[Panel, ...]:
+        curves = []
+        for b, (r, promised) in enumerate(zip(self.recordings, self.guarantees)):
+            if r.lyapunov is not None:
+                t, y = thin(*r.lyapunov)
+                t, y = t[y > 0.0], y[y > 0.0]
+                curves.append(Curve(t, y, self._label(b, 'V without θ̃, published'),
+                                    '#8899AA' if self.one else self.colours[b], b, width=1.0,
+                                    dash='solid' if self.one else 'dot'))
+            if promised is not None:
+                curves.append(Curve(*thin(promised.t, promised.v), self._label(b, 'V (57)'),
+                                    self.colours[b], b, width=2.0))
+                curves.append(_held(promised.t, promised.bound, self._label(b, 'bound V(0)'),
+                                    INK if self.one else self.colours[b], b))
+        return (Panel('lyapunov', 'V', 'V', tuple(curves), log_y=True),) if curves else ()
+
+    def timing(self) -> tuple[Panel, ...]:
+        panels = []
+        for key, title, x_label, values in (
+                ('intervals', 'Sample interval', 'interval between stamps [ms]', intervals_ms),
+                ('delays', 'Delay from state to command', 'delay at the recorder [ms]',
+                 command_delays_ms)):
+            found = [(b, values(r)) for b, r in enumerate(self.recordings)]
+            found = [(b, v) for b, v in found if v.size and (key == 'intervals' or v.max() > 0)]
+            if found:
+                edges = _edges([v for _, v in found])
+                curves = [_histogram(v, edges, self._label(b, 'samples'), self.colours[b], b)
+                          for b, v in found]
+                panels.append(Panel(key, title, 'samples', tuple(curves), x_label=x_label,
+                                    log_y=True, time=False))
+        return tuple(panels)
+
+
+def _held(t: np.ndarray, y: np.ndarray, label: str, colour: str, bag: int) -> Curve:
+    """A dashed line that is constant between changes: only the changes are kept."""
+    change = np.flatnonzero(np.diff(y) != 0.0) + 1
+    keep = np.unique(np.concatenate([[0], change, [t.size - 1]]))
+    return Curve(t[keep], y[keep], label, colour, bag, 'dash', 1.0, step=True)
+
+
+def _range(curves: Sequence[Curve]) -> tuple[float, float] | None:
+    """Return the y-range of curves with a little room, or None without a finite value."""
+    values = np.concatenate([c.y for c in curves]) if curves else np.zeros(0)
+    values = values[np.isfinite(values)]
+    if values.size == 0:
+        return None
+    low, high = float(values.min()), float(values.max())
+    room = 0.06 * (high - low) or 1e-6
+    return low - room, high + room
+
+
+def _edges(values: Sequence[np.ndarray]) -> np.ndarray:
+    low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+    if high - low < 1e-3 * max(abs(high), 1e-3):  # all alike, as offline: one bar of some width
+        low, high = low - 0.05 * max(abs(low), 1e-3), high + 0.05 * max(abs(high), 1e-3)
+    return np.linspace(low, high, BINS + 1)
+
+
+def _histogram(values: np.ndarray, edges: np.ndarray, label: str, colour: str,
+               bag: int) -> Curve:
+    counts, _ = np.histogram(values, edges)
+    # Empty bins stay at a tenth of a sample, so that a logarithmic axis has a floor.
+    y = np.maximum(np.append(counts, counts[-1]).astype(float), 0.1)
+    return Curve(edges, y, label, colour, bag, step=True, fill=True, width=1.0)

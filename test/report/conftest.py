@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of an arm whose motion is known in closed form, and a browser to look at pages with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from html import unescape
+import json
+from pathlib import Path
+import re
+import shutil
+import subprocess
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import yaml
+
+from adaptive_blf_control.bags.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
+from adaptive_blf_control.bags.controller_codecs import barrier_names
+from adaptive_blf_control.bags.joint_state import JointStateCodec
+from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.parameters.build import build_arm
+from adaptive_blf_control.parameters.yaml_file import node_values, PARAMETERS_KEY
+from adaptive_blf_control.topics import (
+    BARRIER,
+    COMMANDS,
+    HISTORY_RANK,
+    HISTORY_SIGMA_MIN,
+    JOINT_STATES,
+    REFERENCE,
+    THETA_HAT,
+    TOPICS,
+    TRACKING_ERROR,
+)
+
+EPOCH_NS = 5_000_000_000
+RATE = 1000
+DELAY_NS = 300_000  # from a state to its command at the recorder
+PERFORMANCE = 0.2
+
+
+def run_parameters(arm: str, n: int) -> dict[str, Any]:
+    """Return the parameter file of a made-up run."""
+    return {
+        '/**': {'ros__parameters': {'arm': arm, 'joints': [f'joint{i + 1}' for i in range(n)]}},
+        '/**/arm_driver': {'ros__parameters': {'rate': float(RATE)}},
+        '/**/controller': {'ros__parameters': {
+            'safety': {'lower': [-1.5], 'upper': [1.5]},
+            'performance': {'lower': [-PERFORMANCE], 'upper': [PERFORMANCE]}}}}
+
+
+def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: float = 0.05,
+             parameters: bool = True, topics: Collection[str] = tuple(TOPICS),
+             skip: Collection[int] = ()) -> Path:
+    """Write a run: q follows sin t with an error that decays from ``error`` within 0.5 s.
+
+    θ̂ approaches θ* as 2⁻ᵗ·θ* would, ten times as fast. States whose number is in ``skip`` are
+    missing on every topic.
+    """
+    data = run_parameters(arm, 2 if arm == 'two_link' else 3)
+    model = build_arm(node_values(data, 'controller'))
+    writer = BagWriter(path, custom_data={PARAMETERS_KEY: yaml.safe_dump(data)}
+                       if parameters else {})
+    codecs = {JOINT_STATES: JointStateCodec(model.joints),
+              REFERENCE: JointStateCodec(model.joints),
+              TRACKING_ERROR: JointStateCodec(model.joints, fields=('position', 'velocity')),
+              THETA_HAT: JointStateCodec(model.parameters, fields=('position',)),
+              BARRIER: JointStateCodec(barrier_names(model.joints), fields=('position',))}
+    torque = Float64MultiArrayCodec(model.n)
+    for topic, type_name in TOPICS.items():
+        if topic in topics and topic != '/diagnostics':
+            writer.add_topic(f'/{topic}', type_name)
+    scale = 1.0 / (1.0 + np.arange(model.n))
+    for k in range(int(seconds * RATE) + 1):
+        if k in skip:
+            continue
+        t, stamp = k / RATE, EPOCH_NS + k * 1_000_000
+        e1, yd = error * np.exp(-2.0 * t) * scale, np.sin(t) * scale
+        q, tau = yd + e1, 3.0 * np.cos(7.0 * t) * scale
+        messages = {
+            JOINT_STATES: codecs[JOINT_STATES].encode(stamp, q, np.cos(t) * scale, tau),
+            REFERENCE: codecs[REFERENCE].encode(stamp, yd, np.cos(t) * scale, -yd),
+            TRACKING_ERROR: codecs[TRACKING_ERROR].encode(stamp, e1, -2.0 * e1),
+            THETA_HAT: codecs[THETA_HAT].encode(stamp, model.nominal * (1.0 - 0.5 ** (10.0 * t))),
+            BARRIER: codecs[BARRIER].encode(stamp, np.concatenate(
+                [1.5 - np.abs(q), PERFORMANCE - np.abs(e1), [np.sum(e1 ** 2)]])),
+            COMMANDS: torque.encode(tau)}
+        if k % 100 == 0:
+            messages[HISTORY_RANK] = encode_int32(min(k // 100, model.m))
+            messages[HISTORY_SIGMA_MIN] = encode_float64(1e-3 * k)
+        for topic, message in messages.items():
+            if topic in topics:
+                late = DELAY_NS if topic == COMMANDS else 0
+                writer.write(f'/{topic}', message, stamp + late)
+    writer.close()
+    return path
+
+
+@pytest.fixture(scope='session')
+def make_bag() -> Callable[..., Path]:
+    """Return the function that writes a made-up run."""
+    return write_run
+
+
+@pytest.fixture(scope='session')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a whole bag of 2 s."""
+    return write_run(tmp_path_factory.mktemp('whole') / 'run')
+
+
+@pytest.fixture(scope='session')
+def other_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a bag of a run that leaves its performance set."""
+    return write_run(tmp_path_factory.mktemp('left') / 'left_run', error=0.25)
+
+
+class Visit(NamedTuple):
+    """What a browser made of a page: what the probe returned, console lines, final HTML."""
+
+    result: Any
+    console: list[str]
+    html: str
+
+
+PROBE = """
+<script>
+addEventListener('error', (event) => { document.body.dataset.error = event.message; });
+(async () => {
+  while (!document.body.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
+  const result = await (async () => { %s })();
+  document.body.dataset.result = JSON.stringify(result === undefined ? null : result);
+})().catch((error) => { document.body.dataset.error = String(error); });
+</script>
+"""
+
+
+@pytest.fixture(scope='session')
+def browse(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path, str], Visit]:
+    """Return a function that opens a page in headless Chromium and runs a script in it."""
+    browser = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
+        'google-chrome')
+    if browser is None:
+        pytest.skip('no Chromium is installed')
+    folder = tmp_path_factory.mktemp('browser')
+
+    def visit(page: Path, script: str) -> Visit:
+        copy = folder / 'page.html'
+        copy.write_text(page.read_text(encoding='utf-8').replace(
+            '</body>', PROBE % script + '</body>'), encoding='utf-8')
+        done = subprocess.run(
+            [browser, '--headless', '--no-sandbox', '--disable-gpu', '--disable-dev-shm-usage',
+             '--enable-unsafe-swiftshader', '--window-size=1280,900',
+             f'--user-data-dir={folder / "profile"}', '--enable-logging=stderr',
+             # Offline: every host name leads nowhere.
+             '--host-resolver-rules=MAP * ~NOTFOUND', '--virtual-time-budget=60000',
+             '--dump-dom', copy.as_uri()],
+            capture_output=True, timeout=180, check=True)
+        html = done.stdout.decode()
+        console = [line for line in done.stderr.decode(errors='replace').splitlines()
+                   if 'CONSOLE' in line]
+        problem = re.search(r'<body[^>]* data-error="([^"]*)"', html)
+        assert problem is None, unescape(problem[1])
+        found = re.search(r'<body[^>]* data-result="([^"]*)"', html)
+        assert found is not None, 'the probe did not finish'
+        return Visit(json.loads(unescape(found[1])), console, html)
+
+    return visit
