@@ -20,8 +20,6 @@ TOOLS: dict[str, str] = {
     'demo': "the four nodes as separate processes on the paper's two-link task",
     'simulate': 'the closed loop of a scenario without ROS, as fast as it runs',
     'identify': 'learn the parameters of a measured robot from its log',
-    'play': 'publish a bag again with its clock, where there is no rosbag2',
-    'recover': 'make a bag that a crash left unfinished readable again',
     'report': 'a page to look at, or figures for a paper, from bags alone',
     'parameters': 'the parameter tables of the nodes as Markdown',
     'bench': 'measure every figure of docs/benchmarks.md on this machine',
