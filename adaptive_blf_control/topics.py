@@ -3,18 +3,21 @@
 
 from __future__ import annotations
 
-__all__ = ['ADAPTATION_TERM', 'BARRIER', 'COMMANDS', 'HISTORY_RANK', 'HISTORY_SIGMA_MIN',
-           'JOINT_STATES', 'REFERENCE', 'THETA_HAT', 'TOPICS', 'TRACKING_ERROR']
+__all__ = ['ADAPTATION_TERM', 'BARRIER', 'COMMANDS', 'EXCITATION', 'GUARANTEE', 'HISTORY_RANK',
+           'HISTORY_SIGMA_MIN', 'JOINT_STATES', 'REFERENCE', 'THETA_HAT', 'TOPICS',
+           'TRACKING_ERROR']
 
 JOINT_STATES = 'joint_states'
 COMMANDS = 'effort_controller/commands'
 THETA_HAT = 'identifier/theta_hat'
 HISTORY_RANK = 'identifier/history_rank'
 HISTORY_SIGMA_MIN = 'identifier/history_sigma_min'
+EXCITATION = 'identifier/excitation'
 ADAPTATION_TERM = 'controller/adaptation_term'
 REFERENCE = 'controller/reference'
 TRACKING_ERROR = 'controller/tracking_error'
 BARRIER = 'controller/barrier'
+GUARANTEE = 'controller/guarantee'
 
 TOPICS: dict[str, str] = {
     JOINT_STATES: 'sensor_msgs/msg/JointState',
@@ -22,9 +25,11 @@ TOPICS: dict[str, str] = {
     THETA_HAT: 'sensor_msgs/msg/JointState',
     HISTORY_RANK: 'std_msgs/msg/Int32',
     HISTORY_SIGMA_MIN: 'std_msgs/msg/Float64',
+    EXCITATION: 'std_msgs/msg/Float64',
     ADAPTATION_TERM: 'sensor_msgs/msg/JointState',
     REFERENCE: 'sensor_msgs/msg/JointState',
     TRACKING_ERROR: 'sensor_msgs/msg/JointState',
     BARRIER: 'sensor_msgs/msg/JointState',
+    GUARANTEE: 'sensor_msgs/msg/JointState',
     '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
 }

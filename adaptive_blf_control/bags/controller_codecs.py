@@ -9,15 +9,23 @@ import numpy as np
 
 from adaptive_blf_control.bags.joint_state import JointStateCodec
 from adaptive_blf_control.control.controller import ControlOutput
+from adaptive_blf_control.control.guarantee import Guarantee
 from adaptive_blf_control.topics import ADAPTATION_TERM, BARRIER, REFERENCE, TRACKING_ERROR
 
-__all__ = ['ControllerCodecs', 'barrier_names']
+__all__ = ['ControllerCodecs', 'barrier_names', 'guarantee_names']
 
 
 def barrier_names(joints: Sequence[str]) -> list[str]:
     """Return the names on ``controller/barrier``: margins to both sets per joint, then V."""
     return [f'{joint}.{what}' for what in ('safety_margin', 'performance_margin')
             for joint in joints] + ['V']
+
+
+def guarantee_names(joints: Sequence[str]) -> list[str]:
+    """Return the names on ``controller/guarantee``: (39), (41) per joint, V(0), (40)."""
+    return [f'{joint}.{what}' for what in ('error_lower', 'error_upper', 'output_lower',
+                                           'output_upper')
+            for joint in joints] + ['V0', 'e2_norm']
 
 
 class ControllerCodecs:
@@ -30,6 +38,13 @@ class ControllerCodecs:
         self._reference = JointStateCodec(joints)
         self._error = JointStateCodec(joints, fields=('position', 'velocity'))
         self._barrier = JointStateCodec(barrier_names(joints), fields=('position',))
+        self._guarantee = JointStateCodec(guarantee_names(joints), fields=('position',))
+
+    def guarantee(self, stamp: int, promised: Guarantee) -> bytes:
+        """Encode what Theorem 2 promises; ``stamp`` in ns."""
+        return self._guarantee.encode(stamp, np.concatenate([
+            promised.error_lower, promised.error_upper, promised.output_lower,
+            promised.output_upper, [promised.value, promised.e2_norm]]))
 
     def adaptation_term(self, stamp: int, output: ControlOutput) -> bytes:
         """Encode Xᵀe2 of (37) by parameter name; ``stamp`` in ns."""

@@ -21,6 +21,7 @@ from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.bags.controller_codecs import ControllerCodecs
 from adaptive_blf_control.bags.joint_state import JointStateReader
 from adaptive_blf_control.control.controller import Controller, ControlOutput, sampling_number
+from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
 from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.nodes.data_node import DataNode, run_node, TOO_LATE
 from adaptive_blf_control.nodes.node_parameters import on_change
@@ -34,6 +35,7 @@ from adaptive_blf_control.topics import (
     ADAPTATION_TERM,
     BARRIER,
     COMMANDS,
+    GUARANTEE,
     JOINT_STATES,
     REFERENCE,
     THETA_HAT,
@@ -41,6 +43,8 @@ from adaptive_blf_control.topics import (
 )
 
 __all__ = ['ControllerNode', 'main']
+
+HEARTBEAT = 500  # monitored samples between two repetitions of the guarantee
 
 
 class ControllerNode(DataNode):
@@ -81,6 +85,8 @@ class ControllerNode(DataNode):
         self._term = self.data_publisher(JointState, ADAPTATION_TERM)
         self._monitors = {topic: self.data_publisher(JointState, topic)
                           for topic in (REFERENCE, TRACKING_ERROR, BARRIER)}
+        self._guarantee_topic = self.data_publisher(JointState, GUARANTEE)
+        self._guarantee: GuaranteeMonitor | None = None
         if self.values['model'] == 'estimated':
             self.data_subscription(JointState, THETA_HAT, self.on_theta_hat, wake=False,
                                    newest_only=True)
@@ -140,6 +146,7 @@ class ControllerNode(DataNode):
         self._answer(stamp, q, qd)
         if begins:  # after the answer: writing a log line takes longer than the law
             self.get_logger().info('motion begins')
+            self._promise(stamp)
 
     def _in_order(self, stamp: int) -> bool:
         """Whether time goes on; a stamp far ahead counts once a second message confirms it.
@@ -183,6 +190,36 @@ class ControllerNode(DataNode):
             self._monitor(controller, stamp, q, output)
         self._samples_seen += 1
 
+    def _promise(self, stamp: int) -> None:
+        """State what Theorem 2 promises from here on, given bounds on the unknown arm."""
+        values, controller, output = self.values, self._controller, self.output
+        if values['guarantee.mode'] == 'off' or controller is None or output is None:
+            return
+        smallest, largest = values['guarantee.mass']
+        value = bounded_value(output.e1, output.e2, controller.performance, largest,
+                              values['guarantee.theta_error'],
+                              np.array([values['guarantee.smallest_gamma']]))
+        promised = guarantee(value, controller.performance, controller.reference.range(),
+                             smallest)
+        self._guarantee = GuaranteeMonitor(promised, controller.performance, self.arm.joints)
+        self._guarantee_topic.publish(self._codecs.guarantee(stamp, promised))
+        bounds = ', '.join(f'{joint} {low:.4g} .. {high:.4g} rad' for joint, low, high in zip(
+            self.arm.joints, promised.error_lower, promised.error_upper))
+        self.get_logger().info(f'Theorem 2: V(0) <= {value:.4g}, so e1 stays in {bounds}')
+
+    def _watch_promise(self, t: float, stamp: int, e1: np.ndarray) -> None:
+        monitor = self._guarantee
+        if monitor is None:
+            return
+        if self._samples_seen % HEARTBEAT == 0:
+            self._guarantee_topic.publish(self._codecs.guarantee(stamp, monitor.promised))
+        left = monitor.observe(t, e1)
+        if left is not None:
+            self.get_logger().error(
+                f'joint {left.joint}: e1 = {left.value:.4g} rad is beyond the {left.bound:.4g} rad '
+                f'that Theorem 2 promises: check the bounds under guarantee, the torque limits '
+                f'and the delay', throttle_duration_sec=1.0)
+
     def _monitor(self, controller: Controller, stamp: int, q: np.ndarray,
                  output: ControlOutput) -> None:
         n = self.arm.n
@@ -192,6 +229,7 @@ class ControllerNode(DataNode):
         for topic, message in self._codecs.monitors(stamp, output, self._margins,
                                                     self._lyapunov).items():
             self._monitors[topic].publish(message)
+        self._watch_promise((stamp - self._start_ns) * 1e-9, stamp, output.e1)
 
     def idle(self) -> None:
         """Command zero torque when the joint states stop coming."""
@@ -221,6 +259,8 @@ class ControllerNode(DataNode):
         if self._lost:
             return DiagnosticStatus.ERROR, 'joint states lost: zero torque', values
         worst = int(np.argmin(self._margins))
+        if self._guarantee is not None and self._guarantee.first is not None:
+            values['left what Theorem 2 promises at [s]'] = f'{self._guarantee.first.t:.3f}'
         if self._margins[worst] <= 0.0:
             joint = self.arm.joints[worst % n]
             return DiagnosticStatus.ERROR, f'joint {joint} has left its set', values

@@ -10,6 +10,7 @@ second thread.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import time
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
@@ -44,6 +45,9 @@ class DirectWait:
 
     def wait(self, timeout: float) -> None:
         """Return when data is there or ``timeout`` [s] has passed."""
+        if not self._handles:  # rcl refuses to wait on nothing
+            time.sleep(max(timeout, 0.0))
+            return
         self._wait_set.clear_entities()
         for handle in self._handles:
             self._wait_set.add_subscription(handle)

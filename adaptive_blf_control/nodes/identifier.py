@@ -18,12 +18,14 @@ from adaptive_blf_control.bags.cdr import encode_float64, encode_int32
 from adaptive_blf_control.bags.joint_state import JointStateCodec, JointStateReader
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.identification.estimate_file import write_estimate
+from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.nodes.data_node import DataNode, run_node, TOO_LATE
 from adaptive_blf_control.nodes.node_parameters import on_change
 from adaptive_blf_control.nodes.robot_description import arm_of
 from adaptive_blf_control.parameters.build import build_identifier, identifier_settings
 from adaptive_blf_control.topics import (
     ADAPTATION_TERM,
+    EXCITATION,
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
@@ -49,6 +51,10 @@ class IdentifierNode(DataNode):
         self.arm = arm_of(self)
         self.identifier = build_identifier(self.values, self.arm)
         self.identifier.warm_up()
+        warning = rank_warning(self.identifier.settings, self.arm.n, self.arm.m)
+        if warning:
+            self.get_logger().warning(warning)
+        self._changes = 0
         self._term = np.zeros(self.arm.m)
         self._term_ns: int | None = None
         self._zero_ns: int | None = None
@@ -61,6 +67,7 @@ class IdentifierNode(DataNode):
         self._theta = self.data_publisher(JointState, THETA_HAT)
         self._rank = self.data_publisher(Int32, HISTORY_RANK)
         self._sigma_min = self.data_publisher(Float64, HISTORY_SIGMA_MIN)
+        self._excitation = self.data_publisher(Float64, EXCITATION)
         self.data_subscription(JointState, ADAPTATION_TERM, self.on_adaptation_term, wake=False)
         self.data_subscription(JointState, JOINT_STATES, self.on_joint_states)
         self.create_service(Trigger, '~/reset_history', self.on_reset_history)
@@ -68,7 +75,8 @@ class IdentifierNode(DataNode):
         on_change(self, 'identifier', self.values, self._retune)
 
     def _retune(self, values: dict[str, Any]) -> None:
-        settings = identifier_settings(values, self.arm)
+        # θ̂(0) is history; its file may be gone or hold another arm's by now.
+        settings = identifier_settings({**values, 'initial_estimate_file': ''}, self.arm)
         self.identifier.settings = settings  # one assignment: between two samples
 
     def on_adaptation_term(self, data: bytes, info: dict[str, int]) -> None:
@@ -108,6 +116,13 @@ class IdentifierNode(DataNode):
             self._published_insertions, self._since_published = stack.insertions, 0
             self._rank.publish(encode_int32(stack.rank))
             self._sigma_min.publish(encode_float64(stack.sigma_min))
+            excitation = self.identifier.excitation
+            if excitation is not None:
+                self._excitation.publish(encode_float64(excitation))
+        if self.identifier.monitor.changes != self._changes:
+            self._changes = self.identifier.monitor.changes
+            self.get_logger().warning(f'the arm has changed: the history is emptied '
+                                      f'({self._changes} so far)')
 
     def _held_term(self, stamp: int) -> np.ndarray | None:
         if self._term_ns is None:
@@ -142,6 +157,8 @@ class IdentifierNode(DataNode):
             'rank': stack.rank, 'parameters': self.arm.m, 'sigma_min': f'{stack.sigma_min:.6g}',
             'pairs': stack.count, 'insertions': stack.insertions,
             'filter restarts': identifier.restarts,
+            'changes of the arm': identifier.monitor.changes,
+            'excitation index': identifier.excitation,
             'norm of theta_hat': f'{np.linalg.norm(identifier.theta):.6g}',
             **{f'samples {reason}': count for reason, count in identifier.dropped.items()}}
         if stack.rank < self.arm.m:

@@ -183,7 +183,8 @@ def identifier_settings(values: Values, arm: Arm) -> IdentifierSettings:
         change_window=values['change.window'], change_threshold=values['change.threshold'],
         change_resolution=values['change.resolution'], update_law=values['update_law'],
         excitation_window=values['excitation.window'], noise=values['history.noise'],
-        noise_seed=values['history.noise_seed'])
+        noise_seed=values['history.noise_seed'],
+        minimum_growth=values['history.minimum_growth'])
 
 
 def build_identifier(values: Values, arm: Arm) -> Identifier:

@@ -115,6 +115,10 @@ IDENTIFIER: Table = ARM + (
     Parameter('history.size', 'int', 20, 'Number of recorded pairs, P.', '', 1, 100000),
     Parameter('history.epsilon', 'double', 0.1,
               'Relative difference of a new pair to the last one taken, epsilon.', '', 0.0),
+    Parameter('history.minimum_growth', 'double', 0.0,
+              'Part of sigma_min by which a replacement in a full history must raise it; 0 asks '
+              'only that it does not fall, as Algorithm 1 does. Keeps a history of noisy pairs '
+              'from hunting outliers for ever.', '', 0.0),
     Parameter('history.noise', 'double', 0.0,
               'Remark 3: standard deviation of the noise put on recorded regressors, relative to '
               'them, while the measured pairs lack rank. It fabricates data: theta_hat is biased '
@@ -168,6 +172,16 @@ CONTROLLER: Table = ARM + (
     Parameter('reference.smooth_start', 'double', 0.0,
               'Time over which the measured posture is joined to the reference; 0 starts on it.',
               's', 0.0),
+    Parameter('guarantee.mode', 'string', 'off',
+              'bound: state at the start what Theorem 2 promises and watch it, from the three '
+              'bounds below; off: nothing is known about the arm.', choices=('off', 'bound')),
+    Parameter('guarantee.theta_error', 'double', 10.0,
+              'Bound on the norm of the parameter error at the start.', '', 0.0),
+    Parameter('guarantee.smallest_gamma', 'double', 1.0,
+              'Smallest element of Gamma of the identifier.', '', 0.0, exclusive=True),
+    Parameter('guarantee.mass', 'double_array', [0.1, 10.0],
+              'Bounds on the smallest and the largest eigenvalue of the inertia matrix.', 'kg*m^2',
+              0.0, exclusive=True, length=2),
     Parameter('state_timeout', 'double', 0.1,
               'Without a new joint state for this long a zero torque is commanded.', 's', 0.0,
               exclusive=True),
