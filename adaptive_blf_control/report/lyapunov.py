@@ -10,7 +10,7 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.guarantee import guarantee, lyapunov_value
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.parameters.build import build_arm
+from adaptive_blf_control.parameters.build import build_arm, initial_theta
 from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.parameters.yaml_file import node_values
 from adaptive_blf_control.report.recording import Recording
@@ -64,10 +64,15 @@ def promised_of(recording: Recording) -> Promised | None:
     try:
         arm = arm_of(recording)
         gamma = broadcast(node_values(recording.parameters or {}, 'identifier')['gamma'], arm.m)
+        controller = node_values(recording.parameters or {}, 'controller')
+        initial = initial_theta(controller, arm)
     except BlfError:
         return None
+    # What the controller used: its own value until the first estimate, or for good (34).
     at = np.searchsorted(estimates.t, answered.t, side='right') - 1
-    known = np.flatnonzero((at >= 0) & np.isfinite(answered.e2).all(axis=1)
+    if controller['model'] == 'known':
+        at = np.full_like(at, -1)
+    known = np.flatnonzero(np.isfinite(answered.e2).all(axis=1)
                            & np.isfinite(answered.q).all(axis=1))
     if arm.parameters != recording.theta_names or known.size == 0:
         return None
@@ -77,7 +82,7 @@ def promised_of(recording: Recording) -> Promised | None:
         np.linspace(0, known.size - 1, min(POINTS, known.size)).astype(int), changed]))
     v = np.array([
         lyapunov_value(arm, answered.q[i], answered.e1[i], answered.e2[i], sets,
-                       estimates.values[at[i]], truth[k], gamma)
+                       estimates.values[at[i]] if at[i] >= 0 else initial, truth[k], gamma)
         for k, i in zip(picked, known[picked])])
     restart = np.maximum.accumulate(np.where(np.isin(picked, changed), np.arange(v.size), 0))
     nothing = np.zeros(arm.n)

@@ -52,11 +52,11 @@ def run_parameters(arm: str, n: int) -> dict[str, Any]:
 
 def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: float = 0.05,
              parameters: bool = True, topics: Collection[str] = tuple(TOPICS),
-             skip: Collection[int] = ()) -> Path:
+             skip: Collection[int] = (), first_estimate: float = 0.0) -> Path:
     """Write a run: q follows sin t with an error that decays from ``error`` within 0.5 s.
 
     θ̂ approaches θ* as 2⁻ᵗ·θ* would, ten times as fast. States whose number is in ``skip`` are
-    missing on every topic.
+    missing on every topic; estimates start at ``first_estimate`` [s].
     """
     data = run_parameters(arm, 2 if arm == 'two_link' else 3)
     model = build_arm(node_values(data, 'controller'))
@@ -90,7 +90,7 @@ def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: fl
             messages[HISTORY_RANK] = encode_int32(min(k // 100, model.m))
             messages[HISTORY_SIGMA_MIN] = encode_float64(1e-3 * k)
         for topic, message in messages.items():
-            if topic in topics:
+            if topic in topics and not (topic == THETA_HAT and t < first_estimate):
                 late = DELAY_NS if topic == COMMANDS else 0
                 writer.write(f'/{topic}', message, stamp + late)
     writer.close()

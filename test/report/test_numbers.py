@@ -58,6 +58,18 @@ def test_theorem_2_starts_at_v_of_the_first_sample(bag: Path) -> None:
     assert (promised.bound == promised.v[0]).all()
 
 
+def test_before_the_first_estimate_v_uses_what_the_controller_used(
+        make_bag: MakeBag, tmp_path: Path, bag: Path) -> None:
+    recording, late = (read_recording(path) for path in (
+        bag, make_bag(tmp_path / 'late', 1.0, first_estimate=0.4)))
+    assert late.theta_hat is not None
+    assert late.theta_hat.t[0] == pytest.approx(0.4)
+    promised, whole = promised_of(late), promised_of(recording)
+    assert promised is not None
+    assert whole is not None
+    assert (promised.t[0], promised.v[0]) == (0.0, pytest.approx(whole.v[0]))
+
+
 def test_a_run_that_leaves_its_set_is_called_so(other_bag: Path) -> None:
     numbers = _figures(other_bag)
     # 0.25 e^(−2t) > 0.2 until t = ln(1.25)/2
