@@ -19,6 +19,7 @@ NODES: dict[str, str] = {
 TOOLS: dict[str, str] = {
     'demo': "the four nodes as separate processes on the paper's two-link task",
     'simulate': 'the closed loop of a scenario without ROS, as fast as it runs',
+    'compare': 'our law against other laws, and the study of sensor noise',
     'identify': 'learn the parameters of a measured robot from its log',
     'report': 'a page to look at, or figures for a paper, from bags alone',
     'parameters': 'the parameter tables of the nodes as Markdown',

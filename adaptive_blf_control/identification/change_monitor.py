@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Notices that the arm has changed: recorded pairs that contradict present data.
 
-With rank full the stack alone determines an estimate, θ_s = Q⁻¹ g, whatever θ̂ is doing. If the arm
-is still the one that was recorded, the present residual r = Y_f θ_s − τ_f is as small as the residuals
+With rank full the stack alone determines an estimate, θ_s = Q⁻¹ g, whatever θ̂ is doing. If the
+arm is still the one that was recorded, the present residual r = Y_f θ_s − τ_f is as small as those
 of the recorded pairs. The monitor compares both joint by joint:
 
     d_i² = r_i² / (s_i² + (ρ t_i)²),
 
-s_i² the mean square residual of joint i in the stack widened by the uncertainty of θ_s along Y_f, t_i
-the RMS of its recorded filtered torque, ρ the part of the torque below which a change does not
-matter. When the mean of d_i² over a window stays above a threshold for any joint, the arm has changed.
+s_i² the mean square residual of joint i in the stack widened by the uncertainty of θ_s along Y_f,
+t_i the RMS of its recorded filtered torque, ρ the part of the torque below which a change does not
+matter. When the mean of d_i² over a window exceeds a threshold for any joint, the arm has changed.
 """
 
 from __future__ import annotations

@@ -7,6 +7,8 @@ as the proof of Theorem 1 needs. σ_min is that of Q = H Hᵀ = Σ Y_fjᵀ Y_fj 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from adaptive_blf_control.compiled import jit
@@ -73,11 +75,11 @@ def best_replacement(candidate: np.ndarray, regressors: np.ndarray, gram: np.nda
         candidate: Y, shape (n, m).
         regressors: The full stack, shape (P, n, m).
         gram: Q, shape (m, m).
-        sigma_min: Smallest eigenvalue of Q; the answer must not be smaller.
+        sigma_min: What the smallest eigenvalue must reach at least, that of Q or more.
         bounds: Upper bounds to start from, shape (P,); overwritten.
 
     Returns:
-        The slot, or −1 where every replacement would make σ_min fall.
+        The slot, or −1 where no replacement reaches ``sigma_min``.
     """
     n, m = candidate.shape
     best, best_slot = sigma_min, -1
@@ -121,13 +123,27 @@ class HistoryStack:
         sigma_min: Smallest eigenvalue of Q; 0 where Q is numerically singular.
     """
 
-    def __init__(self, n: int, m: int, size: int, epsilon: float) -> None:
-        """Set up an empty stack of ``size`` (P) pairs with the data threshold ``epsilon`` (ε)."""
+    def __init__(self, n: int, m: int, size: int, epsilon: float,
+                 minimum_growth: float = 0.0) -> None:
+        """Set up an empty stack.
+
+        Args:
+            n: Number of joints.
+            m: Number of parameters.
+            size: P, number of pairs.
+            epsilon: ε, relative difference of a new pair to the last one taken.
+            minimum_growth: Part of σ_min by which a replacement must raise it; 0 asks only that
+                it does not fall, as Algorithm 1 does.
+        """
         if size < 1:
             raise ParameterError('identifier.history.size', size, 'at least 1 pair')
         if not epsilon >= 0.0:
             raise ParameterError('identifier.history.epsilon', epsilon, 'a threshold >= 0')
+        if not (math.isfinite(minimum_growth) and minimum_growth >= 0.0):
+            raise ParameterError('identifier.history.minimum_growth', minimum_growth,
+                                 'a finite part >= 0')
         self.size = size
+        self.minimum_growth = minimum_growth
         self.epsilon = epsilon
         self._shape = (n, m)
         self.clear()
@@ -173,14 +189,16 @@ class HistoryStack:
         return slot
 
     def _select(self, regressor: np.ndarray) -> int:
-        """Slot whose replacement gives the largest σ_min, if that does not fall; else −1."""
+        """Slot whose replacement gives the largest σ_min, if that grows enough; else −1."""
         if self.rank < self._shape[1]:
             return self._select_deficient(regressor)
         y = regressor @ self._weakest
         gain = float(y @ y)
-        if gain < self._least_projection:  # σ_min would fall whichever pair goes
+        wanted = (1.0 + self.minimum_growth) * self.sigma_min
+        # Not enough along the weakest direction, whichever pair goes.
+        if self.sigma_min + gain - self._least_projection < wanted:
             return -1
-        return int(best_replacement(regressor, self.regressors, self.gram, self.sigma_min,
+        return int(best_replacement(regressor, self.regressors, self.gram, wanted,
                                     self.sigma_min + gain - self._weakest_projections))
 
     def _select_deficient(self, regressor: np.ndarray) -> int:

@@ -56,6 +56,7 @@ class IdentifierSettings:
         excitation_window: T of (21) [s]; 0 switches the index off.
         noise: Relative standard deviation of Remark 3, see `NoisyHistory`; 0 switches it off.
         noise_seed: Seed of that noise.
+        minimum_growth: Part of σ_min by which a replacement in a full stack must raise it.
     """
 
     initial_estimate: np.ndarray
@@ -76,6 +77,7 @@ class IdentifierSettings:
     excitation_window: float = 0.0
     noise: float = 0.0
     noise_seed: int = 0
+    minimum_growth: float = 0.0
 
     def __post_init__(self) -> None:
         """Check signs; ParameterError names the gain."""
@@ -114,7 +116,8 @@ class Identifier:
         self.arm = arm
         self.settings = settings
         self.theta = settings.initial_estimate.copy()
-        self.stack = HistoryStack(arm.n, arm.m, settings.size, settings.epsilon)
+        self.stack = HistoryStack(arm.n, arm.m, settings.size, settings.epsilon,
+                                  settings.minimum_growth)
         self._filter = TorqueFilter(arm.n, arm.m, settings.time_constant, settings.gap)
         self._state_filter = StateFilter(settings.state_order, settings.state_time_constant
                                          ) if settings.state_order else None
@@ -242,6 +245,7 @@ class Identifier:
             regressor, torque = self._filter.pair
             if self.settled:
                 self._watch(dt, regressor, torque)
+            if self.settled:  # no longer where a change was just found
                 self._record(regressor, torque)
             self._excitation.update(dt, regressor)
             self._step(dt, regressor, torque,

@@ -4,8 +4,9 @@
 The cascade 1/(T s + 1)^N is applied to the measured position and to the torque. Its last two
 stages give the velocity of the filtered position without differencing: q̇_f = (x_{N−1} − x_N)/T.
 Filtering commutes with the arm's equation but for terms of second order in the filter's spread
-√N T times the speed, so (q_f, q̇_f, τ_f) obey the same equation, with encoder steps and torque noise
-above 1/T removed from both sides alike. The measured velocity, whose lag nobody states, is not used.
+√N T times the speed, so (q_f, q̇_f, τ_f) obey the same equation, with encoder steps and torque
+noise above 1/T removed from both sides alike. The measured velocity, whose lag nobody states, is
+not used.
 
 The cascade is stepped exactly for a torque held over the interval and for a position that moves
 linearly in it.
@@ -66,7 +67,7 @@ class StateFilter:
         self.order = order
         self.time_constant = time_constant
         self._q: np.ndarray | None = None
-        self._tau = np.zeros(0)
+        self._tau = self._last = np.zeros(0)
 
     def reset(self) -> None:
         """Forget everything; the next sample starts anew."""

@@ -86,6 +86,11 @@ class ClosedLoop:
         self._known = known
 
     @property
+    def initial_estimate(self) -> np.ndarray:
+        """θ the controller starts with, shape (m,)."""
+        return self._initial_estimate
+
+    @property
     def known(self) -> np.ndarray | None:
         """θ that the controller keeps (34), shape (m,); None where it hears the identifier."""
         return self._initial_estimate if self._known else None

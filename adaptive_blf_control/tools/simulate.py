@@ -15,8 +15,9 @@ from adaptive_blf_control.parameters.yaml_file import apply_settings, load_yaml,
 from adaptive_blf_control.simulation.closed_loop import build_closed_loop, ClosedLoop, Trace
 from adaptive_blf_control.simulation.promise import promise_of_trace
 from adaptive_blf_control.tools.summary import Run, summarise, table
+from adaptive_blf_control.tools.torque_error import torque_error_of_trace, torque_line
 
-__all__ = ['main', 'run_of_trace']
+__all__ = ['main', 'run_of_trace', 'seconds']
 
 
 def run_of_trace(loop: ClosedLoop, trace: Trace) -> Run:
@@ -27,7 +28,8 @@ def run_of_trace(loop: ClosedLoop, trace: Trace) -> Run:
                loop.plant.truth(loop.arm.parameters))
 
 
-def _seconds(text: str) -> float:
+def seconds(text: str) -> float:
+    """Read a time > 0 s from the command line."""
     value = float(text)
     if not (math.isfinite(value) and value > 0.0):
         raise argparse.ArgumentTypeError(f'{text}: expected a time > 0 s')
@@ -37,7 +39,7 @@ def _seconds(text: str) -> float:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='simulate', description=__doc__)
     parser.add_argument('config', type=Path, help='parameter file, e.g. config/two_link.yaml')
-    parser.add_argument('--duration', type=_seconds, metavar='S',
+    parser.add_argument('--duration', type=seconds, metavar='S',
                         help="length of the run [s]; default: the driver's duration, else 20")
     parser.add_argument('--set', action='append', default=[], metavar='NODE.NAME=VALUE',
                         dest='settings', help='change a parameter, e.g. controller.k2=[30.0]')
@@ -70,12 +72,14 @@ def main(args: list[str] | None = None) -> int:
     figures = summarise(run)
     promise = promise_of_trace(loop, trace)
     figures['guarantee'] = promise.figures()
+    figures['predicted_torque_error'] = torque_error_of_trace(loop, trace)
     figures['wall_s'] = trace.wall_s
     figures['real_time_factor'] = float(trace.t[-1] / trace.wall_s)
     if options.json:
         print(json.dumps(figures, indent=2))
     else:
         print(table(figures, run))
+        print(torque_line(figures['predicted_torque_error']))
         print(promise.line())
         print(f'speed                {figures["real_time_factor"]:.1f} x real time'
               + (f'\nbag                  {options.bag}' if options.bag else ''))

@@ -274,3 +274,22 @@ def test_squared_projections_are_those_of_each_pair():
 def test_size_and_threshold_are_checked(size, epsilon, name):
     with pytest.raises(ParameterError, match=rf'identifier\.history\.{name}'):
         HistoryStack(1, 2, size, epsilon)
+
+
+def test_a_full_stack_takes_only_what_raises_sigma_min_by_the_minimum_growth():
+    random, stack = np.random.default_rng(15), HistoryStack(2, 5, 7, 0.0, minimum_growth=0.1)
+    taken, last = 0, 0.0
+    for _ in range(2000):
+        candidate, full, before = random.normal(size=(2, 5)), stack.full, stack.regressors.copy()
+        best = float(np.max(brute_force(before, candidate))) if full else np.inf
+        slot = stack.offer(candidate, np.zeros(2))
+        assert (slot >= 0) == (best >= 1.1 * last)
+        assert not full or slot < 0 or stack.sigma_min >= 1.1 * last * (1.0 - 1e-9)
+        taken, last = taken + (full and slot >= 0), stack.sigma_min
+    assert 3 < taken < 60
+
+
+@pytest.mark.parametrize('growth', [-0.1, float('nan'), float('inf')])
+def test_minimum_growth_is_checked(growth):
+    with pytest.raises(ParameterError, match=r'identifier\.history\.minimum_growth'):
+        HistoryStack(1, 2, 3, 0.1, growth)

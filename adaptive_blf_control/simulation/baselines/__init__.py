@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Other laws, for comparison only: same plant, reference, sensors; no node uses them."""

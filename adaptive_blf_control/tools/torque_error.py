@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well an estimate predicts the torque of the task: what ‖θ̃‖ does not say.
+
+Along the reference, Y_d = Y(y_d, ẏ_d, ÿ_d), joint by joint
+
+    RMS[Y_d (θ̂ − θ*)] / RMS[Y_d θ*].
+
+Directions of θ that the task hardly excites weigh as little here as they do in the torque.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.control.reference import Reference
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
+
+__all__ = ['PredictedTorque', 'errors_of_trace', 'torque_error_of_trace', 'torque_line']
+
+STEP = 0.05
+"""Step of the grid along the reference [s]; widened so that no more than LARGEST points result."""
+LARGEST = 4000
+
+
+class PredictedTorque:
+    """The regressor along a reference, kept as one m × m matrix per joint.
+
+    Attributes:
+        grams: Mean over the grid of yᵀy for each row y of Y_d, shape (n, m, m).
+    """
+
+    def __init__(self, arm: Arm, reference: Reference, duration: float) -> None:
+        """Lay a grid over the reference from 0 to ``duration`` [s]."""
+        points = min(max(math.ceil(duration / STEP), 1), LARGEST) + 1
+        self.grams = np.zeros((arm.n, arm.m, arm.m))
+        for t in np.linspace(0.0, duration, points):
+            y, yd, ydd = reference.at(float(t))
+            regressor = arm.X(y, yd, yd, ydd)  # with α = ẏ_d and e2 = 0 X is Y
+            self.grams += np.einsum('nm,nk->nmk', regressor, regressor) / points
+
+    def rms(self, theta: np.ndarray) -> np.ndarray:
+        """Return RMS[Y_d θ] for each θ of shape (..., m), shape (..., n) [N·m]."""
+        square = np.einsum('...m,nmk,...k->...n', theta, self.grams, theta)
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+
+    def error(self, theta: np.ndarray, true: np.ndarray) -> np.ndarray:
+        """Return the ratio of the module's docstring, shape (..., n).
+
+        NaN for a joint that the true arm moves without torque.
+
+        Args:
+            theta: θ̂, shape (..., m).
+            true: θ*, shape (m,) or that of ``theta``.
+        """
+        scale = self.rms(true)
+        with np.errstate(divide='ignore', invalid='ignore'):
+            return np.where(scale > 0.0, self.rms(theta - true) / scale, np.nan)
+
+
+def errors_of_trace(loop: ClosedLoop, trace: Trace, times: np.ndarray) -> np.ndarray:
+    """Return the error of the estimates of a run, each against the θ* of its time.
+
+    Args:
+        loop: The loop that ran.
+        trace: Its run.
+        times: Times at which to look, shape (K,) [s].
+
+    Returns:
+        Ratios, shape (K, n).
+    """
+    measure = PredictedTorque(loop.arm, loop.controller.reference, float(trace.t[-1]))
+    index = np.minimum(np.searchsorted(trace.t, times - 1e-9), trace.t.size - 1)
+    truth = loop.plant.truth(loop.arm.parameters)
+    epoch = np.searchsorted([t for t, _ in truth], trace.t[index] + 1e-9, side='right') - 1
+    true = np.array([theta for _, theta in truth])[np.maximum(epoch, 0)]
+    return measure.error(trace.theta_hat[index], true)
+
+
+def torque_error_of_trace(loop: ClosedLoop, trace: Trace) -> list[float | None]:
+    """Return the error at the end of a run per joint, None where the ratio has no meaning."""
+    last, = errors_of_trace(loop, trace, trace.t[-1:])
+    return [float(value) if math.isfinite(value) else None for value in last]
+
+
+def torque_line(errors: list[float | None]) -> str:
+    """Say the error in a line of the summary."""
+    return 'predicted torque     off by ' + ', '.join(
+        '–' if value is None else f'{100.0 * value:.2g} %' for value in errors) + ' RMS'
