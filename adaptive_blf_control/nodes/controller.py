@@ -216,8 +216,8 @@ class ControllerNode(DataNode):
         left = monitor.observe(t, e1)
         if left is not None:
             self.get_logger().error(
-                f'joint {left.joint}: e1 = {left.value:.4g} rad is beyond the {left.bound:.4g} rad '
-                f'that Theorem 2 promises: check the bounds under guarantee, the torque limits '
+                f'joint {left.joint}: e1 = {left.value:.4g} rad is beyond the {left.bound:.4g} '
+                f'rad that Theorem 2 promises: check the bounds under guarantee, the torque limits '
                 f'and the delay', throttle_duration_sec=1.0)
 
     def _monitor(self, controller: Controller, stamp: int, q: np.ndarray,
