@@ -16,7 +16,7 @@ from typing import Any
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.parameters.yaml_file import apply_settings, load_yaml, node_values
 from adaptive_blf_control.simulation.baselines.comparison import FIXED, LAWS, run_law
-from adaptive_blf_control.simulation.baselines.metrics import COLUMNS, law_figures, markdown_row
+from adaptive_blf_control.tools.law_figures import COLUMNS, law_figures, markdown_row
 from adaptive_blf_control.tools.simulate import seconds
 
 __all__ = ['main']

@@ -11,12 +11,12 @@ from adaptive_blf_control.parameters.yaml_file import load_yaml
 from adaptive_blf_control.simulation.baselines.comparison import FIXED, LAWS, run_law
 from adaptive_blf_control.simulation.baselines.gains import gains_like
 from adaptive_blf_control.simulation.baselines.integral_cl import IntegralWindow
-from adaptive_blf_control.simulation.baselines.metrics import (
+from adaptive_blf_control.simulation.closed_loop import build_closed_loop
+from adaptive_blf_control.tools.law_figures import (
     COLUMNS,
     law_figures,
     markdown_row,
 )
-from adaptive_blf_control.simulation.closed_loop import build_closed_loop
 
 
 @pytest.fixture
