@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 # Everything runs in the virtual environment .venv in this folder, made on first use.
 #   make demo ARGS='--duration 50'     make test ARGS='-k barrier'     make PYTHON=python3.12 test
+#   make soak MINUTES=60
 
 PYTHON ?= python3
 ARGS ?=
+MINUTES ?= 60
 VENV := .venv
 PY := $(VENV)/bin/python
 
@@ -49,7 +51,7 @@ endef
 export CHECK_PYTHON
 
 .DELETE_ON_ERROR:
-.PHONY: help env demo test bench lint clean
+.PHONY: help env demo test bench soak lint clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -65,6 +67,9 @@ test: env  ## run all tests; ARGS go to pytest
 
 bench: env  ## measure the figures of docs/benchmarks.md; ARGS go to the benchmark
 	@$(PY) -m adaptive_blf_control bench $(ARGS)
+
+soak: env  ## run the four processes for MINUTES=60: memory, latency, account of messages
+	@$(PY) -m adaptive_blf_control soak --minutes $(MINUTES) $(ARGS)
 
 lint: env  ## ruff and mypy over the package
 	@$(PY) -m ruff check .

@@ -21,8 +21,11 @@ TOOLS: dict[str, str] = {
     'simulate': 'the closed loop of a scenario without ROS, as fast as it runs',
     'compare': 'our law against other laws, and the study of sensor noise',
     'identify': 'learn the parameters of a measured robot from its log',
+    'play': 'publish a bag again with its clock, where there is no rosbag2',
+    'recover': 'make a bag that a crash left unfinished readable again',
     'report': 'a page to look at, or figures for a paper, from bags alone',
     'parameters': 'the parameter tables of the nodes as Markdown',
+    'soak': 'the four processes for an hour: memory, latency, every message accounted for',
     'bench': 'measure every figure of docs/benchmarks.md on this machine',
 }
 """Command line tools: name to one line of help. Module: ``adaptive_blf_control.tools.<name>``."""

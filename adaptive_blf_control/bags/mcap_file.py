@@ -7,19 +7,20 @@ the end of the file cuts is read up to its last whole message where it is not co
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 import mmap
 from pathlib import Path
 import struct
+from typing import Any, NamedTuple
 import zlib
 
 import yaml
 
-from adaptive_blf_control.bags.metadata import parse_metadata
+from adaptive_blf_control.bags.metadata import BagMetadata, parse_metadata, parse_qos
 from adaptive_blf_control.bags.storage import Channel
 from adaptive_blf_control.errors import BagError
 
-__all__ = ['MAGIC', 'McapFile']
+__all__ = ['MAGIC', 'ChannelDetails', 'McapFile']
 
 MAGIC = b'\x89MCAP0\r\n'
 
@@ -36,24 +37,64 @@ class _BreakError(Exception):
     """The file cannot be followed any further."""
 
 
+class _Schema(NamedTuple):
+    name: str
+    encoding: str
+    text: str
+
+
+class ChannelDetails(NamedTuple):
+    """What it takes to write a channel again.
+
+    Attributes:
+        topic: Topic name.
+        type_name: Full message type.
+        encoding: How the messages are encoded; ``cdr`` from rosbag2.
+        schema_encoding: Language of `definition`; ``ros2msg`` from rosbag2.
+        definition: Text of the message type.
+        metadata: The channel's own texts: offered QoS and type hash.
+    """
+
+    topic: str
+    type_name: str
+    encoding: str
+    schema_encoding: str
+    definition: str
+    metadata: Mapping[str, str]
+
+
 class McapFile:
-    """One MCAP file; see `StorageFile`."""
+    """One MCAP file; see `StorageFile`.
+
+    Attributes:
+        details: More about the channels found so far, by the file's own id.
+    """
 
     def __init__(self, path: Path) -> None:
         """Remember the path; nothing is read before a pass."""
         self.path = path
         self.channels: dict[int, Channel] = {}
+        self.details: dict[int, ChannelDetails] = {}
         self.problem: str | None = None
-        self._schemas: dict[int, str] = {}
+        self._schemas: dict[int, _Schema] = {}
         self._serialized_metadata = ''
+
+    def metadata(self) -> BagMetadata | None:
+        """Return the last rosbag2 metadata record, after one pass; None where unreadable."""
+        try:
+            return parse_metadata(yaml.safe_load(self._serialized_metadata), str(self.path))
+        except (BagError, yaml.YAMLError, ValueError, RecursionError):
+            return None
 
     def custom_data(self) -> dict[str, str]:
         """Return the custom data of the last rosbag2 metadata record; empty where unreadable."""
-        try:
-            return dict(parse_metadata(yaml.safe_load(self._serialized_metadata),
-                                       str(self.path)).custom_data)
-        except (BagError, yaml.YAMLError, ValueError, RecursionError):
-            return {}
+        metadata = self.metadata()
+        return dict(metadata.custom_data) if metadata else {}
+
+    def offered_qos(self) -> dict[str, Sequence[Mapping[str, Any]]]:
+        """Return the QoS profiles of each topic's publishers, after one pass."""
+        return {channel.topic: parse_qos(channel.metadata.get('offered_qos_profiles', ''))
+                for channel in self.details.values()}
 
     def messages(self) -> Iterator[tuple[int, int, bytes]]:
         """Yield channel id, log time [ns] and data up to the end of the file or a break.
@@ -61,6 +102,11 @@ class McapFile:
         Raises:
             BagError: the file cannot be opened.
         """
+        for channel, log_time, _, data in self.timed_messages():
+            yield channel, log_time, data
+
+    def timed_messages(self) -> Iterator[tuple[int, int, int, bytes]]:
+        """Yield channel id, log time [ns], publish time [ns] and data; see `messages`."""
         self.problem = None
         try:
             with self.path.open('rb') as stream, \
@@ -71,7 +117,7 @@ class McapFile:
         except _BreakError as exc:
             self.problem = f'{self.path}: {exc}'
 
-    def _file(self, content: mmap.mmap) -> Iterator[tuple[int, int, bytes]]:
+    def _file(self, content: mmap.mmap) -> Iterator[tuple[int, int, int, bytes]]:
         if content[:len(MAGIC)] != MAGIC:
             raise _BreakError('is not an MCAP file: wrong first bytes')
         position, end = len(MAGIC), len(content)
@@ -89,6 +135,9 @@ class McapFile:
                 raise _BreakError(f'record at byte {body} needs {length} bytes, {end - body} are '
                                   'left: the file is truncated')
             if opcode == _FOOTER:
+                if content[position:position + len(MAGIC)] != MAGIC:
+                    raise _BreakError(f'ends at byte {end} within its last bytes: the file is '
+                                      'truncated')
                 return
             if opcode in (_SCHEMA, _CHANNEL, _MESSAGE):
                 yield from self._records(content, body - _HEAD.size, position, 'file')
@@ -96,7 +145,7 @@ class McapFile:
                 self._read_metadata(content, body, position)
 
     def _records(self, buffer: _Buffer, position: int, end: int,
-                 where: str) -> Iterator[tuple[int, int, bytes]]:
+                 where: str) -> Iterator[tuple[int, int, int, bytes]]:
         """Follow the records that may stand in a chunk."""
         channels = self.channels
         while position < end:
@@ -110,18 +159,25 @@ class McapFile:
             if opcode == _MESSAGE:
                 if length < _MESSAGE_HEAD.size:
                     raise _BreakError(f'{where}: message record of {length} bytes')
-                channel, _, log_time, _ = _MESSAGE_HEAD.unpack_from(buffer, body)
+                channel, _, log_time, sent_time = _MESSAGE_HEAD.unpack_from(buffer, body)
                 if channel not in channels:
                     raise _BreakError(f'{where}: message of unknown channel {channel}')
-                yield channel, log_time, buffer[body + _MESSAGE_HEAD.size:position]
+                yield (channel, log_time, sent_time,
+                       buffer[body + _MESSAGE_HEAD.size:position])
             elif opcode == _SCHEMA:
                 fields = _Fields(buffer, body, position)
-                number, name = fields.number(_U16), fields.text()
-                self._schemas[number] = name
+                number = fields.number(_U16)
+                self._schemas[number] = _Schema(fields.text(), fields.text(), fields.text())
             elif opcode == _CHANNEL:
-                fields = _Fields(buffer, body, position)
-                number, schema = fields.number(_U16), fields.number(_U16)
-                channels[number] = Channel(fields.text(), self._schemas.get(schema, ''))
+                self._read_channel(_Fields(buffer, body, position))
+
+    def _read_channel(self, fields: _Fields) -> None:
+        number, schema_number = fields.number(_U16), fields.number(_U16)
+        schema = self._schemas.get(schema_number, _Schema('', '', ''))
+        topic, encoding = fields.text(), fields.text()
+        self.channels[number] = Channel(topic, schema.name)
+        self.details[number] = ChannelDetails(topic, schema.name, encoding, schema.encoding,
+                                              schema.text, fields.texts())
 
     def _chunk(self, content: mmap.mmap, body: int, end: int, *, whole: bool) -> bytes:
         """Return the records of a chunk, of a cut one those that are there."""
@@ -146,12 +202,9 @@ class McapFile:
 
     def _read_metadata(self, content: mmap.mmap, body: int, end: int) -> None:
         fields = _Fields(content, body, end)
-        name = fields.text()
-        stop = fields.number(_U32) + fields.position
-        while name == 'rosbag2' and fields.position < min(stop, end):
-            key, value = fields.text(), fields.text()
-            if key == 'serialized_metadata':
-                self._serialized_metadata = value
+        if fields.text() == 'rosbag2':
+            self._serialized_metadata = fields.texts().get(
+                'serialized_metadata', self._serialized_metadata)
 
 
 class _Fields:
@@ -170,6 +223,14 @@ class _Fields:
         self._need(length)
         self.position += length
         return self.buffer[self.position - length:self.position].decode(errors='backslashreplace')
+
+    def texts(self) -> dict[str, str]:
+        stop = min(self.number(_U32) + self.position, self.end)
+        found: dict[str, str] = {}
+        while self.position < stop:
+            key = self.text()
+            found[key] = self.text()
+        return found
 
     def _need(self, size: int) -> None:
         if self.position + size > self.end:

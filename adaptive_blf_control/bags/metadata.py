@@ -14,7 +14,8 @@ import yaml
 from adaptive_blf_control.errors import BagError
 
 __all__ = ['EMPTY_START', 'METADATA_NAME', 'BagMetadata', 'FileInformation', 'TopicMetadata',
-           'default_qos', 'dump_yaml', 'load_metadata', 'parse_metadata', 'save_metadata']
+           'default_qos', 'dump_yaml', 'load_metadata', 'parse_metadata', 'parse_qos',
+           'save_metadata']
 
 METADATA_NAME = 'metadata.yaml'
 VERSION = 9
@@ -219,6 +220,15 @@ def _parse_files(content: Mapping[str, Any]) -> tuple[FileInformation, ...]:
     # Counts per file are unknown; the bag's total is put on the first so that sums stay right.
     return tuple(FileInformation(path, start, duration, 0 if i else count)
                  for i, path in enumerate(paths))
+
+
+def parse_qos(text: str) -> tuple[Mapping[str, Any], ...]:
+    """Read QoS profiles kept as text in a channel; empty where they cannot be read."""
+    try:
+        profiles = yaml.safe_load(text) or ()
+        return tuple(dict(profile) for profile in profiles)
+    except (yaml.YAMLError, TypeError, ValueError, RecursionError):
+        return ()
 
 
 def _parse_topic(item: Mapping[str, Any]) -> TopicMetadata:

@@ -23,7 +23,7 @@ from adaptive_blf_control.bags.metadata import BagMetadata, load_metadata, METAD
 from adaptive_blf_control.bags.storage import BagMessage, StorageFile
 from adaptive_blf_control.errors import BagError
 
-__all__ = ['Bag', 'BagMessage', 'JointSeries', 'TopicInfo', 'read_bag']
+__all__ = ['Bag', 'BagMessage', 'JointSeries', 'TopicInfo', 'read_bag', 'storage_files']
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 
@@ -72,6 +72,7 @@ class Bag:
         path: What was opened.
         topics: Topics by name, also those without a message.
         custom_data: Texts from metadata.yaml, else from the file's own metadata record.
+        offered_qos: QoS profiles of each topic's publishers, from the same places.
         complete: False where a file breaks off, is missing, or holds less than stated.
         problem: What is wrong where `complete` is False, else None.
     """
@@ -105,6 +106,10 @@ class Bag:
                        for file in files for channel in file.channels.values()}
         self.custom_data: Mapping[str, str] = (metadata and metadata.custom_data) or {
             key: value for file in files for key, value in file.custom_data().items()}
+        self.offered_qos: dict[str, Sequence[Mapping[str, Any]]] = {
+            topic: qos for file in files for topic, qos in file.offered_qos().items()}
+        for topic in metadata.topics if metadata else ():
+            self.offered_qos[topic.name] = topic.qos or self.offered_qos.get(topic.name, ())
 
     def __iter__(self) -> Iterator[BagMessage]:
         """Yield every message."""
@@ -213,7 +218,7 @@ def read_bag(path: Path | str) -> Bag:
     if not path.is_dir():
         return Bag(path, [_open_file(path)])
     if not (path / METADATA_NAME).exists():
-        return Bag(path, [_open_file(file) for file in _storage_files(path)])
+        return Bag(path, [_open_file(file) for file in storage_files(path)])
     metadata = load_metadata(path)
     if metadata.compression_mode.lower() not in ('', 'none'):
         raise BagError(f'{path}: compression mode {metadata.compression_mode!r} cannot be read: '
@@ -245,8 +250,12 @@ def _open_file(path: Path) -> StorageFile:
                    'a .db3 file')
 
 
-def _storage_files(folder: Path) -> list[Path]:
-    """Return the storage files of a folder without metadata, in the order of their numbers."""
+def storage_files(folder: Path) -> list[Path]:
+    """Return the storage files of a folder without metadata, in the order of their numbers.
+
+    Raises:
+        BagError: there is none.
+    """
     found = [file for file in folder.iterdir() if file.suffix in ('.mcap', '.db3')]
     if not found:
         raise BagError(f'{folder} is not a bag: it has no {METADATA_NAME}, .mcap or .db3 file')

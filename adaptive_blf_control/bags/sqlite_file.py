@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 import sqlite3
+from typing import Any
 
 from adaptive_blf_control.bags.storage import Channel
 from adaptive_blf_control.errors import BagError
@@ -27,6 +28,10 @@ class SqliteFile:
 
     def custom_data(self) -> dict[str, str]:
         """Return nothing: a .db3 file has its custom data in metadata.yaml."""
+        return {}
+
+    def offered_qos(self) -> dict[str, Sequence[Mapping[str, Any]]]:
+        """Return nothing: those of a .db3 file are in metadata.yaml too."""
         return {}
 
     def messages(self) -> Iterator[tuple[int, int, bytes]]:

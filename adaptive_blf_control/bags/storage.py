@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 __all__ = ['BagMessage', 'Channel', 'StorageFile']
 
@@ -46,3 +46,6 @@ class StorageFile(Protocol):
 
     def custom_data(self) -> dict[str, str]:
         """Return the custom data kept in the file, after one pass."""
+
+    def offered_qos(self) -> Mapping[str, Sequence[Mapping[str, Any]]]:
+        """Return the QoS profiles of each topic's publishers, after one pass."""

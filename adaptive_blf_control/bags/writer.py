@@ -233,11 +233,13 @@ class BagWriter:
 
     def _flush(self, fsync: bool) -> None:
         self._writer.flush()
-        if fsync:
-            os.fsync(self._stream.fileno())
-        if self._metadata_is_old:  # so that a reader of an unfinished bag sees its topics
+        if self._metadata_is_old:  # so that an unfinished bag has its topics and custom data
+            self._add_metadata_record()
+            self._stream.flush()
             save_metadata(self.path, self._metadata())
             self._metadata_is_old = False
+        if fsync:
+            os.fsync(self._stream.fileno())
 
     def _finish(self) -> None:
         self._writer.flush()

@@ -6,11 +6,7 @@ from __future__ import annotations
 import argparse
 from importlib import util
 import json
-import os
 from pathlib import Path
-import random
-import signal
-import subprocess
 import sys
 import time
 
@@ -19,28 +15,13 @@ from adaptive_blf_control.errors import BlfError, MissingExtra
 from adaptive_blf_control.parameters.yaml_file import load_yaml, node_values
 from adaptive_blf_control.tools.bag_run import rates, run_of_bag
 from adaptive_blf_control.tools.plot import plot_run
+from adaptive_blf_control.tools.processes import NodeProcesses, NODES, scenario
 from adaptive_blf_control.tools.report import write_page
 from adaptive_blf_control.tools.summary import summarise, table
 
 __all__ = ['main']
 
-NODES = ('recorder', 'identifier', 'controller', 'arm_driver')
 PATIENCE = 90.0  # s until the arm has to move: the first run compiles the laws
-GRACE = 15.0  # s for a node to end
-
-# Announce endpoints often at the start, so that four nodes meet within half a second.
-FAST_DISCOVERY = """<?xml version="1.0" encoding="UTF-8" ?>
-<profiles xmlns="http://www.eprosima.com">
-  <participant profile_name="demo" is_default_profile="true">
-    <rtps><builtin><discovery_config>
-      <leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
-      <initialAnnouncements>
-        <count>20</count><period><sec>0</sec><nanosec>200000000</nanosec></period>
-      </initialAnnouncements>
-    </discovery_config></builtin></rtps>
-  </participant>
-</profiles>
-"""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -54,82 +35,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _default_config() -> Path:
-    """Find config/two_link.yaml in the source tree or in an installed share folder."""
-    package = Path(__file__).resolve().parents[1]
-    for folder in (package.parent / 'config',
-                   Path(sys.prefix) / 'share/adaptive_blf_control/config',
-                   *(Path(prefix) / 'share/adaptive_blf_control/config'
-                     for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':') if prefix)):
-        if (folder / 'two_link.yaml').is_file():
-            return folder / 'two_link.yaml'
-    return Path('config/two_link.yaml')
-
-
-def _environment(output: Path) -> dict[str, str]:
-    """Keep the demo on this host, in a domain of its own, with quick discovery."""
-    profile = output / 'fast_discovery.xml'
-    profile.write_text(FAST_DISCOVERY, encoding='utf-8')
-    return {**os.environ,
-            'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID', str(random.randint(1, 101))),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile),
-            'ROS_LOG_DIR': str(output / 'log')}
-
-
-class _Nodes:
-    """The four processes; leaving the context ends every one of them."""
-
-    def __init__(self, config: Path, duration: float, output: Path) -> None:
-        extra = {'recorder': [f'bag:={output / "bag"}'],
-                 'arm_driver': [f'duration:={duration}',
-                                f'wait_for_subscribers:={len(NODES) - 1}']}
-        environment = _environment(output)
-        self.logs = {name: (output / f'{name}.txt').open('w+b') for name in NODES}
-        self.processes: dict[str, subprocess.Popen[bytes]] = {}
-        for name in NODES:
-            command = [sys.executable, '-m', 'adaptive_blf_control', name, '--ros-args',
-                       '--params-file', str(config)]
-            for setting in extra.get(name, []):
-                command += ['-p', setting]
-            self.processes[name] = subprocess.Popen(
-                command, env=environment, stdout=self.logs[name], stderr=subprocess.STDOUT)
-
-    def __enter__(self) -> _Nodes:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for process in self.processes.values():
-            if process.poll() is None:
-                process.kill()
-                process.wait()
-        for log in self.logs.values():
-            log.close()
-
-    def failed(self) -> list[str]:
-        """Names of the nodes that ended with an error."""
-        return [name for name, process in self.processes.items() if process.poll()]
-
-    def text(self, name: str) -> str:
-        """What a node printed."""
-        self.logs[name].seek(0)
-        return self.logs[name].read().decode(errors='replace')
-
-    def end(self) -> list[str]:
-        """Interrupt one after the other, the recorder last; return those that ended badly."""
-        for name in ('controller', 'identifier', 'recorder'):
-            process = self.processes[name]
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-                try:
-                    process.wait(GRACE)
-                except subprocess.TimeoutExpired:
-                    process.kill()
-                    process.wait()
-        return [name for name, process in self.processes.items() if process.returncode != 0]
-
-
-def _progress(nodes: _Nodes, duration: float) -> list[str]:
+def _progress(nodes: NodeProcesses, duration: float) -> list[str]:
     """Show a bar until the driver has ended; return the nodes that failed meanwhile."""
     driver = nodes.processes['arm_driver']
     moving: float | None = None
@@ -154,6 +60,19 @@ def _progress(nodes: _Nodes, duration: float) -> list[str]:
     return nodes.failed()
 
 
+
+
+def _run(config: Path, duration: float, output: Path) -> list[str]:
+    """Run the nodes; return those that did not end well, after showing what they printed."""
+    with NodeProcesses(config, duration, output) as nodes:
+        print(f'on this host only; to look inside: ROS_DOMAIN_ID={nodes.domain}', flush=True)
+        bad = _progress(nodes, duration)
+        bad = list(dict.fromkeys(bad + nodes.end()))
+        for name in bad:
+            print(f'\n{name} did not end well:\n{nodes.text(name)}', file=sys.stderr)
+    return bad
+
+
 def main(args: list[str] | None = None) -> int:
     """Run the demo; 0 only if no set was left and every node ended well."""
     options = _parser().parse_args(args)
@@ -163,7 +82,7 @@ def main(args: list[str] | None = None) -> int:
         return 2
     output = options.output or Path('runs') / time.strftime('%Y%m%d_%H%M%S')
     try:
-        config = options.config or _default_config()
+        config = options.config or scenario('two_link.yaml')
         node_values(load_yaml(config), 'controller')  # a clear error before anything starts
         if output.exists():
             raise BlfError(f'{output} exists already: name another folder with --output')
@@ -173,12 +92,8 @@ def main(args: list[str] | None = None) -> int:
         return 2
     print(f'four processes over DDS: {", ".join(NODES)}; {config}, {options.duration:g} s',
           flush=True)
-    with _Nodes(config.resolve(), options.duration, output.resolve()) as nodes:
-        bad = _progress(nodes, options.duration)
-        bad = list(dict.fromkeys(bad + nodes.end()))
-        for name in bad:
-            print(f'\n{name} did not end well:\n{nodes.text(name)}', file=sys.stderr)
     try:
+        bad = _run(config.resolve(), options.duration, output.resolve())
         return _report(output, options, bad)
     except BlfError as error:
         print(f'demo: {error}', file=sys.stderr)

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A finished bag out of what a killed recorder, a power cut or a lost metadata.yaml left.
+
+The bytes of the .mcap files are never changed. Where all of them are whole, metadata.yaml is
+rebuilt beside them, and one that said otherwise is kept as ``metadata.yaml.before``. Where a file
+breaks off, everything in front of the break goes into a new, finished bag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from adaptive_blf_control.bags.definitions import MessageDefinition
+from adaptive_blf_control.bags.mcap_file import ChannelDetails, MAGIC, McapFile
+from adaptive_blf_control.bags.metadata import (
+    BagMetadata,
+    EMPTY_START,
+    FileInformation,
+    load_metadata,
+    METADATA_NAME,
+    parse_qos,
+    save_metadata,
+    TopicMetadata,
+)
+from adaptive_blf_control.bags.reader import storage_files
+from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.errors import BagError
+
+__all__ = ['KEPT_NAME', 'Recovery', 'recover_bag']
+
+KEPT_NAME = METADATA_NAME + '.before'
+
+
+class Recovery(NamedTuple):
+    """What became of a bag.
+
+    Attributes:
+        path: The folder that is a finished bag now.
+        what: ``whole`` (nothing was wrong), ``metadata`` (rebuilt) or ``copy`` (a new bag).
+        messages: How many messages it has.
+        problem: Where the original breaks off, with file and byte; None where nothing is lost.
+    """
+
+    path: Path
+    what: str
+    messages: int
+    problem: str | None
+
+
+class _Scan(NamedTuple):
+    """One file, looked through: its share of metadata.yaml, and its messages by topic."""
+
+    file: McapFile
+    information: FileInformation
+    counts: dict[str, int]
+
+
+def recover_bag(bag: Path | str, output: Path | str | None = None) -> Recovery:
+    """Make a bag readable by tools that ask for a footer, an index and metadata.yaml.
+
+    Args:
+        bag: A bag folder with or without metadata.yaml, or a lone .mcap file.
+        output: Folder of the new bag; a whole bag is copied too where it is given. Otherwise
+            ``<bag>_recovered`` beside the bag, made only where it is needed.
+
+    Raises:
+        BagError: no .mcap file, no message in front of a break, messages that rosbag2 does not
+            write, the output exists, or the disk refuses.
+    """
+    bag = Path(bag)
+    paths = storage_files(bag) if bag.is_dir() else [bag]
+    scans = [_scan(path) for path in paths]
+    problems = [scan.file.problem for scan in scans if scan.file.problem]
+    problem = problems[0] if problems else None
+    if problem and not any(scan.counts for scan in scans):
+        raise BagError(f'{problem} (no message before it)')
+    metadata = _metadata_of(scans, bag if bag.is_dir() else bag.parent)
+    if bag.is_dir() and problem is None and output is None:
+        return _rebuild(bag, metadata)
+    target = Path(output) if output else bag.with_name(bag.stem + '_recovered')
+    _copy(scans, metadata, target)
+    return Recovery(target, 'copy', metadata.message_count, problem)
+
+
+def _scan(path: Path) -> _Scan:
+    try:
+        with path.open('rb') as stream:
+            start = stream.read(len(MAGIC))
+    except OSError as exc:
+        raise BagError(f'{path}: cannot be read: {exc.strerror}') from exc
+    if start != MAGIC:
+        raise BagError(f'{path} is not an MCAP file: only bags with MCAP storage are recovered')
+    file = McapFile(path)
+    counts: dict[int, int] = {}
+    first, last = EMPTY_START, 0
+    for channel, log_time, _ in file.messages():
+        counts[channel] = counts.get(channel, 0) + 1
+        first, last = min(first, log_time), max(last, log_time)
+    by_topic: dict[str, int] = {}
+    for channel, count in counts.items():
+        topic = file.details[channel].topic
+        by_topic[topic] = by_topic.get(topic, 0) + count
+    total = sum(by_topic.values())
+    return _Scan(file, FileInformation(path.name, first, max(last - first, 0) if total else 0,
+                                       total), by_topic)
+
+
+def _metadata_of(scans: Sequence[_Scan], folder: Path) -> BagMetadata:
+    """Return what metadata.yaml has to say, from the files; custom data also from an old one."""
+    channels: dict[str, ChannelDetails] = {}
+    custom_data: dict[str, str] = {}
+    distro = ''
+    with suppress(BagError):  # that is why we are here
+        custom_data.update(load_metadata(folder).custom_data)
+    for scan in scans:
+        for details in scan.file.details.values():
+            channels.setdefault(details.topic, details)
+        kept = scan.file.metadata()
+        if kept:
+            custom_data.update(kept.custom_data)
+            distro = distro or kept.ros_distro
+    return BagMetadata(
+        files=tuple(scan.information for scan in scans),
+        topics=tuple(TopicMetadata(
+            topic, details.type_name, parse_qos(details.metadata.get('offered_qos_profiles', '')),
+            details.metadata.get('topic_type_hash', ''),
+            sum(scan.counts.get(topic, 0) for scan in scans))
+            for topic, details in channels.items()),
+        custom_data=custom_data, ros_distro=distro)
+
+
+def _rebuild(folder: Path, metadata: BagMetadata) -> Recovery:
+    path = folder / METADATA_NAME
+    try:
+        if path.exists():
+            if _says(folder) == metadata.to_dict():
+                return Recovery(folder, 'whole', metadata.message_count, None)
+            path.replace(folder / KEPT_NAME)
+        save_metadata(folder, metadata)
+    except OSError as exc:
+        raise BagError(f'{path}: cannot be written: {exc}') from exc
+    return Recovery(folder, 'metadata', metadata.message_count, None)
+
+
+def _says(folder: Path) -> dict[str, object] | None:
+    try:
+        return load_metadata(folder).to_dict()
+    except BagError:
+        return None
+
+
+def _copy(scans: Sequence[_Scan], metadata: BagMetadata, target: Path) -> None:
+    for scan in scans:
+        for details in scan.file.details.values():
+            if (details.encoding, details.schema_encoding) != ('cdr', 'ros2msg'):
+                raise BagError(
+                    f'{scan.file.path}: topic {details.topic!r} has encoding '
+                    f'{details.encoding!r} and schema {details.schema_encoding!r}: expected '
+                    "'cdr' and 'ros2msg'")
+    definitions = {details.topic: details.definition
+                   for scan in scans for details in scan.file.details.values()}
+    with BagWriter(target, custom_data=metadata.custom_data,
+                   ros_distro=metadata.ros_distro) as writer:
+        for topic in metadata.topics:
+            writer.add_topic(topic.name, topic.type_name, qos=topic.qos,
+                             definition=MessageDefinition(topic.type_name,
+                                                          definitions[topic.name],
+                                                          topic.type_hash))
+        for scan in scans:
+            for channel, log_time, sent_time, data in scan.file.timed_messages():
+                writer.write(scan.file.details[channel].topic, data, log_time, sent_time)

@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Publishes a bag again, byte for byte and with its clock, where there is no rosbag2."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import importlib
+import signal
+import threading
+import time
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
+
+from adaptive_blf_control.bags.reader import read_bag
+from adaptive_blf_control.errors import BagError, ParameterError
+
+__all__ = ['Player', 'PlaySettings', 'play', 'qos_of']
+
+CLOCK = '/clock'
+# Deep enough that a burst at a high rate is not overwritten before a reliable reader has it.
+DEPTH = 1000
+LATCHED_DEPTH = 10
+POLL = 0.01  # s between looks for subscribers
+DELIVERY = 5.0  # s for reliable readers to confirm what was sent last
+INFINITE = 9_000_000_000  # s, and longer
+
+
+@dataclass(frozen=True)
+class PlaySettings:
+    """How to play.
+
+    Attributes:
+        rate: Bag seconds per second.
+        topics: Which topics, with or without leading slash; all where empty.
+        loop: Begin again at the end, until stopped.
+        wait: How long to wait for a subscriber of each topic [s].
+        clock: Ticks of /clock per bag second; 0 for none. A bag that has /clock plays its own.
+    """
+
+    rate: float = 1.0
+    topics: tuple[str, ...] = ()
+    loop: bool = False
+    wait: float = 5.0
+    clock: float = 100.0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be played."""
+        if not 0.0 < self.rate < 1e6:
+            raise ParameterError('--rate', self.rate, 'a number above 0')
+        if not 0.0 <= self.clock <= 1e5:
+            raise ParameterError('--clock', self.clock, '0 to 100000 Hz')
+        if not 0.0 <= self.wait < 1e6:
+            raise ParameterError('--wait', self.wait, 'seconds, 0 or more')
+
+
+def qos_of(profiles: Sequence[Mapping[str, Any]]) -> QoSProfile:
+    """Return what to offer so that whoever heard the recorded publishers hears this one.
+
+    Where they differed, the strongest offer is made: every subscriber accepts it. History and
+    depth are not discovered over DDS, so a bag does not know them.
+    """
+    latched = any(_word(p, 'durability') in ('transient_local', '1') for p in profiles)
+    best_effort = bool(profiles) and all(
+        _word(p, 'reliability') in ('best_effort', '2') for p in profiles)
+    known = max((int(p.get('depth', 0)) for p in profiles), default=0)
+    qos = QoSProfile(depth=known or (LATCHED_DEPTH if latched else DEPTH))
+    qos.reliability = (ReliabilityPolicy.BEST_EFFORT if best_effort
+                       else ReliabilityPolicy.RELIABLE)
+    qos.durability = (DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+    if len(profiles) == 1:
+        _copy_times(profiles[0], qos)
+    return qos
+
+
+def _word(profile: Mapping[str, Any], key: str) -> str:
+    return str(profile.get(key, '')).lower()
+
+
+def _copy_times(profile: Mapping[str, Any], qos: QoSProfile) -> None:
+    for key in ('deadline', 'lifespan', 'liveliness_lease_duration'):
+        value = profile.get(key) or {}
+        sec, nsec = int(value.get('sec', 0)), int(value.get('nsec', 0))
+        if 0 < sec * 10**9 + nsec < INFINITE * 10**9:
+            setattr(qos, key, Duration(seconds=sec, nanoseconds=nsec))
+    if _word(profile, 'liveliness') in ('manual_by_topic', '3'):
+        qos.liveliness = LivelinessPolicy.MANUAL_BY_TOPIC
+
+
+class Player:
+    """One bag, its publishers and its clock.
+
+    Attributes:
+        node: The node that publishes.
+        stop: Set it to end :meth:`play`.
+        sent: Messages published so far, by topic.
+        skipped: Topics of the bag that cannot be published here, with the reason.
+        ticks: Messages published on /clock that were not in the bag.
+    """
+
+    def __init__(self, path: str, settings: PlaySettings, *, context: Context | None = None,
+                 namespace: str = '') -> None:
+        """Open the bag and offer its topics.
+
+        Raises:
+            BagError: the bag cannot be read, a topic is not in it, or none can be published.
+        """
+        self.settings = settings
+        self.stop = threading.Event()
+        self.bag = read_bag(path)
+        topics = self._chosen()
+        self.node = Node('player', context=context, namespace=namespace, enable_rosout=False,
+                         start_parameter_services=False)
+        self.sent: dict[str, int] = {}
+        self.skipped: dict[str, str] = {}
+        self._offers: dict[str, Publisher] = {}
+        for topic in topics:
+            self._offer(topic)
+        if not self._offers:
+            self.close()
+            raise BagError(f'{path}: no topic can be published: ' + '; '.join(
+                f'{topic}: {reason}' for topic, reason in self.skipped.items()))
+        self.ticks = 0
+        self._tick_ns = round(1e9 / settings.clock) if settings.clock > 0.0 else 0
+        if CLOCK in self._offers:
+            self._tick_ns = 0
+        self._ticker = self.node.create_publisher(Clock, CLOCK, 10) if self._tick_ns else None
+        self._message = Clock()
+        self._next_tick_ns = 0
+
+    def _chosen(self) -> list[str]:
+        if not self.settings.topics:
+            return [topic for topic, info in self.bag.topics.items() if info.count]
+        plain = {topic.lstrip('/'): topic for topic in self.bag.topics}
+        for topic in self.settings.topics:
+            if topic.lstrip('/') not in plain:
+                raise BagError(f'{self.bag.path}: no topic {topic!r}: expected of '
+                               f'{", ".join(sorted(self.bag.topics))}')
+        return [plain[topic.lstrip('/')] for topic in self.settings.topics]
+
+    def _offer(self, topic: str) -> None:
+        type_name = self.bag.topics[topic].type_name
+        package, _, name = type_name.partition('/msg/')
+        try:
+            kind = getattr(importlib.import_module(f'{package}.msg'), name)
+        except (ImportError, AttributeError, ValueError):
+            self.skipped[topic] = f'message type {type_name!r} is not installed here'
+            return
+        self.sent[topic] = 0
+        self._offers[topic] = self.node.create_publisher(
+            kind, topic, qos_of(self.bag.offered_qos.get(topic, ())))
+
+    def wait_for_subscribers(self) -> list[str]:
+        """Wait until every topic has a subscriber; return those that have none in time."""
+        give_up = time.monotonic() + self.settings.wait
+        while True:
+            missing = [topic for topic, publisher in self._offers.items()
+                       if publisher.get_subscription_count() == 0]
+            if not missing or time.monotonic() >= give_up or self.stop.wait(POLL):
+                return missing
+
+    def play(self) -> None:
+        """Publish the bag once, or again and again, until its end or :attr:`stop`."""
+        while not self.stop.is_set():
+            self._once()
+            if not self.settings.loop:
+                break
+        for publisher in self._offers.values():
+            if self.stop.is_set():
+                return
+            if publisher.get_subscription_count():
+                publisher.wait_for_all_acked(Duration(seconds=DELIVERY))
+
+    def _once(self) -> None:
+        begin_ns, first_ns, last_ns = time.monotonic_ns(), -1, 0
+        for message in self.bag.messages(self._offers.keys()):
+            if first_ns < 0:
+                first_ns = self._next_tick_ns = message.log_time_ns
+            last_ns = max(last_ns, message.log_time_ns)
+            self._tick_until(last_ns, begin_ns, first_ns)
+            if not self._wait_until(message.log_time_ns, begin_ns, first_ns):
+                return
+            self._offers[message.topic].publish(message.data)
+            self.sent[message.topic] += 1
+
+    def _tick_until(self, now_ns: int, begin_ns: int, first_ns: int) -> None:
+        """Publish the ticks up to bag time ``now_ns``, each when it is due."""
+        clock = self._ticker
+        while clock is not None and self._next_tick_ns <= now_ns:
+            if not self._wait_until(self._next_tick_ns, begin_ns, first_ns):
+                return
+            self._message.clock.sec, self._message.clock.nanosec = divmod(
+                self._next_tick_ns, 10**9)
+            clock.publish(self._message)
+            self.ticks += 1
+            self._next_tick_ns += self._tick_ns
+
+    def _wait_until(self, bag_ns: int, begin_ns: int, first_ns: int) -> bool:
+        """Wait for the time of a message; False where the player was stopped."""
+        ahead = (bag_ns - first_ns) / self.settings.rate - (time.monotonic_ns() - begin_ns)
+        return not (self.stop.wait(ahead * 1e-9) if ahead > 0.0 else self.stop.is_set())
+
+    def close(self) -> None:
+        """End the node."""
+        self.node.destroy_node()
+
+
+def play(path: str, settings: PlaySettings, ros_arguments: Sequence[str]) -> Player:
+    """Play a bag as a process does: signals end it cleanly.
+
+    Args:
+        path: The bag.
+        settings: How.
+        ros_arguments: ``--ros-args ...``, e.g. remappings; may be empty.
+
+    Returns:
+        The player, closed, with its counts.
+
+    Raises:
+        BagError: as :class:`Player`.
+        RuntimeError: ROS does not take an argument.
+    """
+    asked = threading.Event()
+    players: list[Player] = []
+
+    def end(number: int, frame: object) -> None:
+        asked.set()
+        for player in players:
+            player.stop.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, end)
+    rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        player = Player(path, settings)
+        players.append(player)
+        if asked.is_set():  # came in while the bag was being read
+            player.stop.set()
+        try:
+            for topic, reason in player.skipped.items():
+                print(f'{topic}: not played: {reason}', flush=True)
+            for topic in player.wait_for_subscribers():
+                print(f'{topic}: nobody listens', flush=True)
+            print(f'playing {player.bag.path}', flush=True)
+            player.play()
+        finally:
+            player.close()
+    finally:
+        rclpy.try_shutdown()
+    return player

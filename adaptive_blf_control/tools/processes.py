@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The four nodes as processes on this host, in a DDS domain of their own."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.tools.domain import own_domain
+
+__all__ = ['NODES', 'NodeProcesses', 'scenario']
+
+NODES = ('recorder', 'identifier', 'controller', 'arm_driver')
+GRACE = 15.0  # s for a node to end
+
+# Announce endpoints often at the start, so that four nodes meet within half a second.
+FAST_DISCOVERY = """<?xml version="1.0" encoding="UTF-8" ?>
+<profiles xmlns="http://www.eprosima.com">
+  <participant profile_name="demo" is_default_profile="true">
+    <rtps><builtin><discovery_config>
+      <leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
+      <initialAnnouncements>
+        <count>20</count><period><sec>0</sec><nanosec>200000000</nanosec></period>
+      </initialAnnouncements>
+    </discovery_config></builtin></rtps>
+  </participant>
+</profiles>
+"""
+
+
+def scenario(name: str) -> Path:
+    """Find ``config/<name>`` in the source tree or in an installed share folder."""
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package.parent / 'config',
+                   Path(sys.prefix) / 'share/adaptive_blf_control/config',
+                   *(Path(prefix) / 'share/adaptive_blf_control/config'
+                     for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':') if prefix)):
+        if (folder / name).is_file():
+            return folder / name
+    return Path('config') / name
+
+
+def _wanted_domain() -> int | None:
+    """Return ROS_DOMAIN_ID, None where it is not set; BlfError where it is not a domain id."""
+    text = os.environ.get('ROS_DOMAIN_ID', '')
+    if not text:
+        return None
+    if not text.isdecimal() or int(text) > 232:
+        raise BlfError(f'ROS_DOMAIN_ID is {text!r}: expected 0 to 232')
+    return int(text)
+
+
+class NodeProcesses:
+    """The four processes; leaving the context ends every one of them.
+
+    Attributes:
+        domain: Their DDS domain: ROS_DOMAIN_ID, or another where that is not set or in use by
+            another run.
+        processes: The processes by node.
+    """
+
+    def __init__(self, config: Path, duration: float, output: Path) -> None:
+        """Start recorder, identifier, controller and driver.
+
+        Args:
+            config: Parameter file for all of them.
+            duration: How long the arm moves [s].
+            output: Folder for the bag and the nodes' output; absolute.
+
+        Raises:
+            BlfError: no DDS domain is free.
+        """
+        extra = {'recorder': [f'bag:={output / "bag"}'],
+                 'arm_driver': [f'duration:={duration}',
+                                f'wait_for_subscribers:={len(NODES) - 1}']}
+        self._stack = ExitStack()
+        self.domain = self._stack.enter_context(own_domain(_wanted_domain()))
+        environment = self._environment(output)
+        self.logs = {name: (output / f'{name}.txt').open('w+b') for name in NODES}
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        for name in NODES:
+            command = [sys.executable, '-m', 'adaptive_blf_control', name, '--ros-args',
+                       '--params-file', str(config)]
+            for setting in extra.get(name, []):
+                command += ['-p', setting]
+            self.processes[name] = subprocess.Popen(
+                command, env=environment, stdout=self.logs[name], stderr=subprocess.STDOUT)
+
+    def _environment(self, output: Path) -> dict[str, str]:
+        """Keep the nodes on this host, in their domain, with quick discovery."""
+        profile = output / 'fast_discovery.xml'
+        profile.write_text(FAST_DISCOVERY, encoding='utf-8')
+        return {**os.environ,
+                'ROS_DOMAIN_ID': str(self.domain),
+                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile),
+                'ROS_LOG_DIR': str(output / 'log')}
+
+    def __enter__(self) -> NodeProcesses:
+        """Return the running processes."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Kill what still runs and give the domain back."""
+        for process in self.processes.values():
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+        for log in self.logs.values():
+            log.close()
+        self._stack.close()
+
+    def failed(self) -> list[str]:
+        """Names of the nodes that ended with an error."""
+        return [name for name, process in self.processes.items() if process.poll()]
+
+    def text(self, name: str) -> str:
+        """What a node printed."""
+        self.logs[name].seek(0)
+        return self.logs[name].read().decode(errors='replace')
+
+    def end(self) -> list[str]:
+        """Interrupt one after the other, the recorder last; return those that ended badly."""
+        for name in ('controller', 'identifier', 'recorder'):
+            process = self.processes[name]
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+                try:
+                    process.wait(GRACE)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()
+        return [name for name, process in self.processes.items() if process.returncode != 0]

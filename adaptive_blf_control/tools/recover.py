@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``recover``: make a bag that a crash left unfinished readable again, without touching it.
+
+A folder whose .mcap files are whole gets its metadata.yaml rebuilt. Where a file breaks off, a
+finished copy of everything in front of the break is written. The .mcap files stay as they are.
+
+Exit status: 0 a finished bag stands at the printed path and nothing is known to be lost; 1 it
+does, up to a break that is printed; 2 nothing could be recovered.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+
+from adaptive_blf_control.bags.recovery import KEPT_NAME, recover_bag
+from adaptive_blf_control.errors import BlfError
+
+__all__ = ['main']
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='recover', description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument('bag', type=Path, help='bag folder, or a lone .mcap file')
+    parser.add_argument('--output', type=Path, metavar='DIR', default=None,
+                        help='write a finished copy to this new folder in any case\n'
+                        '(default: BAG_recovered, only where a file breaks off)')
+    return parser
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the command; see the module for the exit status."""
+    options = _parser().parse_args(args)
+    try:
+        done = recover_bag(options.bag, options.output)
+    except BlfError as error:
+        print(f'recover: {error}', file=sys.stderr)
+        return 2
+    what = {'whole': 'is whole, nothing to do',
+            'metadata': f'metadata.yaml rebuilt (an old one is kept as {KEPT_NAME})',
+            'copy': 'finished copy written'}[done.what]
+    print(f'{done.path}: {what}; {done.messages} messages')
+    if done.problem is None:
+        return 0
+    print(f'recover: lost what followed: {done.problem}', file=sys.stderr)
+    return 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The arithmetic of a soak run: growth of memory, drift of latency, account of messages."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+import re
+import struct
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.bags.mcap_file import McapFile
+from adaptive_blf_control.bags.reader import storage_files
+from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.topics import ADAPTATION_TERM, JOINT_STATES
+
+__all__ = ['Account', 'Growth', 'Latency', 'Part', 'RunFigures', 'account_of', 'growth_of',
+           'latency_of', 'read_run']
+
+# CDR: four bytes of encapsulation, then header.stamp.
+_STAMP = struct.Struct('<iI')
+_KEPT = 20_000  # unanswered states that are remembered
+_REPORT = re.compile(r'(/\S+): received (\d+), written (\d+)(?:, dropped (\d+))?'
+                     r'(?:, lost (\d+))?')
+
+
+class Growth(NamedTuple):
+    """Resident memory of one process [bytes], after settling and at the end."""
+
+    first: float
+    last: float
+
+    @property
+    def percent(self) -> float:
+        """How much it grew, in percent of `first`."""
+        return 100.0 * (self.last - self.first) / self.first
+
+
+def growth_of(t: Sequence[float], rss: Sequence[int], settle: float) -> Growth:
+    """Compare medians: the tenth of the samples that follows ``settle`` with the last tenth.
+
+    Args:
+        t: Times of the samples [s].
+        rss: Resident memory [bytes].
+        settle: When counting begins [s].
+
+    Raises:
+        BagError: fewer than two samples after ``settle``.
+    """
+    kept = np.asarray(rss, dtype=float)[np.asarray(t) >= settle]
+    if kept.size < 2:
+        raise BagError(f'{kept.size} samples of the memory after {settle:g} s: expected 2 or more')
+    share = max(kept.size // 10, 1)
+    return Growth(float(np.median(kept[:share])), float(np.median(kept[-share:])))
+
+
+class Part(NamedTuple):
+    """Latencies of one part of the run [ms]."""
+
+    p50: float
+    p99: float
+    largest: float
+    answers: int
+
+
+class Latency(NamedTuple):
+    """Latency of the first and the last third after settling."""
+
+    first: Part
+    last: Part
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the median rose by more than a tenth and more than 0.02 ms."""
+        return self.last.p50 > max(1.1 * self.first.p50, self.first.p50 + 0.02)
+
+
+def latency_of(sent: np.ndarray, latency: np.ndarray, settle: float) -> Latency:
+    """Return the latency of the first and the last third of what follows ``settle``.
+
+    Args:
+        sent: When the states were sent, shape (N,) [s].
+        latency: From a state to its answer, shape (N,) [s].
+        settle: When counting begins, after the first state [s].
+
+    Raises:
+        BagError: fewer than three answers after ``settle``.
+    """
+    if sent.size == 0:
+        raise BagError('no state was answered')
+    kept = 1e3 * latency[sent - sent[0] >= settle]
+    if kept.size < 3:
+        raise BagError(f'{kept.size} answers after {settle:g} s: expected 3 or more')
+    third = kept.size // 3
+    return Latency(*(Part(float(np.median(part)), float(np.percentile(part, 99)),
+                          float(part.max()), part.size)
+                     for part in (kept[:third], kept[-third:])))
+
+
+class Account(NamedTuple):
+    """Where the messages of one topic are."""
+
+    topic: str
+    received: int
+    written: int
+    in_bag: int
+    dropped: int
+    lost: int
+
+    @property
+    def complete(self) -> bool:
+        """Whether every message that was received is in the bag or counted as dropped."""
+        return self.received == self.written + self.dropped and self.written == self.in_bag
+
+
+def account_of(log: str, in_bag: Mapping[str, int]) -> list[Account]:
+    """Compare what the recorder says it did with what is in the bag.
+
+    Args:
+        log: Output of the recorder with its closing lines.
+        in_bag: Messages in the bag by topic.
+
+    Raises:
+        BagError: the recorder did not report a topic that is in the bag.
+    """
+    rows = {match[1]: Account(match[1], int(match[2]), int(match[3]), in_bag.get(match[1], 0),
+                              int(match[4] or 0), int(match[5] or 0))
+            for match in _REPORT.finditer(log)}
+    missing = sorted(set(in_bag) - set(rows))
+    if missing:
+        raise BagError(f'the recorder did not report {", ".join(missing)}: did it end by itself?')
+    return list(rows.values())
+
+
+class RunFigures(NamedTuple):
+    """What one pass over the bag gives.
+
+    Attributes:
+        counts: Messages by topic.
+        sent: When the answered states were sent, shape (N,) [s].
+        latency: From there until their adaptation term was sent, which the controller does
+            right after the command (that has no stamp to match by), shape (N,) [s].
+    """
+
+    counts: dict[str, int]
+    sent: np.ndarray
+    latency: np.ndarray
+
+
+def read_run(bag: Path) -> RunFigures:
+    """Count the messages of a bag folder and match states with answers, in one pass.
+
+    Raises:
+        BagError: the bag cannot be read, breaks off, or has not the two topics.
+    """
+    counts: dict[str, int] = {}
+    matcher = _Matcher()
+    for path in storage_files(bag):
+        file = McapFile(path)
+        for channel, _, sent_ns, data in file.timed_messages():
+            topic = file.channels[channel].topic
+            counts[topic] = counts.get(topic, 0) + 1
+            if topic.endswith('/' + JOINT_STATES):
+                matcher.state(data, sent_ns)
+            elif topic.endswith('/' + ADAPTATION_TERM):
+                matcher.answer(data, sent_ns)
+        if file.problem:
+            raise BagError(file.problem)
+    sent = np.frombuffer(matcher.sent, dtype=np.int64)
+    order = np.argsort(sent, kind='stable')
+    latency = np.frombuffer(matcher.latency, dtype=np.int64)
+    return RunFigures(counts, 1e-9 * (sent[order] - sent[:1]), 1e-9 * latency[order])
+
+
+class _Matcher:
+    """Pairs states and answers by stamp, in whatever order the recorder took them."""
+
+    def __init__(self) -> None:
+        self.sent, self.latency = array('q'), array('q')
+        self._states: dict[tuple[int, int], int] = {}
+        self._answers: dict[tuple[int, int], int] = {}
+
+    def state(self, data: bytes, sent_ns: int) -> None:
+        stamp = _STAMP.unpack_from(data, 4)
+        answered = self._answers.pop(stamp, None)
+        if answered is not None:
+            self._add(sent_ns, answered)
+            return
+        self._states[stamp] = sent_ns
+        if len(self._states) > _KEPT:  # the controller answers the newest state only
+            del self._states[next(iter(self._states))]
+
+    def answer(self, data: bytes, sent_ns: int) -> None:
+        stamp = _STAMP.unpack_from(data, 4)
+        state = self._states.pop(stamp, None)
+        if state is not None:
+            self._add(state, sent_ns)
+        else:
+            self._answers[stamp] = sent_ns
+
+    def _add(self, state_ns: int, answer_ns: int) -> None:
+        self.sent.append(state_ns)
+        self.latency.append(answer_ns - state_ns)

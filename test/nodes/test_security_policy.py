@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The SROS 2 policy grants our topics, and everything the running nodes use, and no more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from adaptive_blf_control.executables import NODES
+from adaptive_blf_control.nodes.arm_driver import ArmDriver
+from adaptive_blf_control.nodes.controller import ControllerNode
+from adaptive_blf_control.nodes.identifier import IdentifierNode
+from adaptive_blf_control.nodes.recorder import Recorder
+from adaptive_blf_control.topics import TOPICS
+
+KINDS = {'arm_driver': ArmDriver, 'controller': ControllerNode, 'identifier': IdentifierNode,
+         'recorder': Recorder}
+COMMON = {'/rosout', '/parameter_events'}
+Granted = dict[str, dict[str, set[str]]]
+
+
+@pytest.fixture(scope='module')
+def policy(repository: Path) -> Granted:
+    """Return what each node is granted: full names by publish, subscribe, reply, request."""
+    root = ElementTree.parse(repository / 'config' / 'sros2_policy.xml').getroot()
+    assert (root.tag, root.get('version')) == ('policy', '0.2.0')
+    granted: Granted = {}
+    for enclave in root.findall('enclaves/enclave'):
+        profile = enclave.find('profiles/profile')
+        assert profile is not None
+        node, namespace = profile.get('node'), profile.get('ns')
+        assert (enclave.get('path'), namespace) == (f'/adaptive_blf_control/{node}', '/')
+        rules = granted[node] = {'publish': set(), 'subscribe': set(), 'reply': set(),
+                                 'request': set()}
+        for block in profile:
+            (use, verdict), = block.attrib.items()
+            assert verdict == 'ALLOW'
+            assert (block.tag == 'topics') == (use in ('publish', 'subscribe'))
+            for entry in block:
+                assert f'{entry.tag}s' == block.tag
+                name = entry.text
+                rules[use].add(name if name.startswith('/') else
+                               f'/{node}{name[1:]}' if name.startswith('~') else f'/{name}')
+    return granted
+
+
+def test_policy_has_one_enclave_for_every_node(policy: Granted) -> None:
+    assert set(policy) == set(NODES)
+
+
+def test_policy_grants_every_topic_of_ours_once_to_publish_and_nothing_foreign(
+        policy: Granted) -> None:
+    ours = {'/' + topic.lstrip('/') for topic in TOPICS}
+    published = [topic for rules in policy.values() for topic in rules['publish'] - COMMON
+                 if topic != '/diagnostics']
+    assert sorted(published) == sorted(ours - {'/diagnostics'})
+    heard = set().union(*(rules['subscribe'] for rules in policy.values()))
+    assert heard == ours == policy['recorder']['subscribe']
+    for rules in policy.values():
+        assert {'/diagnostics', *COMMON} <= rules['publish']
+
+
+def test_only_the_controller_may_command_and_only_the_driver_listens(policy: Granted) -> None:
+    commands = '/effort_controller/commands'
+    assert [node for node, rules in policy.items() if commands in rules['publish']] == [
+        'controller']
+    assert {node for node, rules in policy.items() if commands in rules['subscribe']} == {
+        'arm_driver', 'recorder'}
+
+
+@pytest.mark.parametrize('kind', NODES)
+def test_everything_a_running_node_uses_is_granted_and_the_other_way_round(
+        graph, wait_until: Callable, tmp_path: Path, policy: Granted, kind: str) -> None:
+    nodes = [kind] if kind != 'recorder' else list(KINDS)
+    made = {name: graph.make(KINDS[name], **(
+        {'bag': str(tmp_path / 'bag')} if name == 'recorder' else {})) for name in nodes}
+    node = made[kind]
+    if kind == 'recorder':  # asks each of the others for its parameters, once it hears it
+        others = {f'/{name}' for name in KINDS} - {'/recorder'}
+        graph.run(node)
+        wait_until(lambda: others <= set(node._askers), what='clients of the recorder')
+
+    def used(query: Callable) -> set[str]:
+        return {name for name, _ in query(kind, '/')}
+
+    found = {'publish': used(node.get_publisher_names_and_types_by_node),
+             'subscribe': used(node.get_subscriber_names_and_types_by_node),
+             'reply': used(node.get_service_names_and_types_by_node),
+             'request': used(node.get_client_names_and_types_by_node)}
+    assert found == policy[kind], 'config/sros2_policy.xml has to follow the nodes'
+
+
+def test_a_node_without_its_keys_refuses_to_start_where_security_is_enforced(
+        processes, tmp_path: Path) -> None:
+    processes.environment.update(
+        ROS_SECURITY_ENABLE='true', ROS_SECURITY_STRATEGY='Enforce',
+        ROS_SECURITY_KEYSTORE=str(tmp_path))
+    enclave = '/adaptive_blf_control/identifier'
+    node = processes.start('identifier', '--ros-args', '--enclave', enclave)
+    assert node.wait() == 2
+    assert f'{tmp_path}/enclaves{enclave}' in node.text
