@@ -217,7 +217,7 @@ class ControllerNode(DataNode):
         if left is not None:
             self.get_logger().error(
                 f'joint {left.joint}: e1 = {left.value:.4g} rad is beyond the {left.bound:.4g} '
-                f'rad that Theorem 2 promises: check the bounds under guarantee, the torque limits '
+                f'rad that Theorem 2 promises: check the bounds under guarantee, torque limits '
                 f'and the delay', throttle_duration_sec=1.0)
 
     def _monitor(self, controller: Controller, stamp: int, q: np.ndarray,

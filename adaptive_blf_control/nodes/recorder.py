@@ -66,6 +66,7 @@ class Recorder(DataNode):
             name = self.resolve_topic_name(topic)
             self._pending[name] = TOPICS.get(topic, '')
         self._settings: dict[str, dict[str, Any]] = {}
+        self._settings_changed = False
         self._asked: set[str] = set()
         self._askers: dict[str, AsyncParameterClient] = {}
         self._remember(self.get_fully_qualified_name(), dict(self.values))
@@ -170,6 +171,7 @@ class Recorder(DataNode):
     def _flush(self) -> None:
         if self._failure is None:
             try:
+                self._keep_settings()
                 self.bag.flush()
             except BagError as error:
                 self._fail(str(error))
@@ -205,13 +207,19 @@ class Recorder(DataNode):
         plain = {name: list(value) if hasattr(value, '__len__') and not isinstance(value, str)
                  else value for name, value in values.items()}
         self._settings[node] = {'ros__parameters': plain}
+        self._settings_changed = True  # the loop writes them: the bag belongs to its thread
+
+    def _keep_settings(self) -> None:
+        if self._settings_changed:
+            self._settings_changed = False
+            self.bag.set_custom_data(
+                {PARAMETERS_KEY: yaml.safe_dump(dict(self._settings), sort_keys=False)})
 
     def finish(self) -> None:
         """Drain what has arrived, then close file, index and metadata."""
         if self.context.ok():
             self.spin_data(0.0)
-        self.bag.set_custom_data(
-            {PARAMETERS_KEY: yaml.safe_dump(dict(self._settings), sort_keys=False)})
+        self._keep_settings()
         try:
             self.bag.close()
         except BagError as error:

@@ -65,7 +65,8 @@ def _scenarios(options: argparse.Namespace) -> None:
         print(f'| {name}, {duration:g} s | {figures["set_violations"]} | '
               f'{max(figures["max_abs_error"]):.4f} | '
               f'{settled} | {figures["theta_error_norm"]:.2g} | '
-              f'{figures["theta_true_norm"]:.3g} | {figures["history_rank"]} | {statistics.median(speeds):.1f} |', flush=True)
+              f'{figures["theta_true_norm"]:.3g} | '
+              f'{figures["history_rank"]} | {statistics.median(speeds):.1f} |', flush=True)
 
 
 def _run_json(arguments: list[str]) -> dict[str, Any]:

@@ -176,6 +176,11 @@ def test_parameters_are_accepted_where_the_mass_matrix_is_positive_definite(p1, 
             ARM.dynamics(theta)
 
 
+def test_negative_definite_parameters_are_refused():
+    with pytest.raises(ArmError, match='not positive definite'):
+        ARM.dynamics(np.array([-5.0, -0.2, 0.1, 1.0, 1.0]))
+
+
 def test_dynamics_keeps_its_own_parameters():
     theta = PAPER.copy()
     dynamics = ARM.dynamics(theta)

@@ -10,8 +10,8 @@ from adaptive_blf_control.control.barrier import (
     active_bound,
     barrier,
     barrier_gradient,
-    interior,
     INTERIOR,
+    interior,
 )
 
 hypothesis = pytest.importorskip('hypothesis')

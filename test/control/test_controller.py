@@ -32,7 +32,8 @@ def controller(coupling: str = 'per_joint', limit: float = 1e9, widen: float = 0
                lower: np.ndarray = LOWER, upper: np.ndarray = UPPER) -> Controller:
     reference = SumOfSinusoids(np.zeros(2), np.array([[1.0], [2.0]]), np.full((2, 1), 0.5),
                                np.array([[0.0], [np.pi / 2]]))
-    safety = JointInterval(np.array([-1.17, -2.17]) - widen, np.array([1.2, 2.2]) + widen, 'safety')
+    safety = JointInterval(np.array([-1.17, -2.17]) - widen, np.array([1.2, 2.2]) + widen,
+                           'safety')
     return Controller(ARM, ControllerSettings(K1, K2, np.full(2, limit), coupling), safety,
                       JointInterval(lower, upper, 'performance'), reference)
 
@@ -108,6 +109,7 @@ def test_output_is_consistent_with_itself():
         assert not output.saturated.any()
 
 
+@pytest.mark.filterwarnings('ignore:.*encountered:RuntimeWarning')
 @pytest.mark.parametrize('coupling', COUPLINGS)
 @hypothesis.given(theta=st.lists(st.floats(), min_size=5, max_size=5), q=any_pair, qd=any_pair,
                   t=st.floats(0.0, 1e6))

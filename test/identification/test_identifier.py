@@ -155,12 +155,13 @@ def test_resetting_the_history_keeps_the_estimate(record):
     assert result.theta is theta
 
 
-def test_nothing_is_recorded_until_the_filter_has_settled(record):
+def test_nothing_is_learned_until_the_filter_has_settled(record):
     result = identifier(settle=20.0)  # of 1 ms
     for sample in record(steps=30):
         result.update(*sample)
         assert result.settled == (sample.t >= 0.02 - 1e-9)
         assert (result.stack.count > 0) == result.settled
+        assert np.array_equal(result.theta, SETTINGS.initial_estimate) != result.settled
 
 
 def test_settling_begins_again_after_a_gap(record):
@@ -171,6 +172,18 @@ def test_settling_begins_again_after_a_gap(record):
         result.update(*sample)
         assert not result.settled
     assert result.stack.insertions == count
+
+
+@pytest.mark.filterwarnings('ignore:.*encountered:RuntimeWarning')
+@pytest.mark.parametrize('bad', [float('nan'), float('inf'), -1e308])
+def test_an_adaptation_term_that_is_not_finite_or_overflows_is_dropped_and_counted(record, bad):
+    result, samples = identifier(gamma=np.full(5, 1e9)), record(steps=20)
+    for sample in samples[:10]:
+        result.update(*sample, np.zeros(5))
+    theta = result.theta
+    assert result.update(*samples[10], np.array([0.0, 0.0, bad, 0.0, 0.0])) is theta
+    assert result.dropped == drops(**{'not finite': 1})
+    assert result.update(*samples[11], np.zeros(5)) is not theta
 
 
 @pytest.mark.filterwarnings('ignore:.*encountered:RuntimeWarning')

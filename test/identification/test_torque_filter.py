@@ -119,7 +119,8 @@ def test_a_lost_sample_does_nothing_where_the_torque_did_not_change():
         if k not in (150, 151):
             torque_filter.update((k - last) * 1e-3, *ARM.Y12(q, qd), tau)
             last = k
-        assert np.abs(torque_filter.pair.regressor @ THETA - torque_filter.pair.torque).max() < 1e-4
+        regressor, torque = torque_filter.pair
+        assert np.abs(regressor @ THETA - torque).max() < 1e-4
         q, qd = dynamics.advance(q, qd, tau, 1e-3, 2)
 
 

@@ -44,7 +44,8 @@ class Data:
 
 
 @pytest.mark.parametrize(('kt', 'kh', 'with_term'),
-                         [(3.0, 0.7, True), (3.0, 0.0, False), (0.0, 0.7, False), (0.0, 0.0, True)])
+                         [(3.0, 0.7, True), (3.0, 0.0, False), (0.0, 0.7, False),
+                          (0.0, 0.0, True)])
 def test_a_step_is_implicit_euler_of_equation_37(kt, kh, with_term):
     for seed in range(20):
         data, dt = Data(seed), 0.05

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import os
 from pathlib import Path
 import random
+import resource
 import signal
 import socket
 import subprocess
@@ -201,13 +202,20 @@ class Runner:
 class Process:
     """One executable as a process with its output in a file."""
 
-    def __init__(self, arguments: list[str], environment: dict[str, str], output: Path) -> None:
-        """Start ``python -m adaptive_blf_control ARGUMENTS``."""
+    def __init__(self, arguments: list[str], environment: dict[str, str], output: Path,
+                 largest_file: int | None) -> None:
+        """Start ``python -m adaptive_blf_control ARGUMENTS``; limit its files [bytes] if asked."""
         self._file = output
+
+        def limit() -> None:
+            if largest_file is not None:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file))
+
         with output.open('wb') as stream:
             self.popen = subprocess.Popen(
                 [sys.executable, '-m', 'adaptive_blf_control', *arguments], env=environment,
-                stdin=subprocess.DEVNULL, stdout=stream, stderr=subprocess.STDOUT)
+                stdin=subprocess.DEVNULL, stdout=stream, stderr=subprocess.STDOUT,
+                preexec_fn=limit if largest_file is not None else None)
 
     @property
     def text(self) -> str:
@@ -244,10 +252,10 @@ class Processes:
                             'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
         self._started: list[Process] = []
 
-    def start(self, *arguments: str) -> Process:
+    def start(self, *arguments: str, largest_file: int | None = None) -> Process:
         """Start one executable with the arguments that follow its name."""
         output = self.folder / f'{len(self._started)}_{arguments[0]}.txt'
-        process = Process(list(arguments), self.environment, output)
+        process = Process(list(arguments), self.environment, output, largest_file)
         self._started.append(process)
         return process
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -318,9 +319,11 @@ def test_duration_ends_the_run_with_0_counted_from_the_first_command(rig, graph,
 
 def test_no_state_before_enough_have_subscribed(graph, wait_until) -> None:
     driver = graph.make(ArmDriver, wait_for_subscribers=2, **START)
-    first = _States(graph.peer())
-    graph.run(driver)
+    peer = graph.peer()
+    first, diagnostics = _States(peer), peer.listen(DiagnosticArray, '/diagnostics')
     wait_until(lambda: driver.count_subscribers('joint_states') == 1)
+    graph.run(driver)
+    wait_until(lambda: diagnostics)  # it has been running for a while
     assert not first
     second = _States(graph.peer())
     wait_until(lambda: len(first) and len(second))

@@ -61,9 +61,10 @@ class _Rig:
         self.node = graph.make(ControllerNode, namespace=namespace, **{**TASK, **parameters})
         self.peer = graph.peer()
         self._wait_until = wait_until
-        self.sent = {topic: self.peer.listen(kind, f'{namespace}/{topic}'.lstrip('/')) for topic, kind in (
-            (COMMANDS, Float64MultiArray), (ADAPTATION_TERM, JointState), (REFERENCE, JointState),
-            (TRACKING_ERROR, JointState), (BARRIER, JointState))}
+        self.sent = {
+            topic: self.peer.listen(kind, f'{namespace}/{topic}') for topic, kind in (
+                (COMMANDS, Float64MultiArray), (ADAPTATION_TERM, JointState),
+                (REFERENCE, JointState), (TRACKING_ERROR, JointState), (BARRIER, JointState))}
         wait_until(lambda: all(self.node.count_subscribers(topic) for topic in self.sent)
                    and self.node._commands.get_subscription_count() == 1, what='the match')
         self._answers = 0
@@ -255,12 +256,13 @@ def test_an_estimate_acts_from_the_next_state_on_matched_by_name(graph, wait_unt
     before = plain.answer(_state(0.0)), other.answer(_state(0.0))
     plain.node.on_theta_hat(_estimate(theta), {})
     other.node.on_theta_hat(_estimate(theta[::-1], PARAMETERS[::-1]), {})
-    after = plain.answer(_state(1.0)), other.answer(_state(1.0))
+    for ms in (1.0, 2.0):
+        after = plain.answer(_state(ms)), other.answer(_state(ms))
     np.testing.assert_array_equal(*before)
     np.testing.assert_array_equal(*after)
     law = build_controller(_values(plain), TwoLinkArm(), np.array(Q))
     np.testing.assert_allclose(
-        after[0], law.update(1e-3, np.array(Q), np.array(QD), theta).torque, rtol=1e-9)
+        after[0], law.update(2e-3, np.array(Q), np.array(QD), theta).torque, rtol=1e-9)
 
 
 def test_an_estimate_that_cannot_be_used_leaves_the_last_one(rig) -> None:

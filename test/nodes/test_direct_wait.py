@@ -122,3 +122,9 @@ def test_a_node_ends_when_its_context_is_shut_down(graph, wait_until) -> None:
     assert runner.join() == 0
 
 
+
+
+def test_waiting_on_nothing_takes_the_time_it_was_given(graph) -> None:
+    begin = time.monotonic()
+    DirectWait([], graph.context).wait(0.02)
+    assert 0.015 < time.monotonic() - begin < 5.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Facts about whole runs: what the scenarios reach, the same bits twice, with numba and without."""
+"""Facts about whole runs: what the scenarios reach, the same bits twice, numba or not."""
 
 from __future__ import annotations
 
@@ -124,7 +124,8 @@ def test_effort_is_what_the_drives_applied_over_the_last_interval(build):
     build('arm_driver.torque_limit=[3.0]').run(0.02, samples.append)
     assert not samples[0].measured.torque.any()
     for last, sample in zip(samples, samples[1:]):
-        np.testing.assert_array_equal(sample.measured.torque, np.clip(last.output.torque, -3.0, 3.0))
+        np.testing.assert_array_equal(sample.measured.torque,
+                                      np.clip(last.output.torque, -3.0, 3.0))
 
 
 def test_a_sample_is_answered_with_the_estimate_of_the_last_one(build):
