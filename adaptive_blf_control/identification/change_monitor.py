@@ -34,7 +34,7 @@ def normalised_residual(regressor: np.ndarray, torque: np.ndarray, theta: np.nda
         regressor: Present Y_f, shape (n, m).
         torque: Present τ_f, shape (n,) [N·m].
         theta: θ_s, shape (m,).
-        inverse: Q⁻¹, shape (m, m).
+        inverse: Q⁻¹, widened where noise is correlated, shape (m, m).
         variance: Mean square residual of the stack per joint, shape (n,) [N²·m²].
         floor: (ρ t_i)², shape (n,) [N²·m²].
     """
@@ -95,8 +95,11 @@ class ChangeMonitor:
         if insertions == self._insertions:
             return
         self._insertions = insertions
-        self._inverse = np.linalg.inv(gram)
-        self._theta = self._inverse @ moment
+        inverse = np.linalg.inv(gram)
+        self._theta = inverse @ moment
+        # Noise of neighbouring pairs is alike, as the filters remember both: P n equations say no
+        # more about θ_s than the m it takes, in the worst case.
+        self._inverse = torques.size / gram.shape[0] * inverse
         residuals = np.einsum('pnm,m->pn', regressors, self._theta) - torques
         # P n equations fix m unknowns: the fit absorbs that part of the noise.
         freedom = max(1.0 - gram.shape[0] / torques.size, 0.1)
