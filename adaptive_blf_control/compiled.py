@@ -8,6 +8,9 @@ The laws are written as functions over float64 arrays in the subset numba compil
 from __future__ import annotations
 
 from collections.abc import Callable
+import hashlib
+import os
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -25,11 +28,39 @@ except ImportError:  # plain numpy is the documented fallback
     COMPILED = False
 
 
+def _cache_folder() -> str:
+    """Return a folder for machine code that belongs to exactly these sources, '' if none.
+
+    numba itself looks only at the file of the compiled function, not at those it calls: after an
+    update it would go on running the old barrier inside the new law.
+    """
+    package = Path(__file__).parent
+    digest = hashlib.sha256()
+    for room in ('arms', 'control', 'identification'):  # where the compiled functions are
+        for source in sorted((package / room).glob('*.py')):
+            digest.update(source.read_bytes())
+    folder = package / '__pycache__' / f'numba_{digest.hexdigest()[:16]}'
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return ''
+    return str(folder) if os.access(folder, os.W_OK) else ''
+
+
+CACHE = _cache_folder() if COMPILED else ''
+
+
 def jit(function: Function) -> Function:
     """Compile a module-level function; the machine code is cached on disk."""
     if numba is None:
         return function
-    return numba.njit(cache=True, error_model='numpy')(function)  # type: ignore[no-any-return]
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = CACHE or before
+    try:
+        compiled = numba.njit(cache=bool(CACHE), error_model='numpy')(function)
+    finally:
+        numba.config.CACHE_DIR = before
+    return compiled  # type: ignore[no-any-return]
 
 
 def jit_closure(function: Function) -> Function:

@@ -243,10 +243,13 @@ class Identifier:
         dt = self.observe(t, q, qd, tau)
         if dt > 0.0:
             regressor, torque = self._filter.pair
-            if self.settled:
-                self._watch(dt, regressor, torque)
-            if self.settled:  # no longer where a change was just found
-                self._record(regressor, torque)
+            try:
+                if self.settled:
+                    self._watch(dt, regressor, torque)
+                if self.settled:  # no longer where a change was just found
+                    self._record(regressor, torque)
+            except np.linalg.LinAlgError:  # a pair that LAPACK cannot judge is not recorded
+                self.dropped['not finite'] += 1
             self._excitation.update(dt, regressor)
             self._step(dt, regressor, torque,
                        self._no_term if adaptation_term is None else adaptation_term)

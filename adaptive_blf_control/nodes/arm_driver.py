@@ -133,7 +133,8 @@ class ArmDriver(DataNode):
             self._watch(due_ns)
             self._move_to(due_ns)
             interval = (due_ns - max(self._last_state_ns, self._begin_ns)) * 1e-9
-            effort = self._impulse / interval
+            # No interval yet where a command came before the clock started.
+            effort = self._impulse / interval if interval > 0.0 else self.plant.torque
             self._impulse = np.zeros(self.arm.n)
         self._last_state_ns = due_ns
         self._states.publish(self._codec.encode(

@@ -20,8 +20,14 @@ from std_msgs.msg import Float64MultiArray
 from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.bags.controller_codecs import ControllerCodecs
 from adaptive_blf_control.bags.joint_state import JointStateReader
-from adaptive_blf_control.control.controller import Controller, ControlOutput, sampling_number
+from adaptive_blf_control.control.controller import (
+    Controller,
+    ControllerSettings,
+    ControlOutput,
+    sampling_number,
+)
 from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
+from adaptive_blf_control.control.reference import SmoothStart
 from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.nodes.data_node import DataNode, run_node, TOO_LATE
 from adaptive_blf_control.nodes.node_parameters import on_change
@@ -70,6 +76,10 @@ class ControllerNode(DataNode):
         self._heard_at: float | None = None
         self._lost = False
         self._samples_seen = 0
+        self._resumes = False
+        self._new_settings: ControllerSettings | None = None
+        self._violations = 0
+        self._first_violation = ''
         self._margins = np.zeros(2 * self.arm.n)
         self._lyapunov = 0.0
         self._make_topics()
@@ -101,6 +111,7 @@ class ControllerNode(DataNode):
             self.destroy_node()
             raise
         start = trial.reference.at(0.0).position
+        SmoothStart(trial.reference, 1.0, start).at(0.5)  # compiled here, not in the first answer
         trial.lyapunov(start, trial.update(0.0, start, zero, self.theta), self.theta)
         number = sampling_number(self.arm, trial.settings.k2, start, self.theta, 1e-3)
         if number >= 2.0:
@@ -109,9 +120,8 @@ class ControllerNode(DataNode):
                 f'is unstable in a sampled loop; lower k2 or check the estimate')
 
     def _retune(self, values: dict[str, Any]) -> None:
-        settings = controller_settings(values, self.arm.n)
-        if self._controller is not None:
-            self._controller.settings = settings  # one assignment: between two samples
+        # Taken by the loop before its next sample, also by a motion that is only just beginning.
+        self._new_settings = controller_settings(values, self.arm.n)
 
     def on_theta_hat(self, data: bytes, info: dict[str, int]) -> None:
         """Take the newest estimate; one that is not finite or not ours is dropped."""
@@ -138,6 +148,8 @@ class ControllerNode(DataNode):
             return
         if not self._in_order(stamp):
             return
+        if self._lost:
+            self._controller, self._resumes = None, True
         begins = self._controller is None
         if begins and not self._start(stamp, q):
             return
@@ -167,25 +179,43 @@ class ControllerNode(DataNode):
             self._jumped_ns = stamp
             self.drop('stamp jumps ahead', f'{ahead * 1e-9:.6g} s after the last one')
             return False
+        if ahead > longest:  # the clock stays ahead: the motion begins anew on it
+            self._controller, self._resumes = None, True
         self._jumped_ns = None
         return True
 
     def _start(self, stamp: int, q: np.ndarray) -> bool:
+        if not self._someone_drives():
+            return False
+        values = dict(self.values)
+        if self._resumes:  # the reference has moved on meanwhile, and so may the arm
+            values['reference.smooth_start'] = max(values['reference.smooth_start'],
+                                                   values['reference.resume_time'])
+        self._controller = build_controller(values, self.arm, q)
+        self._start_ns = stamp
+        self._guarantee = None
+        return True
+
+    def _someone_drives(self) -> bool:
+        """Whether an arm listens to the commands; a recorder of ours does not move one."""
         if self._commands.get_subscription_count() == 0:
             return False
-        self._controller = build_controller(self.values, self.arm, q)
-        self._start_ns = stamp
-        return True
+        return any(info.node_name != 'recorder'
+                   for info in self.get_subscriptions_info_by_topic(COMMANDS))
 
     def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray) -> None:
         controller = self._controller
         if controller is None:
             return
+        new, self._new_settings = self._new_settings, None
+        if new is not None:
+            controller.settings = new
         output = controller.update((stamp - self._start_ns) * 1e-9, q, qd, self.theta)
         self._commands.publish(self._torque_codec.encode(output.torque))
         self._term.publish(self._codecs.adaptation_term(stamp, output))
         self.output = output
         self.sampled()
+        self._measure(controller, q, output)
         if self._samples_seen % self.values['monitor_decimation'] == 0:
             self._monitor(controller, stamp, q, output)
         self._samples_seen += 1
@@ -220,11 +250,25 @@ class ControllerNode(DataNode):
                 f'rad that Theorem 2 promises: check the bounds under guarantee, torque limits '
                 f'and the delay', throttle_duration_sec=1.0)
 
-    def _monitor(self, controller: Controller, stamp: int, q: np.ndarray,
-                 output: ControlOutput) -> None:
+    def _measure(self, controller: Controller, q: np.ndarray, output: ControlOutput) -> None:
+        """Take the margins of every sample; say which joint left which set, by how much."""
         n = self.arm.n
         self._margins[:n] = controller.safety.margin(q)
         self._margins[n:] = controller.performance.margin(output.e1)
+        if self._margins.min() > 0.0:
+            return
+        worst = int(np.argmin(self._margins))
+        i, name = worst % n, 'safety' if worst < n else 'performance'
+        value = q[i] if worst < n else output.e1[i]
+        bounds = controller.safety if worst < n else controller.performance
+        text = (f'joint {self.arm.joints[i]!r} has left its {name} set: {value:.5g} rad is not '
+                f'within {bounds.lower[i]:.5g} .. {bounds.upper[i]:.5g} rad')
+        self._violations += 1
+        self._first_violation = self._first_violation or text
+        self.get_logger().error(text, throttle_duration_sec=1.0)
+
+    def _monitor(self, controller: Controller, stamp: int, q: np.ndarray,
+                 output: ControlOutput) -> None:
         self._lyapunov = controller.lyapunov(q, output, self.theta)
         for topic, message in self._codecs.monitors(stamp, output, self._margins,
                                                     self._lyapunov).items():
@@ -258,12 +302,13 @@ class ControllerNode(DataNode):
             values[f'{joint} saturated'] = bool(self.output.saturated[i])
         if self._lost:
             return DiagnosticStatus.ERROR, 'joint states lost: zero torque', values
-        worst = int(np.argmin(self._margins))
+        if self._violations:
+            values['samples outside a set'] = self._violations
+            values['first violation'] = self._first_violation
         if self._guarantee is not None and self._guarantee.first is not None:
             values['left what Theorem 2 promises at [s]'] = f'{self._guarantee.first.t:.3f}'
-        if self._margins[worst] <= 0.0:
-            joint = self.arm.joints[worst % n]
-            return DiagnosticStatus.ERROR, f'joint {joint} has left its set', values
+        if self._violations:
+            return DiagnosticStatus.ERROR, self._first_violation, values
         return DiagnosticStatus.OK, 'running', values
 
 

@@ -15,6 +15,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import rclpy
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger_level, LoggingSeverity, set_logger_level
@@ -39,6 +40,7 @@ __all__ = ['TOO_LATE', 'DataNode', 'run_node']
 LONGEST_WAIT = 0.05  # s
 DEPTH = 100
 TOO_LATE = 2**31 * 10**9  # ns, the first time that header.stamp cannot hold
+LAST_WORDS = 1.0  # s to deliver the last messages at the end
 SAY_AGAIN = 1.0  # s between two log lines about the same reason
 
 Handler = Callable[[bytes, dict[str, int]], None]
@@ -78,17 +80,19 @@ class DataNode(Node):
         self._drained: list[tuple[Subscription, Handler, bool]] = []
         self.superseded = 0
         self._wait: DirectWait | None = None
+        self._data_publishers: list[Publisher] = []
         self._samples = 0
         self._rate_since = time.monotonic()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.create_timer(1.0, self._publish_diagnostics)
         # rclpy's logger asks inspect for its caller, and the first such question reads every
         # loaded module's file: 50 to 100 ms that must not fall into a control cycle.
         inspect.getframeinfo(sys._getframe())
 
     def data_publisher(self, message_type: type, topic: str) -> Publisher:
         """Return a reliable publisher; ``publish(bytes)`` sends CDR as it is."""
-        return self.create_publisher(message_type, topic, DEPTH)
+        publisher = self.create_publisher(message_type, topic, DEPTH)
+        self._data_publishers.append(publisher)
+        return publisher
 
     def data_subscription(self, message_type: type, topic: str, handler: Handler, *,
                           wake: bool = True, newest_only: bool = False,
@@ -157,6 +161,7 @@ class DataNode(Node):
 
     def run(self) -> int:
         """Serve data until :attr:`stop` is set or the context ends; return the exit code."""
+        self.create_timer(1.0, self._publish_diagnostics)
         executor = SingleThreadedExecutor(context=self.context)
         executor.add_node(self)
         thread = threading.Thread(target=self._serve, args=(executor,), daemon=True)
@@ -168,11 +173,23 @@ class DataNode(Node):
         finally:
             try:
                 self._while_up(self.finish)
+                self._while_up(self._deliver)
             finally:
                 self.stop.set()
                 executor.shutdown(timeout_sec=2.0)
                 thread.join(timeout=2.0)
         return self.exit_code
+
+    def _deliver(self) -> None:
+        """Wait until every reliable subscriber has the last messages: sent is not delivered.
+
+        DDS sends behind our back; a process that ended at once would take the final zero torque
+        with it.
+        """
+        give_up = time.monotonic() + LAST_WORDS
+        for publisher in self._data_publishers if self.context.ok() else ():
+            left = max(give_up - time.monotonic(), 0.0)
+            publisher.wait_for_all_acked(Duration(seconds=left))
 
     def _while_up(self, action: Callable[[], None]) -> None:
         try:
@@ -188,11 +205,14 @@ class DataNode(Node):
             self.idle()
 
     def _serve(self, executor: SingleThreadedExecutor) -> None:
-        try:
-            while not self.stop.is_set() and self.context.ok():
+        while not self.stop.is_set() and self.context.ok():
+            try:
                 executor.spin_once(timeout_sec=LONGEST_WAIT)
-        except ExternalShutdownException:
-            self.stop.set()
+            except ExternalShutdownException:
+                self.stop.set()
+            except Exception as error:  # one bad request must not take all services away
+                if self.context.ok():
+                    self.drop('failed request', f'{type(error).__name__}: {error}')
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
         """Return level, message and values for the diagnostics (REP 107)."""
@@ -204,7 +224,7 @@ class DataNode(Node):
         self._samples, self._rate_since = 0, now
         level, text, values = self.status()
         values = {'rate': f'{rate:.1f}', **values,
-                  **{f'dropped: {reason}': count for reason, count in self.drops.items()}}
+                  **{f'dropped: {reason}': count for reason, count in dict(self.drops).items()}}
         array = DiagnosticArray()
         array.header.stamp = self.get_clock().now().to_msg()
         array.status = [DiagnosticStatus(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from pathlib import Path
 import sys
 from typing import Any
@@ -19,7 +20,7 @@ from adaptive_blf_control.bags.joint_state import JointStateCodec, JointStateRea
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.identification.estimate_file import write_estimate
 from adaptive_blf_control.identification.rank_condition import rank_warning
-from adaptive_blf_control.nodes.data_node import DataNode, run_node, TOO_LATE
+from adaptive_blf_control.nodes.data_node import DataNode, DEPTH, run_node, TOO_LATE
 from adaptive_blf_control.nodes.node_parameters import on_change
 from adaptive_blf_control.nodes.robot_description import arm_of
 from adaptive_blf_control.parameters.build import build_identifier, identifier_settings
@@ -55,8 +56,8 @@ class IdentifierNode(DataNode):
         if warning:
             self.get_logger().warning(warning)
         self._changes = 0
-        self._term = np.zeros(self.arm.m)
-        self._term_ns: int | None = None
+        # A few, because a backlog of states needs the terms of their own times.
+        self._terms: deque[tuple[int, np.ndarray]] = deque(maxlen=DEPTH)
         self._zero_ns: int | None = None
         self._published_insertions = -1
         self._since_published = 0
@@ -87,7 +88,7 @@ class IdentifierNode(DataNode):
             self.drop('unusable adaptation term', str(error))
             return
         if np.isfinite(term).all():
-            self._term, self._term_ns = term, stamp
+            self._terms.append((stamp, term))
         else:
             self.drop('non-finite adaptation term', 'the last one is kept')
 
@@ -125,10 +126,12 @@ class IdentifierNode(DataNode):
                                       f'({self._changes} so far)')
 
     def _held_term(self, stamp: int) -> np.ndarray | None:
-        if self._term_ns is None:
-            return None
-        age = (stamp - self._term_ns) * 1e-9
-        return self._term if abs(age) <= self.values['adaptation_term_timeout'] else None
+        """Return the newest term sent before ``stamp``, the one held over the interval before."""
+        for sent, term in reversed(self._terms):
+            if sent < stamp:
+                fresh = (stamp - sent) * 1e-9 <= self.values['adaptation_term_timeout']
+                return term if fresh else None
+        return None
 
     def on_reset_history(self, request: Trigger.Request,
                          response: Trigger.Response) -> Trigger.Response:
@@ -144,8 +147,8 @@ class IdentifierNode(DataNode):
         path = Path(self.values['estimate_file'])
         try:
             write_estimate(path, self.arm.parameters, self.identifier)
-        except OSError as error:
-            response.success, response.message = False, f'{path}: {error.strerror}'
+        except (OSError, ValueError) as error:
+            response.success, response.message = False, f'{path}: {error}'
         else:
             response.success, response.message = True, str(path.resolve())
         return response

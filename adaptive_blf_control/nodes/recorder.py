@@ -219,11 +219,15 @@ class Recorder(DataNode):
         """Drain what has arrived, then close file, index and metadata."""
         if self.context.ok():
             self.spin_data(0.0)
-        self._keep_settings()
         try:
-            self.bag.close()
+            self._keep_settings()
         except BagError as error:
             self._fail(str(error))
+        finally:
+            try:
+                self.bag.close()
+            except BagError as error:
+                self._fail(str(error))
         counts = self.bag.counts
         for topic, received in self.received.items():
             self.get_logger().info(f'{topic}: received {received}, written '

@@ -172,6 +172,10 @@ CONTROLLER: Table = ARM + (
     Parameter('reference.smooth_start', 'double', 0.0,
               'Time over which the measured posture is joined to the reference; 0 starts on it.',
               's', 0.0),
+    Parameter('reference.resume_time', 'double', 2.0,
+              'Time over which the measured posture is joined to the reference when the motion '
+              'begins anew, after joint states were lost or the clock jumped ahead.', 's', 0.0,
+              exclusive=True),
     Parameter('guarantee.mode', 'string', 'off',
               'bound: state at the start what Theorem 2 promises and watch it, from the three '
               'bounds below; off: nothing is known about the arm.', choices=('off', 'bound')),

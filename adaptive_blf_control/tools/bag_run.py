@@ -62,6 +62,8 @@ def run_of_bag(bag: Bag) -> Run:
                                                 return_indices=True)
     if stamps.size == 0:
         raise BagError(f'{bag.path}: no joint state was answered by the controller')
+    between = (states.stamp_ns > stamps[0]) & (states.stamp_ns < stamps[-1])
+    between[at_state] = False
     learning = estimates.stamp_ns >= stamps[0]
     sets = [JointInterval(broadcast(controller[f'{name}.lower'], len(joints)),
                           broadcast(controller[f'{name}.upper'], len(joints)), name)
@@ -72,7 +74,8 @@ def run_of_bag(bag: Bag) -> Run:
         t_theta=(estimates.stamp_ns[learning] - stamps[0]) * 1e-9,
         theta_hat=estimates.position[learning], rank=int(_last(bag, HISTORY_RANK)),
         sigma_min=float(_last(bag, HISTORY_SIGMA_MIN)), safety=sets[0], performance=sets[1],
-        truth=_true_parameters(data, estimates.names))
+        truth=_true_parameters(data, estimates.names),
+        q_unanswered=states.position[between])
 
 
 def _last(bag: Bag, name: str) -> float:

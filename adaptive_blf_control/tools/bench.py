@@ -105,7 +105,7 @@ def _measured(options: argparse.Namespace) -> None:
         return
     _machine()
     print('Second half after learning on the first; RMSE of the filtered torque [N·m].\n')
-    print('| robot | ours, joint by joint | mean | batch least squares, mean | ratio | rank of '
+    print('| robot | ours, joint by joint | mean | batch (given), mean | ratio | rank of '
           'columns | insertions | us per sample |')
     print('|---|---|---|---|---|---|---|---|')
     for robot, (log, urdf, batch) in MEASURED.items():

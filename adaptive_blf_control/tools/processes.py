@@ -55,6 +55,10 @@ def _wanted_domain() -> int | None:
     return int(text)
 
 
+def _leave(number: int, _: object) -> None:
+    raise SystemExit(128 + number)
+
+
 class NodeProcesses:
     """The four processes; leaving the context ends every one of them.
 
@@ -102,11 +106,17 @@ class NodeProcesses:
                 'ROS_LOG_DIR': str(output / 'log')}
 
     def __enter__(self) -> NodeProcesses:
-        """Return the running processes."""
+        """Return the running processes; from here on SIGTERM winds them down, too."""
+        self._before = signal.signal(signal.SIGTERM, _leave)
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Kill what still runs and give the domain back."""
+        """End what still runs, the recorder last, and give the domain back."""
+        signal.signal(signal.SIGTERM, self._before)
+        driver = self.processes['arm_driver']
+        if driver.poll() is None:
+            driver.send_signal(signal.SIGINT)
+        self.end()
         for process in self.processes.values():
             if process.poll() is None:
                 process.kill()

@@ -33,6 +33,8 @@ class Run:
         sigma_min: σ_min of the history stack at the end.
         safety: Safety set (7).
         performance: Performance set (8).
+        q_unanswered: Positions the controller gave no answer to, shape (K, n) [rad]; they count
+            for the safety set.
         truth: (t, θ*) from t [s] on, in ascending order from 0, where θ* is known.
     """
 
@@ -48,6 +50,7 @@ class Run:
     safety: JointInterval
     performance: JointInterval
     truth: Truth | None = None
+    q_unanswered: np.ndarray | None = None
 
     def theta_true(self, t: np.ndarray) -> np.ndarray:
         """Return θ* at the times ``t`` (K,) [s], shape (K, m); NaN where it is not known."""
@@ -83,12 +86,14 @@ def summarise(run: Run) -> dict[str, Any]:
     ``min_margin`` is the smallest distance to either set's bound per joint [rad].
     """
     margin = np.minimum(run.safety.margin(run.q), run.performance.margin(run.e1))
+    unanswered = np.empty((0, len(run.joints))) if run.q_unanswered is None else run.q_unanswered
+    outside = int(np.count_nonzero(~(run.safety.margin(unanswered) > 0.0).all(axis=1)))
     last = run.t >= run.t[0] + 0.75 * (run.t[-1] - run.t[0])
     figures: dict[str, Any] = {
         'joints': list(run.joints),
         'duration_s': float(run.t[-1] - run.t[0]),
         'samples': int(run.t.size),
-        'set_violations': int(np.count_nonzero(~(margin > 0.0).all(axis=1))),
+        'set_violations': int(np.count_nonzero(~(margin > 0.0).all(axis=1))) + outside,
         'max_abs_error': np.abs(run.e1).max(axis=0).tolist(),
         'rms_error': np.sqrt(np.mean(run.e1 ** 2, axis=0)).tolist(),
         'rms_error_last_quarter': np.sqrt(np.mean(run.e1[last] ** 2, axis=0)).tolist(),

@@ -167,6 +167,13 @@ def test_a_huge_pair_leaves_no_rounding_behind():
     assert np.abs(stack.regressors).max() < 10.0
 
 
+def test_a_huge_pair_that_is_replaced_leaves_no_rounding_behind():
+    stack = filled(np.array([[[3e6, 1e6]], [[0.3, 10.0]], [[-0.2, 9.0]]]))
+    assert stack.offer(np.array([[20.0, 0.7]]), np.ones(1)) == 0
+    assert stack.rank == 2
+    assert_measured(stack)
+
+
 @pytest.mark.parametrize('m', [3, 6])
 def test_rank_never_falls_while_the_stack_is_deficient(m):
     random = np.random.default_rng(11)

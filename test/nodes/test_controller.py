@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -16,6 +17,7 @@ from std_msgs.msg import Float64MultiArray
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.bags.cdr import decode_float64_array
+from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.errors import SetViolation
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.parameters.build import build_controller
@@ -23,6 +25,7 @@ from adaptive_blf_control.topics import (
     ADAPTATION_TERM,
     BARRIER,
     COMMANDS,
+    GUARANTEE,
     JOINT_STATES,
     REFERENCE,
     THETA_HAT,
@@ -185,7 +188,7 @@ def test_one_wild_stamp_is_dropped_and_a_clock_that_stays_ahead_is_followed(rig)
     rig.ignores(_state(9000.0), 'stamp jumps ahead')
     rig.answer(_state(9001.0))
     rig.ignores(_state(8000.0), 'joint state out of order')
-    assert rig.node.output.reference.position[0] == pytest.approx(math.sin(4.5005))
+    assert rig.node.output.reference.position[0] == pytest.approx(Q[0])  # begins anew from there
 
 
 def test_a_stamp_that_no_message_can_hold_is_dropped(rig) -> None:
@@ -441,3 +444,72 @@ def test_one_reason_for_drops_does_not_silence_another(rig, capfd) -> None:
     log = capfd.readouterr().err
     assert log.count('unusable joint state') == 1
     assert "non-finite joint state: joint 'joint1' (1 so far)" in log
+
+
+def test_after_lost_states_the_motion_begins_anew_from_where_the_arm_is(rig) -> None:
+    rig = rig()
+    rig.answer(_state(0.0))
+    rig.node._lost = True  # what the watchdog sets
+    posture = [-0.6, 0.4]
+    rig.ignores(_state(3000.0, posture, [0.0, 0.0]), 'stamp jumps ahead')
+    torque = rig.answer(_state(3001.0, posture, [0.0, 0.0]))
+    np.testing.assert_allclose(rig.node.output.reference.position, posture, atol=1e-12)
+    np.testing.assert_allclose(rig.node.output.e1, 0.0, atol=1e-12)
+    assert np.abs(torque).max() < 1.0
+    assert not rig.node._lost
+
+
+def test_a_motion_is_not_resumed_from_outside_the_safety_set(rig) -> None:
+    rig = rig()
+    rig.answer(_state(0.0))
+    rig.node._lost = True
+    rig.ignores(_state(3000.0, [0.0, 2.3]), 'stamp jumps ahead')
+    with pytest.raises(SetViolation, match="'joint2'"):
+        rig.node.on_joint_states(serialize_message(_state(3001.0, [0.0, 2.3])), {})
+    assert len(rig.torques) == 1
+
+
+def test_a_set_that_was_left_for_one_sample_stays_in_the_diagnostics(rig) -> None:
+    rig = rig(monitor_decimation=100)
+    rig.answer(_state(0.0))
+    rig.answer(_state(1.0, [0.25, 1.98]))
+    rig.answer(_state(2.0))
+    level, text, values = rig.node.status()
+    assert level == b'\x02'
+    assert all(part in text for part in ("'joint1'", 'performance', '0.2 rad'))
+    assert values['samples outside a set'] == 1
+
+
+def test_a_gain_set_while_the_motion_has_not_begun_is_used_from_its_first_sample(rig) -> None:
+    rig = rig()
+    [result] = rig.node.set_parameters([Parameter('torque_limit', value=[1e-3, 1e-3])])
+    assert result.successful, result.reason
+    assert np.abs(rig.answer(_state(0.0))).max() <= 1e-3
+
+
+def test_a_recorder_that_listens_does_not_begin_the_motion(graph, wait_until) -> None:
+    node = graph.make(ControllerNode, **TASK)
+    recorder = graph.add(Node('recorder', context=graph.context))
+    recorder.create_subscription(Float64MultiArray, COMMANDS, lambda _: None, 10)
+    wait_until(lambda: node._commands.get_subscription_count() == 1
+               and node.get_subscriptions_info_by_topic(COMMANDS))
+    node.on_joint_states(serialize_message(_state(0.0)), {})
+    assert node.output is None
+
+
+def test_theorem_2_is_stated_at_the_start_from_bounds(rig, wait_until) -> None:
+    rig = rig(guarantee__mode='bound', guarantee__theta_error=0.5, guarantee__mass=[0.15, 5.0])
+    heard = rig.peer.listen(JointState, GUARANTEE)
+    wait_until(lambda: rig.node.count_subscribers(GUARANTEE))
+    rig.answer(_state(0.0))
+    wait_until(lambda: heard, what='the guarantee')
+    message = deserialize_message(heard[0][0], JointState)
+    promised = dict(zip(message.name, message.position))
+    e2 = np.array(rig.node.output.e2)
+    output = rig.node.output
+    value = (barrier(output.e1, output.bound) + 0.5 * 5.0 * e2 @ e2 + 0.5 * 0.5**2)
+    part = math.sqrt(2 * value / (1 + 2 * value))
+    assert promised['V0'] == pytest.approx(value)
+    assert promised['joint1.error_upper'] == pytest.approx(0.2 * part)
+    assert promised['joint2.error_lower'] == pytest.approx(-0.17 * part)
+    assert promised['joint2.output_upper'] == pytest.approx(2.0 + 0.2 * part)

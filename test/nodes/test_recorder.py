@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
 import numpy as np
 import pytest
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -370,3 +371,17 @@ def test_the_status_has_the_counts_of_every_topic(graph, wait_until, tmp_path) -
                                     '/number lost': 0}
     runner.end()
     assert not os.path.exists(tmp_path / 'bag' / 'metadata.yaml.tmp')
+
+
+def test_what_has_arrived_but_was_not_taken_yet_is_in_the_bag(graph, wait_until, tmp_path) -> None:
+    recorder = graph.make(Recorder, bag=str(tmp_path / 'bag'), topics=['identifier/history_rank'])
+    peer = graph.peer()
+    echo = peer.listen(Int32, 'identifier/history_rank')
+    publisher = peer.create_publisher(Int32, 'identifier/history_rank', 100)
+    wait_until(lambda: publisher.get_subscription_count() == 2)
+    for number in range(50):
+        publisher.publish(Int32(data=number))
+    assert publisher.wait_for_all_acked(Duration(seconds=20.0))
+    wait_until(lambda: len(echo) == 50)
+    recorder.finish()  # as a signal would, with the loop not run once
+    assert _numbers(tmp_path / 'bag', '/identifier/history_rank') == list(range(50))

@@ -139,6 +139,18 @@ def test_a_sample_is_answered_with_the_estimate_of_the_last_one(build):
         theta = sample.theta_hat
 
 
+def test_the_identifier_hears_the_adaptation_term_that_was_held_over_the_last_interval(build):
+    samples: list[Sample] = []
+    build(*PAPER_GAINS).run(0.02, samples.append)
+    alone, term = build(*PAPER_GAINS).identifier, np.zeros(5)
+    for sample in samples:
+        theta = alone.update(sample.t, *sample.measured, term)
+        np.testing.assert_array_equal(sample.theta_hat, theta)
+        term = sample.output.x.T @ sample.output.e2
+        np.testing.assert_allclose(sample.output.adaptation_term, term, rtol=1e-12)
+        term = sample.output.adaptation_term
+
+
 def test_observed_samples_are_those_of_the_trace(build):
     samples: list[Sample] = []
     trace = build().run(0.02, samples.append)
