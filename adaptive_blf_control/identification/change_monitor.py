@@ -46,10 +46,11 @@ def normalised_residual(regressor: np.ndarray, torque: np.ndarray, theta: np.nda
 @jit
 def windowed_step(mean: np.ndarray, gain: float, cap: float, regressor: np.ndarray,
                   torque: np.ndarray, theta: np.ndarray, inverse: np.ndarray,
-                  variance: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """Exponential mean of d² limited to ``cap``: one wild sample is not a change."""
+                  variance: np.ndarray, floor: np.ndarray) -> tuple[np.ndarray, float]:
+    """Exponential mean of d² limited to ``cap``, one wild sample being no change; and its top."""
     square = normalised_residual(regressor, torque, theta, inverse, variance, floor)
-    return mean + gain * (np.minimum(square, cap) - mean)
+    mean = mean + gain * (np.minimum(square, cap) - mean)
+    return mean, np.max(mean)
 
 
 class ChangeMonitor:
@@ -110,10 +111,10 @@ class ChangeMonitor:
         """Look at the present pair; True where the arm has changed since the stack was filled."""
         if self.window <= 0.0 or self._insertions < 0:
             return False
-        self.statistic = windowed_step(
+        self.statistic, top = windowed_step(
             self.statistic, -math.expm1(-dt / self.window), 20.0 * self.threshold, regressor,
             torque, self._theta, self._inverse, self._variance, self._floor)
-        if self.statistic.max() < self.threshold:
+        if top < self.threshold:
             return False
         self.changes += 1
         self.reset()

@@ -27,6 +27,11 @@ LARGEST = 1e6
 
 
 @jit
+def _finite_sample(q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> bool:
+    return bool(np.isfinite(q).all() and np.isfinite(qd).all() and np.isfinite(tau).all())
+
+
+@jit
 def _usable(regressor: np.ndarray, torque: np.ndarray) -> bool:
     return bool((np.abs(regressor) < LARGEST).all() and (np.abs(torque) < LARGEST).all())
 
@@ -199,7 +204,7 @@ class Identifier:
         Returns:
             The interval [s] the filter advanced by; 0 where it (re)started or dropped the sample.
         """
-        if not (math.isfinite(t) and all_finite(q) and all_finite(qd) and all_finite(tau)):
+        if not (math.isfinite(t) and _finite_sample(q, qd, tau)):
             self.dropped['not finite'] += 1
             return 0.0
         dt = 0.0 if self._t is None else t - self._t
