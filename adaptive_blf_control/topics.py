@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 __all__ = ['ADAPTATION_TERM', 'BARRIER', 'COMMANDS', 'EXCITATION', 'GUARANTEE', 'HISTORY_RANK',
-           'HISTORY_SIGMA_MIN', 'JOINT_STATES', 'REFERENCE', 'THETA_HAT', 'TOPICS',
-           'TRACKING_ERROR']
+           'HISTORY_SIGMA_MIN', 'JOINT_STATES', 'JOINT_TRAJECTORY', 'REFERENCE', 'THETA_HAT',
+           'TOPICS', 'TRACKING_ERROR']
 
 JOINT_STATES = 'joint_states'
 COMMANDS = 'effort_controller/commands'
@@ -18,6 +18,7 @@ REFERENCE = 'controller/reference'
 TRACKING_ERROR = 'controller/tracking_error'
 BARRIER = 'controller/barrier'
 GUARANTEE = 'controller/guarantee'
+JOINT_TRAJECTORY = 'controller/joint_trajectory'
 
 TOPICS: dict[str, str] = {
     JOINT_STATES: 'sensor_msgs/msg/JointState',
@@ -31,5 +32,6 @@ TOPICS: dict[str, str] = {
     TRACKING_ERROR: 'sensor_msgs/msg/JointState',
     BARRIER: 'sensor_msgs/msg/JointState',
     GUARANTEE: 'sensor_msgs/msg/JointState',
+    JOINT_TRAJECTORY: 'trajectory_msgs/msg/JointTrajectory',
     '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
 }

@@ -16,6 +16,7 @@ import numpy as np
 from rclpy.context import Context
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
 
 from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.bags.controller_codecs import ControllerCodecs
@@ -27,9 +28,10 @@ from adaptive_blf_control.control.controller import (
     sampling_number,
 )
 from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
-from adaptive_blf_control.control.reference import SmoothStart
+from adaptive_blf_control.control.reference import Reference, SmoothStart
 from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.nodes.data_node import DataNode, run_node, TOO_LATE
+from adaptive_blf_control.nodes.joint_trajectory import reference_through
 from adaptive_blf_control.nodes.node_parameters import on_change
 from adaptive_blf_control.nodes.robot_description import arm_of
 from adaptive_blf_control.parameters.build import (
@@ -43,6 +45,7 @@ from adaptive_blf_control.topics import (
     COMMANDS,
     GUARANTEE,
     JOINT_STATES,
+    JOINT_TRAJECTORY,
     REFERENCE,
     THETA_HAT,
     TRACKING_ERROR,
@@ -50,6 +53,7 @@ from adaptive_blf_control.topics import (
 
 __all__ = ['ControllerNode', 'main']
 
+HEAD_START = 0.1  # s from a trajectory's arrival to its beginning
 HEARTBEAT = 500  # monitored samples between two repetitions of the guarantee
 
 
@@ -78,6 +82,7 @@ class ControllerNode(DataNode):
         self._samples_seen = 0
         self._resumes = False
         self._new_settings: ControllerSettings | None = None
+        self._new_reference: tuple[Controller, Reference] | None = None
         self._violations = 0
         self._first_violation = ''
         self._margins = np.zeros(2 * self.arm.n)
@@ -97,6 +102,7 @@ class ControllerNode(DataNode):
                           for topic in (REFERENCE, TRACKING_ERROR, BARRIER)}
         self._guarantee_topic = self.data_publisher(JointState, GUARANTEE)
         self._guarantee: GuaranteeMonitor | None = None
+        self.create_subscription(JointTrajectory, JOINT_TRAJECTORY, self.on_joint_trajectory, 10)
         if self.values['model'] == 'estimated':
             self.data_subscription(JointState, THETA_HAT, self.on_theta_hat, wake=False,
                                    newest_only=True)
@@ -134,6 +140,21 @@ class ControllerNode(DataNode):
             self.theta = theta
         else:
             self.drop('non-finite estimate', 'the last one is kept')
+
+    def on_joint_trajectory(self, message: JointTrajectory) -> None:
+        """Follow the points instead of the reference so far; one that cannot be is dropped whole.
+
+        Runs beside the loop: the new reference is made for a moment that is still to come.
+        """
+        controller, last_ns = self._controller, self._last_ns
+        if controller is None or last_ns is None:
+            self.drop('trajectory before the motion has begun', 'send it again then')
+            return
+        t = (last_ns - self._start_ns) * 1e-9 + HEAD_START
+        try:
+            self._new_reference = controller, reference_through(message, controller, t)
+        except BlfError as error:
+            self.drop('unusable trajectory', str(error))
 
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> None:
         """Answer a joint state with a torque."""
@@ -210,6 +231,9 @@ class ControllerNode(DataNode):
         new, self._new_settings = self._new_settings, None
         if new is not None:
             controller.settings = new
+        follow, self._new_reference = self._new_reference, None
+        if follow is not None and follow[0] is controller:
+            controller.reference = follow[1]
         output = controller.update((stamp - self._start_ns) * 1e-9, q, qd, self.theta)
         self._commands.publish(self._torque_codec.encode(output.torque))
         self._term.publish(self._codecs.adaptation_term(stamp, output))

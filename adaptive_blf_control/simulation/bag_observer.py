@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes an offline run as the bag the recorder would have made of the nodes."""
+"""Writes an offline run as a bag in the recorder's form, with the topics of the nodes."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from adaptive_blf_control.parameters.yaml_file import node_values, PARAMETERS_KE
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample
 from adaptive_blf_control.topics import (
     COMMANDS,
+    EXCITATION,
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
@@ -86,5 +87,8 @@ class BagObserver:
             self._insertions = insertions
             messages[HISTORY_RANK] = encode_int32(sample.rank)
             messages[HISTORY_SIGMA_MIN] = encode_float64(sample.sigma_min)
+            excitation = self._loop.identifier.excitation
+            if excitation is not None:
+                messages[EXCITATION] = encode_float64(excitation)
         for topic, message in messages.items():
             self._bag.write(f'/{topic}', message, stamp)

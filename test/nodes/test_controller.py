@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.bags.cdr import decode_float64_array
@@ -513,3 +514,43 @@ def test_theorem_2_is_stated_at_the_start_from_bounds(rig, wait_until) -> None:
     assert promised['joint1.error_upper'] == pytest.approx(0.2 * part)
     assert promised['joint2.error_lower'] == pytest.approx(-0.17 * part)
     assert promised['joint2.output_upper'] == pytest.approx(2.0 + 0.2 * part)
+
+
+def _trajectory(positions, seconds=1.0, names=('joint2', 'joint1'), **fields) -> JointTrajectory:
+    point = JointTrajectoryPoint(positions=[float(x) for x in positions], **fields)
+    point.time_from_start.sec, point.time_from_start.nanosec = divmod(int(seconds * 1e9), 10**9)
+    return JointTrajectory(joint_names=list(names), points=[point])
+
+
+def test_a_trajectory_replaces_the_reference_smoothly_and_by_joint_name(rig) -> None:
+    rig = rig(state_timeout=10.0)
+    rig.answer(_state(0.0))
+    rig.node.on_joint_trajectory(_trajectory([1.0, -0.5]))
+    before = rig.node._controller.reference.at(0.1)
+    rig.answer(_state(50.0))
+    for part, want in zip(rig.node._controller.reference.at(0.1), before):
+        np.testing.assert_allclose(part, want, atol=1e-12)
+    rig.answer(_state(1100.0, [-0.5, 1.0], [0.0, 0.0]))
+    np.testing.assert_allclose(rig.node.output.reference.position, [-0.5, 1.0])
+    np.testing.assert_allclose(rig.node.output.e1, 0.0, atol=1e-12)
+    assert rig.node.drops == {}
+
+
+@pytest.mark.parametrize(('message', 'what'), [
+    (_trajectory([1.0, -0.5], names=('joint1', 'joint3')), 'joint3'),
+    (_trajectory([1.0]), '2 values'),
+    (_trajectory([1.0, -0.5], seconds=0.0), 'ascending'),
+    (_trajectory([1.0, -0.5], velocities=[0.1, 0.0]), 'at rest'),
+    (_trajectory([math.nan, -0.5]), 'finite'),
+    (_trajectory([1.0, 1.1]), "'joint1'"),
+    (JointTrajectory(joint_names=['joint1', 'joint2']), 'one point'),
+])
+def test_a_trajectory_that_cannot_be_followed_is_dropped_whole(rig, capfd, message, what) -> None:
+    rig = rig()
+    rig.answer(_state(0.0))
+    reference = rig.node._controller.reference
+    rig.node.on_joint_trajectory(message)
+    assert rig.node.drops == {'unusable trajectory': 1}
+    assert what in capfd.readouterr().err
+    rig.answer(_state(1.0))
+    assert rig.node._controller.reference is reference

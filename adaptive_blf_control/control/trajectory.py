@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A reference through given points, joined to the one that is being followed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from adaptive_blf_control.control.reference import Reference, ReferencePoint
+from adaptive_blf_control.errors import ParameterError
+
+__all__ = ['JoinedReference', 'PointReference']
+
+
+def _quintic(duration: float, start: ReferencePoint, end: ReferencePoint) -> np.ndarray:
+    """Coefficients c_0..c_5 of the quintic that meets both ends to C², shape (6, n)."""
+    t = duration
+    c0, c1, c2 = start.position, start.velocity, 0.5 * start.acceleration
+    dy = end.position - (c0 + c1 * t + c2 * t * t)
+    dv = (end.velocity - (c1 + 2.0 * c2 * t)) * t
+    da = (end.acceleration - 2.0 * c2) * t * t
+    return np.array([c0, c1, c2, (10.0 * dy - 4.0 * dv + 0.5 * da) / t**3,
+                     (-15.0 * dy + 7.0 * dv - da) / t**4, (6.0 * dy - 3.0 * dv + 0.5 * da) / t**5])
+
+
+class PointReference:
+    """Quintic segments through points, C²; the last point is held at rest."""
+
+    def __init__(self, times: Sequence[float], points: Sequence[ReferencePoint]) -> None:
+        """Take K ≥ 2 points at strictly ascending ``times`` [s], the first at 0.
+
+        Raises:
+            ParameterError: times not ascending, values not finite, or the end not at rest.
+        """
+        self._times = np.array(times, dtype=float)
+        if self._times.size < 2 or not np.all(np.diff(self._times) > 0.0):
+            raise ParameterError('joint_trajectory.time_from_start', list(times),
+                                 'strictly ascending times > 0 s')
+        if not all(np.isfinite(values).all() for point in points for values in point):
+            raise ParameterError('joint_trajectory.points', 'a value that is not finite',
+                                 'finite positions, velocities and accelerations')
+        if np.any(points[-1].velocity) or np.any(points[-1].acceleration):
+            raise ParameterError('joint_trajectory.points[-1].velocities',
+                                 points[-1].velocity.tolist(), 'zeros: the end at rest')
+        self._segments = [_quintic(float(t1 - t0), p0, p1) for t0, t1, p0, p1 in zip(
+            self._times, self._times[1:], points, points[1:])]
+        self._last = points[-1]
+
+    def at(self, t: float) -> ReferencePoint:
+        """Evaluate at ``t`` [s] ≥ 0."""
+        if t >= self._times[-1]:
+            return self._last
+        k = max(int(np.searchsorted(self._times, t, side='right')) - 1, 0)
+        x = t - self._times[k]
+        c0, c1, c2, c3, c4, c5 = self._segments[k]
+        return ReferencePoint(
+            c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))),
+            c1 + x * (2.0 * c2 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5))),
+            2.0 * c2 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5)))
+
+    def range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the exact range of every joint: ends and stationary points of each segment."""
+        lower, upper = self._last.position.copy(), self._last.position.copy()
+        for c, length in zip(self._segments, np.diff(self._times)):
+            for i in range(lower.size):
+                rate = c[1:, i] * np.arange(1, 6)
+                roots = np.roots(rate[::-1])
+                inside = roots[np.isreal(roots)].real
+                inside = inside[(inside > 0.0) & (inside < length)]
+                values = np.polynomial.polynomial.polyval(
+                    np.concatenate([[0.0, length], inside]), c[:, i])
+                lower[i], upper[i] = min(lower[i], values.min()), max(upper[i], values.max())
+        return lower, upper
+
+
+class JoinedReference:
+    """One reference until ``t`` [s], another, with its own time from 0, after it."""
+
+    def __init__(self, before: Reference, t: float, after: Reference) -> None:
+        """Join the two; whoever makes ``after`` lets it begin where ``before`` is."""
+        self._before, self._t, self._after = before, t, after
+
+    def at(self, t: float) -> ReferencePoint:
+        """Evaluate at ``t`` [s]."""
+        return self._before.at(t) if t < self._t else self._after.at(t - self._t)
+
+    def range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the range of what is still to come."""
+        return self._after.range()

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A reference through points is smooth, meets them, and knows its range."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from adaptive_blf_control.control.reference import ReferencePoint, SumOfSinusoids
+from adaptive_blf_control.control.trajectory import JoinedReference, PointReference
+from adaptive_blf_control.errors import ParameterError
+
+
+def _point(position, velocity=(0.0, 0.0), acceleration=(0.0, 0.0)) -> ReferencePoint:
+    return ReferencePoint(*(np.array(v, dtype=float)
+                            for v in (position, velocity, acceleration)))
+
+
+POINTS = [_point([0.1, 2.0], [0.5, -0.2], [0.3, 0.1]), _point([0.8, 1.0], [0.0, -0.7]),
+          _point([-0.4, 1.5])]
+TIMES = [0.0, 0.7, 2.0]
+
+
+def test_every_point_is_met_with_its_velocity_and_acceleration() -> None:
+    way = PointReference(TIMES, POINTS)
+    for t, wanted in zip(TIMES, POINTS):
+        for got, want in zip(way.at(t), wanted):
+            np.testing.assert_allclose(got, want, atol=1e-9)
+        for got, want in zip(way.at(max(t - 1e-9, 0.0)), wanted):
+            np.testing.assert_allclose(got, want, atol=1e-6)
+
+
+def test_velocity_and_acceleration_are_the_derivatives() -> None:
+    way, h = PointReference(TIMES, POINTS), 1e-5
+    for t in (0.1, 0.4, 0.9, 1.7):
+        before, here, after = way.at(t - h), way.at(t), way.at(t + h)
+        np.testing.assert_allclose((after.position - before.position) / (2 * h), here.velocity,
+                                   atol=1e-7)
+        np.testing.assert_allclose((after.velocity - before.velocity) / (2 * h),
+                                   here.acceleration, atol=1e-6)
+
+
+def test_range_is_reached_and_never_left() -> None:
+    way = PointReference(TIMES, POINTS)
+    lower, upper = way.range()
+    q = np.array([way.at(t).position for t in np.linspace(0.0, 3.0, 30001)])
+    np.testing.assert_allclose(q.min(axis=0), lower, atol=1e-6)
+    np.testing.assert_allclose(q.max(axis=0), upper, atol=1e-6)
+
+
+def test_the_end_is_held() -> None:
+    for part, want in zip(PointReference(TIMES, POINTS).at(100.0), POINTS[-1]):
+        np.testing.assert_array_equal(part, want)
+
+
+def test_a_joined_reference_is_smooth_where_it_changes_over() -> None:
+    before = SumOfSinusoids(np.zeros(2), np.ones((2, 1)), np.full((2, 1), 0.5), np.zeros((2, 1)))
+    way = JoinedReference(before, 3.0, PointReference([0.0, 1.0], [before.at(3.0), POINTS[-1]]))
+    for left, right in zip(way.at(3.0 - 1e-9), way.at(3.0)):
+        np.testing.assert_allclose(left, right, atol=1e-8)
+    np.testing.assert_allclose(way.at(4.0).position, POINTS[-1].position)
+
+
+@pytest.mark.parametrize(('times', 'points', 'what'), [
+    ([0.0, 1.0, 1.0], POINTS, 'ascending'),
+    ([0.0], POINTS[:1], 'ascending'),
+    ([0.0, 1.0], POINTS[:2], 'at rest'),
+    ([0.0, 1.0], [POINTS[0], _point([np.nan, 0.0])], 'finite'),
+])
+def test_points_that_cannot_be_followed_are_refused(times, points, what) -> None:
+    with pytest.raises(ParameterError, match=what):
+        PointReference(times, points)
