@@ -14,7 +14,7 @@ from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
-from adaptive_blf_control.topics import TOPICS
+from adaptive_blf_control.topics import JOINT_TRAJECTORY, TOPICS
 
 KINDS = {'arm_driver': ArmDriver, 'controller': ControllerNode, 'identifier': IdentifierNode,
          'recorder': Recorder}
@@ -56,7 +56,8 @@ def test_policy_grants_every_topic_of_ours_once_to_publish_and_nothing_foreign(
     ours = {'/' + topic.lstrip('/') for topic in TOPICS}
     published = [topic for rules in policy.values() for topic in rules['publish'] - COMMON
                  if topic != '/diagnostics']
-    assert sorted(published) == sorted(ours - {'/diagnostics'})
+    # A trajectory comes from a planner, which is not one of ours.
+    assert sorted(published) == sorted(ours - {'/diagnostics', f'/{JOINT_TRAJECTORY}'})
     heard = set().union(*(rules['subscribe'] for rules in policy.values()))
     assert heard == ours == policy['recorder']['subscribe']
     for rules in policy.values():
