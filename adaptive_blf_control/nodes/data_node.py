@@ -25,7 +25,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
-from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.nodes.direct_wait import DataGroup, DirectWait, take_all
 from adaptive_blf_control.nodes.node_parameters import (
     check_files,
@@ -68,6 +68,9 @@ class DataNode(Node):
         self.kind = kind
         try:
             self.values = declare(self, kind)
+            if self.get_parameter('use_sim_time').value:
+                raise ParameterError('use_sim_time', True,
+                                     'false: the nodes run in real time, simulate in lockstep')
         except BlfError:
             self.destroy_node()
             raise

@@ -301,3 +301,8 @@ def test_parameters_are_described_and_set_by_service_while_the_node_runs(graph) 
     result = peer.call(SetParametersAtomically, '/left/controller/set_parameters_atomically',
                        request).result
     assert (result.successful, node.values['k1'], node.values['k2']) == (True, [1.0, 2.0], [5.0])
+
+
+def test_simulated_time_is_refused_rather_than_half_supported(graph) -> None:
+    with pytest.raises(ParameterError, match='real time'):
+        graph.make(ControllerNode, use_sim_time=True)
