@@ -20,6 +20,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, Int32, String
+from trajectory_msgs.msg import JointTrajectory
 import yaml
 
 from adaptive_blf_control.bags.cdr import encode_int32
@@ -34,7 +35,8 @@ from adaptive_blf_control.topics import TOPICS
 
 TYPES = {'sensor_msgs/msg/JointState': JointState, 'std_msgs/msg/Int32': Int32,
          'std_msgs/msg/Float64': Float64, 'std_msgs/msg/Float64MultiArray': Float64MultiArray,
-         'diagnostic_msgs/msg/DiagnosticArray': DiagnosticArray}
+         'diagnostic_msgs/msg/DiagnosticArray': DiagnosticArray,
+         'trajectory_msgs/msg/JointTrajectory': JointTrajectory}
 
 
 def _metadata(bag: Path) -> dict:
