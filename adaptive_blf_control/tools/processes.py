@@ -91,7 +91,8 @@ class NodeProcesses:
             command = [sys.executable, '-m', 'adaptive_blf_control', name, '--ros-args',
                        '--params-file', str(config)]
             for setting in extra.get(name, []):
-                command += ['-p', setting]
+                # With the node's name: a plain -p goes to /**, which the file's own section beats.
+                command += ['-p', f'{name}:{setting}']
             self.processes[name] = subprocess.Popen(
                 command, env=environment, stdout=self.logs[name], stderr=subprocess.STDOUT)
 
