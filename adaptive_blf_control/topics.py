@@ -34,4 +34,5 @@ TOPICS: dict[str, str] = {
     GUARANTEE: 'sensor_msgs/msg/JointState',
     JOINT_TRAJECTORY: 'trajectory_msgs/msg/JointTrajectory',
     '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+    '/parameter_events': 'rcl_interfaces/msg/ParameterEvent',
 }

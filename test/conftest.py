@@ -20,6 +20,7 @@ os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 _log_folder = tempfile.TemporaryDirectory(prefix='adaptive_blf_control_ros_log_')
 os.environ['ROS_LOG_DIR'] = _log_folder.name
+os.environ['ROS_HOME'] = _log_folder.name  # where estimates go by default
 
 try:
     from hypothesis import settings

@@ -10,18 +10,30 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.barrier import barrier
-from adaptive_blf_control.control.law import answer, errors
-from adaptive_blf_control.control.reference import Reference, ReferencePoint
+from adaptive_blf_control.control.law import answer, growing_errors
+from adaptive_blf_control.control.reference import (
+    Crossfade,
+    full_range,
+    Reference,
+    ReferencePoint,
+    settled,
+    SmoothStart,
+)
 from adaptive_blf_control.control.sets import (
+    Bounds,
+    check_inside,
     check_performance_inside_safety,
     check_start,
+    GrowingBounds,
     JointInterval,
 )
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['COUPLINGS', 'Controller', 'ControllerSettings', 'ControlOutput', 'sampling_number']
+__all__ = ['COUPLINGS', 'Controller', 'ControllerSettings', 'ControlOutput', 'sampling_model',
+           'sampling_number']
 
 COUPLINGS = ('per_joint', 'pseudoinverse')
+FIRST_INTERVAL = 1e-3  # s that the first torque of a motion may have taken to rise from zero
 
 
 @dataclass(frozen=True)
@@ -32,17 +44,19 @@ class ControllerSettings:
         k1: Gains of the stabilising function (27) [1/(s·rad⁴)].
         k2: Gains on e2 [N·m·s/rad].
         torque_limit: Largest torque [N·m], > 0; the law is clipped to ± this.
+        torque_rate_limit: Largest change of the torque [N·m/s], > 0.
         coupling: ``per_joint`` (smooth) or ``pseudoinverse`` (the paper's).
     """
 
     k1: np.ndarray
     k2: np.ndarray
     torque_limit: np.ndarray
+    torque_rate_limit: np.ndarray
     coupling: str = 'per_joint'
 
     def __post_init__(self) -> None:
         """Check signs and names; ParameterError names the gain."""
-        for name in ('k1', 'k2', 'torque_limit'):
+        for name in ('k1', 'k2', 'torque_limit', 'torque_rate_limit'):
             value = np.array(getattr(self, name), dtype=float)
             if not (np.all(np.isfinite(value)) and np.all(value > 0.0)):
                 raise ParameterError(f'controller.{name}', value.tolist(), 'values > 0')
@@ -55,14 +69,15 @@ class ControlOutput(NamedTuple):
     """What one sample of the controller gives; arrays of shape (n,) unless said.
 
     Attributes:
-        torque: Commanded torque after the limit [N·m]; always finite.
-        adaptation_term: Xᵀ e2 of (37), shape (m,).
+        torque: Commanded torque after the limits [N·m]; always finite.
+        adaptation_term: Xᵀ e2 of (37) without what would wind up against a limit, shape (m,).
         e1: Tracking error (5) [rad].
         e2: q̇ − α [rad/s].
         reference: y_d with derivatives.
         x: Regressor X, shape (n, m).
         bound: Active bound (11) [rad].
-        wanted: Torque before the limit [N·m].
+        wanted: Torque before the limits [N·m].
+        bounds: Performance bounds in use.
     """
 
     torque: np.ndarray
@@ -73,30 +88,113 @@ class ControlOutput(NamedTuple):
     x: np.ndarray
     bound: np.ndarray
     wanted: np.ndarray
+    bounds: Bounds
 
     @property
     def saturated(self) -> np.ndarray:
-        """Where the torque limit is at work, shape (n,), bool."""
+        """Where the limit of the torque or of its rate is at work, shape (n,), bool."""
         return self.torque != self.wanted
 
 
+class _Sets(NamedTuple):
+    """What of a controller keeps the arm where it belongs, checked together."""
+
+    safety: JointInterval
+    performance: JointInterval
+    reference: Reference
+    bounds: GrowingBounds
+
+
 class Controller:
-    """Equation (38) (or (34), when θ* is passed as θ̂) inside the sets (7) and (8)."""
+    """Equation (38) (or (34), when θ* is passed as θ̂) inside the sets (7) and (8).
+
+    Holds the torque commanded last, so one object belongs to one motion.
+
+    Attributes:
+        arm: The arm.
+        settings: Gains and limits.
+        safety: Safety set (7).
+        performance: Performance set (8), as wide as it gets.
+        reference: y_d.
+    """
 
     def __init__(self, arm: Arm, settings: ControllerSettings, safety: JointInterval,
                  performance: JointInterval, reference: Reference) -> None:
-        """Check 𝒫̄ ⊆ 𝒮̄ (9); SetViolation names joint and numbers where it fails."""
-        check_performance_inside_safety(safety, performance, reference.range(), arm.joints)
+        """Check 𝒫̄ ⊆ 𝒮̄ (9); SetViolation names joint and numbers where it fails.
+
+        With a `SmoothStart` the performance bounds grow along with it (`GrowingBounds`), so that
+        the motion may begin anywhere inside the safety set.
+        """
         self.arm = arm
         self.settings = settings
-        self.safety = safety
-        self.performance = performance
-        self.reference = reference
+        self._last_torque = np.zeros(arm.n)
+        self._last_t: float | None = None
+        self._smooth_start = reference if isinstance(reference, SmoothStart) else None
+        self._take(self._checked(0.0, safety, performance, reference))
+
+    def _checked(self, t: float, safety: JointInterval, performance: JointInterval,
+                 reference: Reference) -> _Sets:
+        """Return the sets and the reference for the motion from ``t`` on; SetViolation by (9)."""
+        joints, begun = self.arm.joints, self._smooth_start
+        check_performance_inside_safety(safety, performance, full_range(reference), joints)
+        if begun is None or t >= begun.duration:
+            return _Sets(safety, performance, reference, GrowingBounds(performance))
+        check_inside(safety.lower, safety.upper, begun.start, joints,
+                     'start position outside the safety set')
+        return _Sets(safety, performance, reference,
+                     GrowingBounds(performance, safety, begun.start, begun.duration))
+
+    def _take(self, sets: _Sets) -> None:
+        self.safety, self.performance, self.reference, self._bounds = sets
 
     def check_start(self, q: np.ndarray, t: float = 0.0) -> None:
         """Raise SetViolation where the first measured state (n,) [rad] is outside a set."""
-        check_start(self.safety, self.performance, q, q - self.reference.at(t).position,
-                    self.arm.joints)
+        bounds = self._bounds.at(t)
+        check_start(self.safety, JointInterval(bounds.lower, bounds.upper), q,
+                    q - self.reference.at(t).position, self.arm.joints)
+
+    def bounds(self, t: float) -> Bounds:
+        """Return the performance bounds in use at ``t`` [s], with their rates."""
+        return self._bounds.at(t)
+
+    def retune(self, t: float, q: np.ndarray, *, settings: ControllerSettings | None = None,
+               safety: JointInterval | None = None, performance: JointInterval | None = None,
+               reference: Reference | None = None, blend_time: float = 0.0) -> None:
+        """Change what is given, from ``t`` on: all of it or, with an error, nothing.
+
+        Gains and limits alone are taken whatever the state. A new set has to hold the present
+        state strictly inside. (9) has to hold with all that is new, both references included.
+
+        Args:
+            t: Time of the last sample [s] since the start of the motion.
+            q: Positions measured then, shape (n,) [rad].
+            settings: Gains and limits.
+            safety: Safety set (7).
+            performance: Performance set (8).
+            reference: Reference to follow; its time is that of the motion.
+            blend_time: Crossfade from the present reference to it [s]; 0 goes over at once.
+
+        Raises:
+            SetViolation: with joint, value and bound.
+            ParameterError: a value cannot be used.
+        """
+        joints = self.arm.joints
+        follow = settled(self.reference, t)
+        if reference is not None and blend_time != 0.0:
+            follow = Crossfade(follow, settled(reference, t), t, blend_time)
+        elif reference is not None:
+            follow = settled(reference, t)
+        if any(part is not None for part in (safety, performance, reference)):
+            sets = self._checked(t, safety or self.safety, performance or self.performance, follow)
+            if safety is not None:
+                check_inside(safety.lower, safety.upper, q, joints,
+                             'present position outside the new safety set')
+            if performance is not None or reference is not None:
+                bounds = sets.bounds.at(t)
+                check_inside(bounds.lower, bounds.upper, q - follow.at(t).position, joints,
+                             'present error outside the new performance set')
+            self._take(sets)
+        self.settings = settings or self.settings
 
     def update(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray) -> ControlOutput:
         """Compute the torque for the sample taken at ``t`` [s] since the start of the motion.
@@ -108,29 +206,71 @@ class Controller:
             theta: Parameter estimate θ̂, shape (m,).
         """
         settings = self.settings
-        point = self.reference.at(t)
-        e1, e2, alpha, alpha_dot, b = errors(
-            q, qd, point.position, point.velocity, point.acceleration,
-            self.performance.lower, self.performance.upper, settings.k1)
+        point, bounds = self.reference.at(t), self._bounds.at(t)
+        e1, e2, alpha, alpha_dot, b = growing_errors(
+            q, qd, point.position, point.velocity, point.acceleration, bounds.lower, bounds.upper,
+            bounds.lower_rate, bounds.upper_rate, settings.k1)
         x = self.arm.X(q, qd, alpha, alpha_dot)
+        dt = FIRST_INTERVAL if self._last_t is None else t - self._last_t
         tau, wanted, term = answer(x, theta, settings.k2, e1, e2, b,
-                                   settings.coupling == 'per_joint', settings.torque_limit)
-        return ControlOutput(tau, term, e1, e2, point, x, b, wanted)
+                                   settings.coupling == 'per_joint', settings.torque_limit,
+                                   self._last_torque, settings.torque_rate_limit, dt)
+        self._last_torque, self._last_t = tau, t
+        return ControlOutput(tau, term, e1, e2, point, x, b, wanted, bounds)
+
+    def margins(self, q: np.ndarray, output: ControlOutput) -> np.ndarray:
+        """Return the distances to the nearer bounds of both sets at a sample, (2n,) [rad].
+
+        First the safety set, then the performance set with the bounds in use then.
+        """
+        bounds = output.bounds
+        return np.concatenate([self.safety.margin(q), np.minimum(output.e1 - bounds.lower,
+                                                                 bounds.upper - output.e1)])
 
     def lyapunov(self, q: np.ndarray, output: ControlOutput, theta: np.ndarray) -> float:
         """V = V1 + ½ e2ᵀ M(q) e2 (30), M from ``theta``; a monitor, not part of the law."""
         kinetic = 0.5 * output.e2 @ self.arm.Y1(q, output.e2) @ theta
         return barrier(output.e1, output.bound) + float(kinetic)
 
+    def warm_up(self, theta: np.ndarray) -> None:
+        """Compile all that a motion calls, without a trace in this controller.
+
+        Args:
+            theta: Any estimate, shape (m,).
+        """
+        start = self.reference.at(0.0).position
+        trial = Controller(self.arm, self.settings, self.safety, self.performance,
+                           SmoothStart(settled(self.reference, np.inf), 1.0, start))
+        output = trial.update(0.5, start, np.zeros(self.arm.n), theta)
+        trial.lyapunov(start, output, theta)
+        trial.margins(start, output)
+
+
+def sampling_model(arm: Arm, q: np.ndarray, theta: np.ndarray) -> str:
+    """Return the model that can say what M(q) is: ``estimate``, ``nominal`` or ``none``.
+
+    That is ``theta`` where its M(q) is positive definite, else the nominal parameters of the arm.
+    """
+    for name, model in (('estimate', theta), ('nominal', arm.nominal)):
+        mass = _mass(arm, q, model)
+        if np.isfinite(mass).all() and np.linalg.eigvalsh(mass)[0] > 0.0:
+            return name
+    return 'none'
+
 
 def sampling_number(arm: Arm, k2: np.ndarray, q: np.ndarray, theta: np.ndarray,
                     dt: float) -> float:
     """Return dt λ_max(M⁻¹ diag(k2)); a loop sampled every ``dt`` [s] needs it below 2.
 
-    ``theta`` is a prior or nominal model; where its M(q) is not positive definite nothing can be
-    said and NaN is returned.
+    M(q) is that of `sampling_model`; where there is none nothing can be said: NaN.
     """
-    mass = np.column_stack([arm.Y1(q, unit) @ theta for unit in np.eye(arm.n)])
-    if np.linalg.eigvalsh(0.5 * (mass + mass.T))[0] <= 0.0:
+    model = sampling_model(arm, q, theta)
+    if model == 'none':
         return float('nan')
+    mass = _mass(arm, q, theta if model == 'estimate' else arm.nominal)
     return float(dt * np.max(np.abs(np.linalg.eigvals(np.linalg.solve(mass, np.diag(k2))))))
+
+
+def _mass(arm: Arm, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    mass = np.column_stack([arm.Y1(q, unit) @ theta for unit in np.eye(arm.n)])
+    return np.asarray(0.5 * (mass + mass.T))

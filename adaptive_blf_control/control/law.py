@@ -11,8 +11,9 @@ import numpy as np
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.control.barrier import active_bound, barrier_gradient, interior
 
-__all__ = ['answer', 'errors', 'limited', 'per_joint_coupling', 'pseudoinverse_coupling',
-           'stabilising_function', 'torque']
+__all__ = ['answer', 'errors', 'growing_errors', 'limited', 'per_joint_coupling',
+           'pseudoinverse_coupling', 'rate_limited', 'stabilising_function', 'torque',
+           'unwound_term']
 
 
 @jit
@@ -81,20 +82,76 @@ def limited(wanted: np.ndarray, limit: np.ndarray) -> np.ndarray:
 
 
 @jit
+def rate_limited(wanted: np.ndarray, limit: np.ndarray, last: np.ndarray, rate: np.ndarray,
+                 dt: float) -> np.ndarray:
+    """Clip a torque to ±limit and to last ± rate dt, shape (n,) [N·m]; always finite.
+
+    Where the two contradict each other, the limit having been lowered below the last torque, the
+    limit wins.
+
+    Args:
+        wanted: Torque of the law, shape (n,) [N·m]; NaN counts as 0.
+        limit: Largest torque, shape (n,) [N·m].
+        last: Torque commanded last, finite, shape (n,) [N·m].
+        rate: Largest rate of change, shape (n,) [N·m/s].
+        dt: Time since then [s]; below 0 counts as 0.
+    """
+    reach = rate * max(0.0, dt)
+    near = np.minimum(np.maximum(limited(wanted, limit), last - reach), last + reach)
+    return limited(near, limit)
+
+
+@jit
+def unwound_term(x: np.ndarray, e2: np.ndarray, wanted: np.ndarray,
+                 given: np.ndarray) -> np.ndarray:
+    """Xᵀe2 (37) without the joints that would drive their torque further into a limit, (m,).
+
+    Row i moves its own wanted torque by −X_i Γ X_iᵀ e2_i: towards the sign of −e2_i.
+
+    Args:
+        x: Regressor X of (35), shape (n, m).
+        e2: q̇ − α, shape (n,) [rad/s].
+        wanted: Torque before the limits, shape (n,) [N·m].
+        given: Torque after them, shape (n,) [N·m].
+    """
+    return np.dot(np.where((given - wanted) * e2 > 0.0, 0.0, e2), x)
+
+
+@jit
 def answer(x: np.ndarray, theta: np.ndarray, k2: np.ndarray, e1: np.ndarray, e2: np.ndarray,
-           b: np.ndarray, smooth: bool, limit: np.ndarray,
-           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the limited torque, the wanted one (38), and Xᵀe2 (37), in one compiled call."""
+           b: np.ndarray, smooth: bool, limit: np.ndarray, last: np.ndarray, rate: np.ndarray,
+           dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the limited torque, the wanted one (38), and Xᵀe2 (37), in one compiled call.
+
+    See `torque`, `rate_limited` and `unwound_term`.
+    """
     wanted = torque(x, theta, k2, e1, e2, b, smooth)
-    return limited(wanted, limit), wanted, np.dot(e2, x)
+    given = rate_limited(wanted, limit, last, rate, dt)
+    return given, wanted, unwound_term(x, e2, wanted, given)
+
+
+@jit
+def growing_errors(q: np.ndarray, qd: np.ndarray, yd: np.ndarray, yd_dot: np.ndarray,
+                   yd_ddot: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+                   lower_dot: np.ndarray, upper_dot: np.ndarray, k1: np.ndarray,
+                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Everything the law needs before the regressor: e1 (5), e2, α, α̇ and the active bound.
+
+    A bound that moves adds ∂α/∂b ḃ = −4 k1 b w e1 ḃ to α̇.
+    """
+    e1 = q - yd
+    b = active_bound(e1, lower, upper)
+    b_dot = active_bound(e1, lower_dot, upper_dot)
+    alpha, alpha_dot = stabilising_function(e1, qd - yd_dot, yd_dot, yd_ddot, b, k1)
+    e = interior(e1, b)
+    alpha_dot = alpha_dot - 4.0 * k1 * b * (b * b - e * e) * e * b_dot
+    return e1, qd - alpha, alpha, alpha_dot, b
 
 
 @jit
 def errors(q: np.ndarray, qd: np.ndarray, yd: np.ndarray, yd_dot: np.ndarray,
            yd_ddot: np.ndarray, lower: np.ndarray, upper: np.ndarray, k1: np.ndarray,
            ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Everything the law needs before the regressor: e1 (5), e2, α, α̇ and the active bound."""
-    e1 = q - yd
-    b = active_bound(e1, lower, upper)
-    alpha, alpha_dot = stabilising_function(e1, qd - yd_dot, yd_dot, yd_ddot, b, k1)
-    return e1, qd - alpha, alpha, alpha_dot, b
+    """`growing_errors` with bounds at rest."""
+    rest = np.zeros_like(q)
+    return growing_errors(q, qd, yd, yd_dot, yd_ddot, lower, upper, rest, rest, k1)

@@ -10,7 +10,11 @@ import numpy as np
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['Reference', 'ReferencePoint', 'SmoothStart', 'SumOfSinusoids']
+__all__ = ['Crossfade', 'Posture', 'Reference', 'ReferencePoint', 'SmoothStart', 'SumOfSinusoids',
+           'full_range', 'hull', 'quintic', 'settled']
+
+Range = tuple[np.ndarray, np.ndarray]
+DEEPEST = 16  # crossfades that may be under way at once
 
 
 class ReferencePoint(NamedTuple):
@@ -44,14 +48,25 @@ def _sinusoids(t: float, offset: np.ndarray, amplitude: np.ndarray, frequency: n
 
 
 @jit
-def _blend(t: float, duration: float, start: np.ndarray, y: np.ndarray, yd: np.ndarray,
-           ydd: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def quintic(t: float, duration: float) -> tuple[float, float, float]:
+    """Return s(x) = 10x³ − 15x⁴ + 6x⁵ at x = t/T in [0, 1], and ds/dt [1/s], d²s/dt² [1/s²].
+
+    It rises from 0 to 1 with two derivatives zero at both ends.
+    """
     x = t / duration
-    s = x * x * x * (10.0 + x * (6.0 * x - 15.0))
-    sd = 30.0 * x * x * (x * (x - 2.0) + 1.0) / duration
-    sdd = 60.0 * x * (x * (2.0 * x - 3.0) + 1.0) / (duration * duration)
-    z = y - start
-    return start + s * z, sd * z + s * yd, sdd * z + 2.0 * sd * yd + s * ydd
+    return (x * x * x * (10.0 + x * (6.0 * x - 15.0)),
+            30.0 * x * x * (x * (x - 2.0) + 1.0) / duration,
+            60.0 * x * (x * (2.0 * x - 3.0) + 1.0) / (duration * duration))
+
+
+@jit
+def _blend(t: float, duration: float, a: np.ndarray, ad: np.ndarray, add: np.ndarray,
+           b: np.ndarray, bd: np.ndarray, bdd: np.ndarray,
+           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    s, sd, sdd = quintic(t, duration)
+    z, zd = b - a, bd - ad
+    return (a + s * z, ad + (sd * z + s * zd),
+            add + (sdd * z + 2.0 * sd * zd + s * (bdd - add)))
 
 
 class SumOfSinusoids:
@@ -85,28 +100,115 @@ class SumOfSinusoids:
         return self._offset - reach, self._offset + reach
 
 
-class SmoothStart:
-    """Join a start posture to a reference over ``duration`` with a quintic blend, C².
+class Posture:
+    """A posture that is held."""
 
-    y = y_0 + s(t/T) (r − y_0): at t = 0 the arm is at rest in y_0, from T on y = r.
+    def __init__(self, position: np.ndarray) -> None:
+        """Take the positions, shape (n,) [rad]."""
+        held = np.array(position, dtype=float)
+        self._point = ReferencePoint(held, np.zeros_like(held), np.zeros_like(held))
+
+    def at(self, t: float) -> ReferencePoint:
+        """Return the posture at rest."""
+        return self._point
+
+    def range(self) -> Range:
+        """Return the posture twice."""
+        return self._point.position, self._point.position
+
+
+class Crossfade:
+    """Lead from one reference to another over ``duration`` with a quintic blend, C².
+
+    y = a + s((t − t0)/T) (b − a): until t0 it is a, from t0 + T on b.
+
+    Attributes:
+        before: a.
+        after: b.
+        begin: t0 [s].
+        duration: T [s].
     """
+
+    def __init__(self, before: Reference, after: Reference, begin: float, duration: float) -> None:
+        """Take both references, t0 [s] and the blend time T > 0 [s].
+
+        Raises:
+            ParameterError: T is not a time > 0, or too many blends are under way at once.
+        """
+        if not (duration > 0.0 and np.isfinite(duration)):
+            raise ParameterError('reference.blend_time', duration, 'a time > 0 s')
+        self.before, self.after = before, after
+        self.begin, self.duration = float(begin), float(duration)
+        self._depth = 1 + max(getattr(part, '_depth', 0) for part in (before, after))
+        if self._depth > DEEPEST:
+            raise ParameterError('reference', f'{self._depth} changes within their blend time',
+                                 f'at most {DEEPEST}: wait until the last ones are over')
+
+    def at(self, t: float) -> ReferencePoint:
+        """Evaluate at ``t`` [s]."""
+        since = t - self.begin
+        if since >= self.duration:
+            return self.after.at(t)
+        if since <= 0.0:
+            return self.before.at(t)
+        return ReferencePoint(
+            *_blend(since, self.duration, *self.before.at(t), *self.after.at(t)))
+
+    def range(self) -> Range:
+        """Return the hull of both ranges."""
+        return hull(self.before.range(), self.after.range())
+
+    def full_range(self) -> Range:
+        """See `full_range`."""
+        return hull(full_range(self.before), full_range(self.after))
+
+    def settled(self, t: float) -> Reference:
+        """See `settled`."""
+        if t - self.begin >= self.duration:
+            return settled(self.after, t)
+        return Crossfade(settled(self.before, t), settled(self.after, t), self.begin,
+                         self.duration)
+
+
+class SmoothStart(Crossfade):
+    """Join a start posture to a reference: the crossfade from rest, begun at t = 0."""
 
     def __init__(self, reference: Reference, duration: float, start: np.ndarray) -> None:
         """Take the reference, the blend time T > 0 [s] and the start posture (n,) [rad]."""
         if not duration > 0.0:
             raise ParameterError('reference.smooth_start', duration, 'a time > 0 s')
-        self._reference = reference
-        self._duration = float(duration)
-        self._start = np.array(start, dtype=float)
+        super().__init__(Posture(start), reference, 0.0, duration)
 
-    def at(self, t: float) -> ReferencePoint:
-        """Evaluate at ``t`` [s]; before 0 the start posture is held."""
-        point = self._reference.at(t)
-        if t >= self._duration:
-            return point
-        return ReferencePoint(*_blend(max(t, 0.0), self._duration, self._start, *point))
+    @property
+    def start(self) -> np.ndarray:
+        """The start posture, shape (n,) [rad]."""
+        return self.before.at(0.0).position
 
-    def range(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the range of the reference widened to the start posture."""
-        lower, upper = self._reference.range()
-        return np.minimum(lower, self._start), np.maximum(upper, self._start)
+    def full_range(self) -> Range:
+        """See `full_range`: near the start the performance set has yet to grow."""
+        return full_range(self.after)
+
+    def settled(self, t: float) -> Reference:
+        """See `settled`."""
+        return settled(self.after, t) if t >= self.duration else self
+
+
+def hull(first: Range, second: Range) -> Range:
+    """Return the smallest range that holds both."""
+    return np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
+
+
+def settled(reference: Reference, t: float) -> Reference:
+    """Return what equals ``reference`` from ``t`` [s] on, without the parts that are over."""
+    own = getattr(reference, 'settled', None)
+    return reference if own is None else own(t)  # type: ignore[no-any-return]
+
+
+def full_range(reference: Reference) -> Range:
+    """Return the range round which the whole performance set has to lie inside the safety set.
+
+    It is that of the reference, without the posture of a smooth start: there the performance set
+    is only as wide as it fits.
+    """
+    own = getattr(reference, 'full_range', reference.range)
+    return own()  # type: ignore[no-any-return]

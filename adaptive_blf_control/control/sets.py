@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.control.reference import quintic
 from adaptive_blf_control.errors import ParameterError, SetViolation
 
-__all__ = ['JointInterval', 'check_performance_inside_safety', 'check_start']
+__all__ = ['Bounds', 'GrowingBounds', 'JointInterval', 'check_inside',
+           'check_performance_inside_safety', 'check_start']
 
 # Equality is allowed (the paper's own examples meet (9) with it); this absorbs rounding only.
 TOLERANCE = 1e-9
@@ -63,13 +67,64 @@ def check_performance_inside_safety(safety: JointInterval, performance: JointInt
                                'reference plus performance set pokes out of the safety set above')
 
 
+def check_inside(lower: np.ndarray, upper: np.ndarray, value: np.ndarray,
+                 joints: tuple[str, ...], what: str) -> None:
+    """Raise SetViolation for the first joint whose value is not strictly between its bounds."""
+    for i, joint in enumerate(joints):
+        if not value[i] > lower[i]:
+            raise SetViolation(joint, float(value[i]), float(lower[i]), what)
+        if not value[i] < upper[i]:
+            raise SetViolation(joint, float(value[i]), float(upper[i]), what)
+
+
 def check_start(safety: JointInterval, performance: JointInterval, q: np.ndarray, e1: np.ndarray,
                 joints: tuple[str, ...]) -> None:
     """Check that the first state lies inside both sets; SetViolation names joint and numbers."""
-    for interval, value, what in ((safety, q, 'start position outside the safety set'),
-                                  (performance, e1, 'start error outside the performance set')):
-        for i, joint in enumerate(joints):
-            if not value[i] > interval.lower[i]:
-                raise SetViolation(joint, float(value[i]), float(interval.lower[i]), what)
-            if not value[i] < interval.upper[i]:
-                raise SetViolation(joint, float(value[i]), float(interval.upper[i]), what)
+    check_inside(safety.lower, safety.upper, q, joints, 'start position outside the safety set')
+    check_inside(performance.lower, performance.upper, e1, joints,
+                 'start error outside the performance set')
+
+
+class Bounds(NamedTuple):
+    """Performance bounds at one instant [rad] and their rates [rad/s], each of shape (n,)."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    lower_rate: np.ndarray
+    upper_rate: np.ndarray
+
+
+@jit
+def _grown(t: float, duration: float, lower: np.ndarray, upper: np.ndarray, end_lower: np.ndarray,
+           end_upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    s, sd, _ = quintic(t, duration)
+    low, high = end_lower - lower, end_upper - upper
+    return lower + s * low, upper + s * high, sd * low, sd * high
+
+
+class GrowingBounds:
+    """Performance bounds that begin as wide as fits round a start posture inside the safety set.
+
+    b(t) = b_0 + s(t/T) (b_1 − b_0) with the quintic s of the smooth start, b_1 the performance set
+    and b_0 = min(b_1, distance of the posture to the safety bound), on either side. With
+    y_d = q_0 + s (r − q_0), y_d + b is a convex combination of q_0 + b_0 and r + b_1, both inside
+    the safety set. A bound only ever grows.
+    """
+
+    def __init__(self, performance: JointInterval, safety: JointInterval | None = None,
+                 start: np.ndarray | None = None, duration: float = 0.0) -> None:
+        """Take the sets, and where there is a smooth start its posture (n,) [rad] and T [s]."""
+        rest = np.zeros_like(performance.lower)
+        # Copies that may be written to: the law is compiled once for both kinds of bounds.
+        self._end = Bounds(performance.lower.copy(), performance.upper.copy(), rest, rest)
+        self._duration = duration
+        self._start = self._end[:2]
+        if safety is not None and start is not None:
+            self._start = (np.maximum(performance.lower, safety.lower - start),
+                           np.minimum(performance.upper, safety.upper - start))
+
+    def at(self, t: float) -> Bounds:
+        """Evaluate at ``t`` [s] since the start of the motion."""
+        if t >= self._duration:
+            return self._end
+        return Bounds(*_grown(max(t, 0.0), self._duration, *self._start, *self._end[:2]))

@@ -7,10 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from adaptive_blf_control.control.reference import Reference, ReferencePoint
+from adaptive_blf_control.control.reference import (
+    full_range,
+    hull,
+    Reference,
+    ReferencePoint,
+    settled,
+)
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['JoinedReference', 'PointReference']
+__all__ = ['DelayedReference', 'JoinedReference', 'PointReference']
 
 
 def _quintic(duration: float, start: ReferencePoint, end: ReferencePoint) -> np.ndarray:
@@ -74,12 +80,29 @@ class PointReference:
         return lower, upper
 
 
+class DelayedReference:
+    """A reference with its own time, which began at ``t`` [s]."""
+
+    def __init__(self, reference: Reference, t: float) -> None:
+        """Take the reference and when its time was 0 [s]."""
+        self._reference, self._t = reference, t
+
+    def at(self, t: float) -> ReferencePoint:
+        """Evaluate at ``t`` [s]."""
+        return self._reference.at(t - self._t)
+
+    def range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the range of the reference."""
+        return self._reference.range()
+
+
 class JoinedReference:
     """One reference until ``t`` [s], another, with its own time from 0, after it."""
 
     def __init__(self, before: Reference, t: float, after: Reference) -> None:
         """Join the two; whoever makes ``after`` lets it begin where ``before`` is."""
         self._before, self._t, self._after = before, t, after
+        self._depth = getattr(before, '_depth', 0)
 
     def at(self, t: float) -> ReferencePoint:
         """Evaluate at ``t`` [s]."""
@@ -88,3 +111,13 @@ class JoinedReference:
     def range(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the range of what is still to come."""
         return self._after.range()
+
+    def full_range(self) -> tuple[np.ndarray, np.ndarray]:
+        """See `reference.full_range`; until ``t`` the first one counts as well."""
+        return hull(full_range(self._before), self._after.range())
+
+    def settled(self, t: float) -> Reference:
+        """See `reference.settled`."""
+        if t >= self._t:
+            return DelayedReference(self._after, self._t)
+        return JoinedReference(settled(self._before, t), self._t, self._after)

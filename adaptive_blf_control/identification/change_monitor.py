@@ -70,32 +70,50 @@ class ChangeMonitor:
             threshold: Mean of d² that counts as a change, > 1.
             resolution: ρ, part of the torque that does not matter.
         """
-        if not (math.isfinite(window) and window >= 0.0):
-            raise ParameterError('identifier.change.window', window, 'a time >= 0 s')
-        if not threshold > 1.0:
-            raise ParameterError('identifier.change.threshold', threshold, 'a value > 1')
-        if not resolution >= 0.0:
-            raise ParameterError('identifier.change.resolution', resolution, 'a value >= 0')
+        self._check(window, threshold, resolution)
         self.window = window
         self.threshold = threshold
         self.resolution = resolution
         self.statistic = np.zeros(n)
         self.changes = 0
-        self._insertions = -1
-        self._theta = self._variance = self._floor = np.zeros(0)
+        self._revision = -1
+        self._theta = self._variance = self._square = self._floor = np.zeros(0)
         self._inverse = np.zeros((0, 0))
+
+    @staticmethod
+    def _check(window: float, threshold: float, resolution: float) -> None:
+        if not (math.isfinite(window) and window >= 0.0):
+            raise ParameterError('identifier.change.window', window, 'a time >= 0 s')
+        if not (math.isfinite(threshold) and threshold > 1.0):
+            raise ParameterError('identifier.change.threshold', threshold, 'a finite value > 1')
+        if not (math.isfinite(resolution) and resolution >= 0.0):
+            raise ParameterError('identifier.change.resolution', resolution, 'a finite value >= 0')
+
+    def retune(self, window: float, threshold: float, resolution: float) -> None:
+        """Change the settings, all or none; another window begins with an empty mean."""
+        self._check(window, threshold, resolution)
+        if window != self.window:
+            self.reset()
+        self.window, self.threshold, self.resolution = window, threshold, resolution
+        self._set_floor()
+
+    def _set_floor(self) -> None:
+        self._floor = self.resolution ** 2 * self._square + 1e-300
 
     def reset(self) -> None:
         """Begin anew, e.g. after the stack was emptied."""
         self.statistic = np.zeros_like(self.statistic)
-        self._insertions = -1
+        self._revision = -1
 
     def learn(self, regressors: np.ndarray, torques: np.ndarray, gram: np.ndarray,
-              moment: np.ndarray, insertions: int) -> None:
-        """Take over a stack of full rank: pairs (P, n, m) and (P, n), Q (m, m), g (m,)."""
-        if insertions == self._insertions:
+              moment: np.ndarray, revision: int) -> None:
+        """Take over a stack of full rank: pairs (P, n, m) and (P, n), Q (m, m), g (m,).
+
+        With the ``revision`` that was taken over last there is nothing to do.
+        """
+        if revision == self._revision:
             return
-        self._insertions = insertions
+        self._revision = revision
         inverse = np.linalg.inv(gram)
         self._theta = inverse @ moment
         # Noise of neighbouring pairs is alike, as the filters remember both: P n equations say no
@@ -105,11 +123,12 @@ class ChangeMonitor:
         # P n equations fix m unknowns: the fit absorbs that part of the noise.
         freedom = max(1.0 - gram.shape[0] / torques.size, 0.1)
         self._variance = np.mean(residuals ** 2, axis=0) / freedom
-        self._floor = self.resolution ** 2 * np.mean(torques ** 2, axis=0) + 1e-300
+        self._square = np.mean(torques ** 2, axis=0)
+        self._set_floor()
 
     def update(self, dt: float, regressor: np.ndarray, torque: np.ndarray) -> bool:
         """Look at the present pair; True where the arm has changed since the stack was filled."""
-        if self.window <= 0.0 or self._insertions < 0:
+        if self.window <= 0.0 or self._revision < 0:
             return False
         self.statistic, top = windowed_step(
             self.statistic, -math.expm1(-dt / self.window), 20.0 * self.threshold, regressor,

@@ -4,34 +4,147 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import contextlib
+from datetime import datetime, timezone
+import json
 import os
 from pathlib import Path
+import re
+import threading
+from typing import Any
 
 import numpy as np
 import yaml
 
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.identifier import Snapshot
 
-__all__ = ['read_estimate', 'write_estimate']
+__all__ = ['estimate_path', 'read_estimate', 'recent_estimate', 'write_estimate']
+
+FOLDER = 'adaptive_blf_control'
+FILE = 'theta_hat.yaml'
+PLAIN = re.compile(r'(?!(?i:y|yes|n|no|on|off|true|false|null)$)[A-Za-z][A-Za-z0-9_]*$')
 
 
-def write_estimate(path: Path, parameters: tuple[str, ...], identifier: Identifier) -> None:
-    """Write θ̂ with the state of its history, atomically: a reader never sees half a file.
+def estimate_path(text: str, namespace: str, environment: Mapping[str, str]) -> Path:
+    """Return the file that the parameter ``estimate_file`` stands for.
+
+    Args:
+        text: The parameter; a leading ``~`` is the home folder. Empty: ``theta_hat.yaml`` in
+            ``adaptive_blf_control/NAMESPACE`` below ``ROS_HOME``, ``~/.ros`` where that is not
+            set, so that neither the present folder is littered nor an estimate lost.
+        namespace: Of the node, e.g. ``/left``.
+        environment: ``ROS_HOME`` and ``HOME`` are looked at.
+
+    Raises:
+        ParameterError: a home folder is needed and not known.
+    """
+    ros_home = environment.get('ROS_HOME', '')
+    if not text:
+        folder = _at_home(ros_home or '~/.ros', environment)
+        return folder.joinpath(FOLDER, *filter(None, namespace.split('/')), FILE)
+    return _at_home(text, environment)
+
+
+def _at_home(text: str, environment: Mapping[str, str]) -> Path:
+    if text != '~' and not text.startswith('~/'):
+        return Path(text)
+    home = environment.get('HOME', '')
+    if not home:
+        raise ParameterError('identifier.estimate_file', text,
+                             'a path without ~ where HOME is not set')
+    return Path(home, text[2:])
+
+
+def _number(value: float) -> str:
+    # Shortest text that comes back to the last bit; YAML 1.1 takes 1e-05 for a string.
+    text = repr(float(value))
+    return text.replace('e', '.0e') if 'e' in text and '.' not in text else text
+
+
+def _content(snapshot: Snapshot, written_at: str) -> str:
+    # yaml.safe_dump takes milliseconds and holds the interpreter meanwhile.
+    names = (name if PLAIN.match(name) else json.dumps(name, ensure_ascii=False)
+             for name in snapshot.parameters)
+    values = map(_number, snapshot.theta.tolist())
+    return '\n'.join([
+        *([f'written_at: {json.dumps(written_at, ensure_ascii=False)}'] if written_at else []),
+        'theta_hat:', *(f'  {name}: {value}' for name, value in zip(names, values)),
+        f'history_rank: {snapshot.rank}', f'history_sigma_min: {_number(snapshot.sigma_min)}',
+        f'insertions: {snapshot.insertions}', ''])
+
+
+def write_estimate(path: Path, snapshot: Snapshot, written_at: str = '', *,
+                   make_folder: bool = False) -> None:
+    """Write θ̂ with the state of its history so that a reader never sees half a file.
+
+    When it returns the file is on the disk: it survives a crash of the machine. May be called
+    from any thread; where it fails, the file of before is left and nothing beside it.
+
+    Args:
+        path: The file; replaced if it exists.
+        snapshot: From :meth:`Identifier.snapshot`.
+        written_at: The present time in ISO 8601 with its offset from UTC, '' for none.
+        make_folder: Make the folders above ``path`` if they are missing.
 
     Raises:
         OSError: the file cannot be written.
     """
-    stack = identifier.stack
-    content: Mapping[str, object] = {
-        'theta_hat': dict(zip(parameters, identifier.theta.tolist())),
-        'history_rank': stack.rank,
-        'history_sigma_min': stack.sigma_min,
-        'insertions': stack.insertions,
-    }
-    temporary = path.with_name(f'.{path.name}.{os.getpid()}')
-    temporary.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
-    temporary.replace(path)
+    if make_folder:
+        _make_folder(path.parent)
+    temporary = path.with_name(f'.{path.name}.{os.getpid()}.{threading.get_ident()}')
+    try:
+        with temporary.open('w', encoding='utf-8') as file:
+            file.write(_content(snapshot, written_at))
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    _sync_folder(path.parent)
+
+
+def _make_folder(folder: Path) -> None:
+    if not folder.is_dir():
+        _make_folder(folder.parent)
+        folder.mkdir(exist_ok=True)
+        _sync_folder(folder.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    with contextlib.suppress(OSError):  # some network file systems know no such thing
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _load(path: Path, name: str) -> Any:
+    try:
+        return yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise ParameterError(name, str(path), f'a readable file ({error.strerror})') from None
+    except (ValueError, yaml.YAMLError):
+        raise _no_mapping(name, path) from None
+
+
+def _no_mapping(name: str, path: Path) -> ParameterError:
+    return ParameterError(name, str(path), 'a mapping theta_hat of parameter names to numbers')
+
+
+def _theta(content: Any, path: Path, parameters: tuple[str, ...], name: str) -> np.ndarray:
+    try:
+        values = content['theta_hat']
+        theta = np.array([float(values[parameter]) for parameter in parameters])
+    except KeyError as error:
+        raise ParameterError(name, str(path), f'an entry {error.args[0]!r}') from None
+    except (TypeError, ValueError, OverflowError):
+        raise _no_mapping(name, path) from None
+    if not np.isfinite(theta).all():
+        raise ParameterError(name, str(path), 'finite values in theta_hat')
+    return theta
 
 
 def read_estimate(path: Path, parameters: tuple[str, ...]) -> np.ndarray:
@@ -41,13 +154,43 @@ def read_estimate(path: Path, parameters: tuple[str, ...]) -> np.ndarray:
         ParameterError: the file cannot be read or lacks a parameter.
     """
     name = 'identifier.initial_estimate_file'
+    return _theta(_load(path, name), path, parameters, name)
+
+
+def recent_estimate(path: Path, parameters: tuple[str, ...], now: str,
+                    within: float) -> np.ndarray | None:
+    """Read θ̂ of an identifier that was killed a moment ago, to go on from there.
+
+    Args:
+        path: Its file.
+        parameters: Names in the order wanted.
+        now: The present time in ISO 8601 with its offset from UTC.
+        within: Largest age of the file [s], by what is written in it; 0 for never. The clock may
+            have been set meanwhile: a file from the future is as old as it is ahead.
+
+    Returns:
+        θ̂, shape (m,); None where there is no such file or it is too old.
+
+    Raises:
+        ParameterError: the file cannot be read, does not tell when it was written, or is recent
+            and lacks a parameter.
+    """
+    name = 'identifier.estimate_file'
+    if within <= 0.0 or not os.path.exists(path):
+        return None
+    content = _load(path, name)
+    age = _seconds(now) - _written_at(content, path, name)
+    return _theta(content, path, parameters, name) if abs(age) <= within else None
+
+
+def _written_at(content: Any, path: Path, name: str) -> float:
     try:
-        values = yaml.safe_load(path.read_text(encoding='utf-8'))['theta_hat']
-        return np.array([float(values[parameter]) for parameter in parameters])
-    except OSError as error:
-        raise ParameterError(name, str(path), f'a readable file ({error.strerror})') from None
-    except KeyError as error:
-        raise ParameterError(name, str(path), f'an entry {error.args[0]!r}') from None
-    except (TypeError, ValueError, yaml.YAMLError):
+        return _seconds(str(content['written_at']))
+    except (KeyError, TypeError, ValueError):
         raise ParameterError(name, str(path),
-                             'a mapping theta_hat of parameter names to numbers') from None
+                             "an entry 'written_at' with a time in ISO 8601") from None
+
+
+def _seconds(time: str) -> float:
+    moment = datetime.fromisoformat(time)
+    return (moment if moment.tzinfo else moment.replace(tzinfo=timezone.utc)).timestamp()

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,11 +16,12 @@ from adaptive_blf_control.identification.change_monitor import ChangeMonitor
 from adaptive_blf_control.identification.excitation import Excitation
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.recorded_noise import NoisyHistory
+from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.state_filter import StateFilter
 from adaptive_blf_control.identification.torque_filter import TorqueFilter
-from adaptive_blf_control.identification.update_law import implicit_step, UPDATE_LAWS
+from adaptive_blf_control.identification.update_law import implicit_step
 
-__all__ = ['Identifier', 'IdentifierSettings']
+__all__ = ['Identifier', 'IdentifierSettings', 'Snapshot']
 
 # Filtered regressors (rad/s², rad²/s², m/s² and the like) and torques [N·m] of a robot stay far
 # below this; the squares of what does not would drown the update law in rounding.
@@ -36,72 +38,22 @@ def _usable(regressor: np.ndarray, torque: np.ndarray) -> bool:
     return bool((np.abs(regressor) < LARGEST).all() and (np.abs(torque) < LARGEST).all())
 
 
-@dataclass(frozen=True)
-class IdentifierSettings:
-    """Gains of the update law (37) and of Algorithm 1.
+class Snapshot(NamedTuple):
+    """What the identifier knew at one sample; nothing of it changes later.
 
     Attributes:
-        initial_estimate: θ̂(0), shape (m,).
-        gamma: Diagonal of Γ, shape (m,), > 0.
-        kt: Gain on the present pair, k_t ≥ 0.
-        kh: Gain on the history stack, k_h ≥ 0.
-        time_constant: k of the torque filter (14) [s].
-        gap: Longest interval between samples [s]; after a longer one the filter restarts.
-        settle: Nothing is learned from data for this many filter time constants, k + N T, after a
-            (re)start.
-        size: P, number of pairs in the stack.
-        epsilon: ε, relative difference of a new pair to the last one taken.
-        state_order: N of the state-variable filter on position and torque; 0 uses the measured
-            velocity instead.
-        state_time_constant: T of that filter [s].
-        change_window: Window of the change monitor [s]; 0 switches it off.
-        change_threshold: Normalised residual that counts as a change of the arm.
-        change_resolution: Part of the torque below which a change does not matter.
-        update_law: One of `UPDATE_LAWS`.
-        excitation_window: T of (21) [s]; 0 switches the index off.
-        noise: Relative standard deviation of Remark 3, see `NoisyHistory`; 0 switches it off.
-        noise_seed: Seed of that noise.
-        minimum_growth: Part of σ_min by which a replacement in a full stack must raise it.
+        parameters: Names of the parameters.
+        theta: θ̂, shape (m,).
+        rank: Rank of the history stack.
+        sigma_min: Its σ_min.
+        insertions: Number of pairs it had taken.
     """
 
-    initial_estimate: np.ndarray
-    gamma: np.ndarray
-    kt: float
-    kh: float
-    time_constant: float
-    gap: float
-    size: int
-    epsilon: float
-    settle: float = 0.0
-    state_order: int = 0
-    state_time_constant: float = 0.03
-    change_window: float = 0.0
-    change_threshold: float = 25.0
-    change_resolution: float = 0.01
-    update_law: str = 'ablf_concurrent'
-    excitation_window: float = 0.0
-    noise: float = 0.0
-    noise_seed: int = 0
-    minimum_growth: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check signs; ParameterError names the gain."""
-        for name in ('kt', 'kh', 'settle'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ParameterError(f'identifier.{name}', value, 'a finite value >= 0')
-        if self.update_law not in UPDATE_LAWS:
-            raise ParameterError('identifier.update_law', self.update_law,
-                                 f'one of {list(UPDATE_LAWS)}')
-        gamma = np.array(self.gamma, dtype=float)
-        if not (np.all(np.isfinite(gamma)) and np.all(gamma > 0.0)):
-            raise ParameterError('identifier.gamma', gamma.tolist(),
-                                 'a positive definite Γ: values > 0')
-        object.__setattr__(self, 'gamma', gamma)
-        estimate = np.array(self.initial_estimate, dtype=float)
-        if not np.all(np.isfinite(estimate)):
-            raise ParameterError('identifier.initial_estimate', estimate.tolist(), 'finite values')
-        object.__setattr__(self, 'initial_estimate', estimate)
+    parameters: tuple[str, ...]
+    theta: np.ndarray
+    rank: int
+    sigma_min: float
+    insertions: int
 
 
 class Identifier:
@@ -118,8 +70,12 @@ class Identifier:
 
     def __init__(self, arm: Arm, settings: IdentifierSettings) -> None:
         """Start from ``settings.initial_estimate`` with an empty stack."""
+        for name in ('initial_estimate', 'gamma'):
+            values = getattr(settings, name)
+            if values.shape != (arm.m,):
+                raise ParameterError(f'identifier.{name}', values.tolist(), f'{arm.m} values')
         self.arm = arm
-        self.settings = settings
+        self._settings = settings
         self.theta = settings.initial_estimate.copy()
         self.stack = HistoryStack(arm.n, arm.m, settings.size, settings.epsilon,
                                   settings.minimum_growth)
@@ -137,14 +93,60 @@ class Identifier:
         self.dropped = {'not finite': 0, 'too large': 0, 'stamp repeated': 0,
                         'stamp went back': 0}
 
+    @property
+    def settings(self) -> IdentifierSettings:
+        """The present settings; :meth:`retune` changes them."""
+        return self._settings
+
+    def retune(self, settings: IdentifierSettings) -> None:
+        """Take over other settings between two samples, all or none.
+
+        θ̂ and the recorded pairs stay whatever changes. The torque filter goes on through a change
+        of ``time_constant``. Another state filter is a new one: both filters start anew with the
+        next sample, and settle. A smaller ``size`` is reached over the next samples, see
+        `HistoryStack.resize`. The excitation index begins anew with another window, the mean of
+        the change monitor with another of its own, fabricated pairs with another noise or seed.
+        ``initial_estimate`` is history: the one given is not looked at.
+
+        Raises:
+            ParameterError: a value cannot be used; nothing has changed.
+        """
+        old = self._settings
+        settings = replace(settings, initial_estimate=old.initial_estimate)
+        fresh = Identifier(self.arm, settings)  # checks every value before anything changes
+        self._settings = settings
+        self._filter.retune(settings.time_constant, settings.gap)
+        self.monitor.retune(settings.change_window, settings.change_threshold,
+                            settings.change_resolution)
+        self.stack.retune(settings.size, settings.epsilon, settings.minimum_growth)
+        if settings.excitation_window != old.excitation_window:
+            self._excitation = fresh._excitation
+        if (settings.noise, settings.noise_seed) != (old.noise, old.noise_seed):
+            self._noisy = fresh._noisy if self.stack.rank < self.arm.m else None
+        elif self._noisy is not None:
+            self._noisy.stack.retune(settings.size, settings.epsilon, settings.minimum_growth)
+        if ((settings.state_order, settings.state_time_constant)
+                != (old.state_order, old.state_time_constant)):
+            self._state_filter = fresh._state_filter
+            self._reset_filters()
+
+    def snapshot(self) -> Snapshot:
+        """Return what :func:`write_estimate` writes, to be used in any thread."""
+        stack = self.stack
+        return Snapshot(self.arm.parameters, self.theta, stack.rank, stack.sigma_min,
+                        stack.insertions)
+
     def warm_up(self) -> None:
-        """Compile everything on a throw-away identifier, the search of a full stack included."""
-        spare = Identifier(self.arm, replace(self.settings, size=self.arm.m, settle=0.0, gap=1.0,
-                                             change_window=max(self.settings.change_window, 1e-3)))
+        """Compile everything that runs, or may be switched on, on throw-away identifiers."""
+        settings = replace(self.settings, size=self.arm.m, settle=0.0, gap=1.0,
+                           change_window=max(self.settings.change_window, 1e-3),
+                           excitation_window=max(self.settings.excitation_window, 1e-3))
         random = np.random.default_rng(0)
-        for k in range(spare.stack.size + 5):
-            q, qd, tau = random.normal(size=(3, self.arm.n))
-            spare.update(k * 1e-3, q, qd, tau)
+        for order in {0, 2, settings.state_order}:
+            spare = Identifier(self.arm, replace(settings, state_order=order))
+            for k in range(spare.stack.size + 5):
+                q, qd, tau = random.normal(size=(3, self.arm.n))
+                spare.update(k * 1e-3, q, qd, tau)
 
     @property
     def pair(self) -> tuple[np.ndarray, np.ndarray]:
@@ -263,9 +265,10 @@ class Identifier:
     def _watch(self, dt: float, regressor: np.ndarray, torque: np.ndarray) -> None:
         """Let go of the recorded pairs when they contradict present data."""
         stack = self.stack
-        if self.settings.change_window > 0.0 and stack.full and stack.rank == self.arm.m:
+        whole = stack.full and not stack.shrinking and stack.rank == self.arm.m
+        if self.settings.change_window > 0.0 and whole:
             self.monitor.learn(stack.regressors, stack.torques, stack.gram, stack.moment,
-                               stack.insertions)
+                               stack.revision)
             if self.monitor.update(dt, regressor, torque):
                 stack.clear()
                 self._age = 0.0  # the filters still remember the arm of before

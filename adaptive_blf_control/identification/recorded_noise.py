@@ -15,7 +15,8 @@ import math
 import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.history_stack import HistoryStack, is_different
+from adaptive_blf_control.identification.history_stack import HistoryStack
+from adaptive_blf_control.identification.pair_selection import is_different
 
 __all__ = ['NoisyHistory']
 

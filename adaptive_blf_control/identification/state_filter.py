@@ -61,9 +61,9 @@ class StateFilter:
         """Set up 1/(T s + 1)^N with N = ``order`` ≥ 2 and T = ``time_constant`` [s] > 0."""
         if order < 2:
             raise ParameterError('identifier.filter.state_order', order, '0 (off) or at least 2')
-        if not time_constant > 0.0:
+        if not (math.isfinite(time_constant) and time_constant > 0.0):
             raise ParameterError('identifier.filter.state_time_constant', time_constant,
-                                 'a time > 0 s')
+                                 'a finite time > 0 s')
         self.order = order
         self.time_constant = time_constant
         self._q: np.ndarray | None = None

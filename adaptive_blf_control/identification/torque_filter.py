@@ -54,13 +54,22 @@ class TorqueFilter:
             time_constant: k of (14) [s], > 0.
             gap: Longest interval between samples that is filtered across [s].
         """
-        for name, value in (('filter.time_constant', time_constant), ('filter.gap', gap)):
-            if not value > 0.0:
-                raise ParameterError(f'identifier.{name}', value, 'a time > 0 s')
-        self.time_constant = time_constant
-        self.gap = gap
+        self.retune(time_constant, gap)
         self._zero = FilteredPair(np.zeros((n, m)), np.zeros(n))
         self.reset()
+
+    def retune(self, time_constant: float, gap: float) -> None:
+        """Change k and the gap, both or none, without a restart.
+
+        Y_f θ* = τ_f goes on to hold: both sides take their next step with the same new a.
+        """
+        if not (math.isfinite(time_constant) and time_constant > 0.0):
+            raise ParameterError('identifier.filter.time_constant', time_constant,
+                                 'a finite time > 0 s')
+        if not gap > 0.0:
+            raise ParameterError('identifier.filter.gap', gap, 'a time > 0 s')
+        self.time_constant = time_constant
+        self.gap = gap
 
     def reset(self) -> None:
         """Forget everything; the next sample starts the filter anew."""

@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``arm_driver``: a simulated arm in real time behind the topics of a real one.
+"""``arm_driver``: a simulated arm behind the topics of a real one.
 
-The arm moves with the clock: a command acts from the moment it arrives, so the delay of the loop
-is in the simulation, and ``effort`` is the mean torque over the interval that ends at the stamp.
-States lie on the grid of the rate; where the machine is late, periods are missed, not squeezed.
-Until the first command the brakes hold the arm: velocity as set, effort NaN (nothing measured).
+In real time the arm moves with the clock: a command acts from the moment it arrives, so the delay
+of the loop is in the simulation, and ``effort`` is the mean torque over the interval that ends at
+the stamp. States lie on the grid of the rate; where the machine is late, periods are missed, not
+squeezed. Until the first command the brakes hold the arm: velocity as set, effort NaN (nothing
+measured). Under ``use_sim_time`` see :mod:`adaptive_blf_control.nodes.arm_lockstep`.
+
+Lifecycle: inactive, the states are published and the brakes hold; active, the first command
+releases them; deactivated, the torque goes to zero over ``ramp_time``, then the brakes hold.
 """
 
 from __future__ import annotations
 
+from collections import deque
 import sys
 import time
 from typing import Any
@@ -22,43 +27,90 @@ from std_msgs.msg import Float64MultiArray
 from adaptive_blf_control.bags.cdr import decode_float64_array
 from adaptive_blf_control.bags.joint_state import JointStateCodec
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.nodes.data_node import DataNode, run_node
+from adaptive_blf_control.nodes.arm_lockstep import ArmLockstep
+from adaptive_blf_control.nodes.command_source import CommandSource
+from adaptive_blf_control.nodes.loop_statistics import Histogram
+from adaptive_blf_control.nodes.managed_node import ManagedNode
+from adaptive_blf_control.nodes.process import run_node
 from adaptive_blf_control.nodes.robot_description import arm_of
 from adaptive_blf_control.parameters.build import build_plant
+from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.topics import COMMANDS, JOINT_STATES
 
 __all__ = ['ArmDriver', 'main']
 
 NEVER = 2**63  # ns, before the grid of the states is laid
+# A command cannot answer a state that is younger than this: decoding and the law take longer.
+SHORTEST_ANSWER = 50_000  # ns
 
 
-class ArmDriver(DataNode):
+class ArmDriver(ManagedNode):
     """Simulated arm: commands in, joint states out.
 
     Attributes:
         plant: The true arm.
         started: Whether a first command has released the brakes.
         missed: Periods in which no state was published.
+        period_ns: Period of the states [ns].
+        round_trip: From the publication of a state to the arrival of the command that answers it.
     """
 
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
-        """Build the arm from the parameters; ParameterError or ArmError where that fails."""
-        super().__init__('arm_driver', context=context, **options)
-        self.arm = arm_of(self)
-        self.plant = build_plant(self.values, self.arm)
-        self.plant.trial(self.plant.torque, 1e-3)  # compile before the clock runs
+        """Make the node; with ``autostart`` ready to run, the reason raised where it cannot."""
         self.started = False
         self.timed_out = False
         self.missed = 0
-        self._period_ns = int(round(1e9 / self.values['rate']))
+        self.round_trip = Histogram()
+        super().__init__('arm_driver', context=context, **options)
+        if self.wants_activation:
+            self.activate_by_itself()
+
+    def configure(self) -> None:
+        """Build the arm from the parameters; ParameterError or ArmError where that fails."""
+        self.arm = arm_of(self)
+        self.plant = build_plant(self.values, self.arm)
+        self.plant.trial(self.plant.torque, 1e-3)  # compile before the clock runs
+        self.period_ns = int(round(1e9 / self.values['rate']))
         self._codec = JointStateCodec(self.arm.joints, self.values['frame_id'])
         self._nan = np.full(self.arm.n, np.nan)
         self._impulse = np.zeros(self.arm.n)  # ∫ τ dt since the last state [N·m·s]
         self._due_ns = NEVER  # monotonic, like all times but the stamps
         self._offset_ns = self._begin_ns = self._moved_ns = self._last_state_ns = 0
         self._command_ns = 0
+        self._source = CommandSource()
+        self._sent: deque[int] = deque(maxlen=50)  # when states were published, system time [ns]
+        self._ramp: tuple[np.ndarray, int] | None = None
         self._states = self.data_publisher(JointState, JOINT_STATES)
-        self.data_subscription(Float64MultiArray, COMMANDS, self.on_command, reliable=True)
+        self._command_input = self.data_subscription(Float64MultiArray, COMMANDS,
+                                                     self.on_command, reliable=True)
+        self._lockstep = ArmLockstep(self) if self.lockstep else None
+
+    def activate(self) -> None:
+        """Let the next command release the brakes."""
+        self._ramp = None
+
+    def deactivate(self) -> None:
+        """Begin to bring the torque to zero; the brakes follow."""
+        self._ramp = (self.plant.torque, time.monotonic_ns())
+
+    def cleanup(self) -> None:
+        """Take the topics down."""
+        self.end_data_subscription(self._command_input)
+        self.end_data_publisher(self._states)
+        self._due_ns = NEVER
+        self.started = False
+
+    def retune(self, values: dict[str, Any], changed: set[str]) -> None:
+        """Change payload, friction, sensors, limits or rate between two samples."""
+        if not hasattr(self, 'plant'):
+            return
+        plant = build_plant(values, self.arm)
+        self.plant.adopt(plant)
+        period_ns = int(round(1e9 / values['rate']))
+        if period_ns != self.period_ns:
+            if self._due_ns != NEVER:
+                self._due_ns += period_ns - self.period_ns
+            self.period_ns = period_ns
 
     def on_command(self, data: bytes, info: dict[str, int]) -> None:
         """Apply a command from now on; a wrong length or a non-finite value drops it whole."""
@@ -75,20 +127,41 @@ class ArmDriver(DataNode):
             self.drop('non-finite command', f'joint {joint!r}')
             return
         now = time.monotonic_ns()
+        silent = now - self._command_ns > self.values['command_timeout'] * 1e9
+        if not self._source.obeys(info.get('publication_sequence_number'), silent):
+            self.last_fault = 'commands of a second publisher refused'
+            self.drop('command of a second publisher', 'one controller at a time: it is refused')
+            return
+        if not self.active:
+            self.drop('command while inactive', 'activate the driver first')
+            return
+        self._count_round_trip(info)
+        self._command_ns = now
+        if self._lockstep is not None:
+            self._lockstep.on_command(torque)
+            return
         self._catch_up(now)  # a state that is due before the command does not see it
         if not self.started:
             self.started = True
             self._begin_ns = self._moved_ns = now
         self._move_to(now)
-        self._command_ns = now
         self.timed_out = False
         self.plant.apply(torque)
+
+    def _count_round_trip(self, info: dict[str, int]) -> None:
+        self.aged(info)
+        answered = info.get('source_timestamp', 0) - SHORTEST_ANSWER
+        sent, found = self._sent, 0
+        while sent and sent[0] <= answered:  # the newest state that was there to be answered
+            found = sent.popleft()
+        if found:
+            self.round_trip.add(time.time_ns() - found)
 
     def _move_to(self, now_ns: int) -> None:
         ahead_ns = now_ns - self._moved_ns
         if ahead_ns > 0:
             # After a stall in steps of a period still: one long step could be an unstable one.
-            steps = -(-ahead_ns // self._period_ns)
+            steps = -(-ahead_ns // self.period_ns)
             for _ in range(steps):
                 self.plant.advance(ahead_ns * 1e-9 / steps)
             self._impulse = self._impulse + self.plant.torque * (ahead_ns * 1e-9)
@@ -96,15 +169,25 @@ class ArmDriver(DataNode):
 
     def loop(self) -> None:
         """Publish a state every period, take commands in between."""
-        wait_for, duration = self.values['wait_for_subscribers'], self.values['duration']
-        while self._states.get_subscription_count() < wait_for and not self._ended():
+        while self.state_id == 1 and self.up:  # unconfigured: requests come through the executor
             self.spin_data(0.01)
+        wait_for = self.values['wait_for_subscribers']
+        while self.up and self._states.get_subscription_count() < wait_for:
+            self.spin_data(0.01)
+        if self._lockstep is not None:
+            self._lockstep.loop()
+            return
         self._start_clock()
-        while not self._ended():
+        while self.up:
             wait_ns = self._due_ns - time.monotonic_ns()
             if wait_ns > 0:
                 self.spin_data(wait_ns * 1e-9)
-            self._catch_up(time.monotonic_ns())
+            with self.between_samples:
+                begin_ns = time.monotonic_ns()
+                if begin_ns >= self._due_ns:
+                    self._catch_up(begin_ns)
+                    self.statistics.callback.add(time.monotonic_ns() - begin_ns)
+            duration = self.values['duration']
             if duration > 0.0 and self.started and (
                     self._last_state_ns - self._begin_ns >= duration * 1e9):
                 self.get_logger().info(f'duration of {duration:g} s is over, '
@@ -120,10 +203,10 @@ class ArmDriver(DataNode):
         """Publish the state that is due, on the grid; periods that passed unseen are missed."""
         if now_ns < self._due_ns:
             return
-        late = (now_ns - self._due_ns) // self._period_ns
+        late = (now_ns - self._due_ns) // self.period_ns
         self.missed += late
-        due_ns = self._due_ns + late * self._period_ns
-        self._due_ns = due_ns + self._period_ns
+        due_ns = self._due_ns + late * self.period_ns
+        self._due_ns = due_ns + self.period_ns
         self._publish_state(due_ns)
         self.sampled()
 
@@ -137,27 +220,61 @@ class ArmDriver(DataNode):
             effort = self._impulse / interval if interval > 0.0 else self.plant.torque
             self._impulse = np.zeros(self.arm.n)
         self._last_state_ns = due_ns
-        self._states.publish(self._codec.encode(
-            due_ns + self._offset_ns, *self.plant.measure(effort, interval)))
+        self.send_state(due_ns + self._offset_ns, effort, interval)
+
+    def send_state(self, stamp_ns: int, effort: np.ndarray, interval: float) -> None:
+        """Measure and publish; ``effort`` is the mean torque over the ``interval`` [s] before."""
+        data = self._codec.encode(stamp_ns, *self.plant.measure(effort, interval))
+        self._sent.append(time.time_ns())
+        self._states.publish(data)
 
     def _watch(self, now_ns: int) -> None:
-        if not self.timed_out and now_ns - self._command_ns > self.values[
-                'command_timeout'] * 1e9:
+        """Ramp down when deactivated, act on missing commands: never the last torque for ever."""
+        if self._ramp is not None:
+            torque, since_ns = self._ramp
+            ramp_ns = self.values['ramp_time'] * 1e9
+            left = 1.0 - (now_ns - since_ns) / ramp_ns if ramp_ns > 0.0 else 0.0
+            self.plant.apply(max(min(left, 1.0), 0.0) * torque)
+            if left <= 0.0:
+                self._ramp = None
+                self.started = False
+                self.plant.brake()
+                self._moved_ns = now_ns
+            return
+        if now_ns - self._command_ns <= self.values['command_timeout'] * 1e9:
+            return
+        if self.values['timeout_action'] == 'damping':
+            damping = broadcast(self.values['damping'], self.arm.n)
+            self.plant.apply(-damping * self.plant.qd)
+        if not self.timed_out:
             self.timed_out = True
-            self.plant.apply(np.zeros(self.arm.n))
-            self.get_logger().warning(
-                f'no command for {self.values["command_timeout"]:g} s: zero torque')
-
-    def _ended(self) -> bool:
-        return self.stop.is_set() or not self.context.ok()
+            if self.values['timeout_action'] == 'zero':
+                self.plant.apply(np.zeros(self.arm.n))
+            self.fault('no commands', f'no command for {self.values["command_timeout"]:g} s: '
+                                      f'{self.values["timeout_action"]} torque')
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
-        """Report brakes, watchdog and missed periods."""
-        values: dict[str, object] = {'missed periods': self.missed}
+        """Report brakes, watchdog, round trip and missed periods."""
+        parts = (0.5, 0.99, 0.999)
+        trip = ', '.join(f'{value:.3f}' for value in self.round_trip.quantiles(parts))
+        values: dict[str, object] = {} if self.lockstep else {
+            'missed periods': self.missed,
+            'round trip p50, p99, p99.9, largest so far [ms]':
+                f'{trip}, {self.round_trip.largest_ns * 1e-6:.3f}'}
+        if self.state_id == 1:
+            return DiagnosticStatus.WARN, 'unconfigured', values
+        publishers = [] if self.lockstep else self.get_publishers_info_by_topic(COMMANDS)
+        if len(publishers) > 1:
+            names = ', '.join(f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                              for info in publishers)
+            return DiagnosticStatus.ERROR, f'several publishers of commands: {names}', values
+        if not self.active:
+            return DiagnosticStatus.WARN, 'inactive: brakes on', values
         if not self.started:
             return DiagnosticStatus.WARN, 'brakes on, waiting for a command', values
         if self.timed_out:
-            return DiagnosticStatus.ERROR, 'no commands: zero torque', values
+            return (DiagnosticStatus.ERROR,
+                    f'no commands: {self.values["timeout_action"]} torque', values)
         return DiagnosticStatus.OK, 'running', values
 
 

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """``controller``: joint states and θ̂ in, torques and the adaptation term out.
 
-The motion begins with the first joint state after somebody listens to the commands. θ̂ may arrive
-late or never: the controller goes on with the last one.
+Lifecycle: inactive, states are heard and nothing is sent; activation is refused outside the
+safety set, beside another publisher of commands, and without fresh joint states; the motion then
+begins with the next state, joined to the reference. θ̂ may arrive late or never: the controller
+goes on with the last one.
 """
 
 from __future__ import annotations
 
+from collections import deque
 import sys
 import time
 from typing import Any
@@ -14,147 +17,225 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec
-from adaptive_blf_control.bags.controller_codecs import ControllerCodecs
 from adaptive_blf_control.bags.joint_state import JointStateReader
 from adaptive_blf_control.control.controller import (
     Controller,
-    ControllerSettings,
     ControlOutput,
+    sampling_model,
     sampling_number,
 )
-from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
-from adaptive_blf_control.control.reference import Reference, SmoothStart
 from adaptive_blf_control.errors import BagError, BlfError
-from adaptive_blf_control.nodes.data_node import DataNode, run_node, TOO_LATE
+from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
+from adaptive_blf_control.nodes.data_node import TOO_LATE
 from adaptive_blf_control.nodes.joint_trajectory import reference_through
-from adaptive_blf_control.nodes.node_parameters import on_change
+from adaptive_blf_control.nodes.managed_node import ManagedNode
+from adaptive_blf_control.nodes.process import run_node
 from adaptive_blf_control.nodes.robot_description import arm_of
 from adaptive_blf_control.parameters.build import (
     build_controller,
-    controller_settings,
+    controller_parts,
     initial_theta,
 )
+from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.topics import (
     ADAPTATION_TERM,
-    BARRIER,
     COMMANDS,
-    GUARANTEE,
     JOINT_STATES,
     JOINT_TRAJECTORY,
-    REFERENCE,
     THETA_HAT,
-    TRACKING_ERROR,
 )
 
 __all__ = ['ControllerNode', 'main']
 
 HEAD_START = 0.1  # s from a trajectory's arrival to its beginning
-HEARTBEAT = 500  # monitored samples between two repetitions of the guarantee
+RAMP_STEP = 1e-3  # s between the torques of a ramp
+LAST_WORDS = Duration(seconds=1)
 
 
-class ControllerNode(DataNode):
+class ControllerNode(ManagedNode):
     """Equation (38) behind the topics of ros2_controllers' effort group controller.
 
     Attributes:
         theta: θ̂ in use, shape (m,).
         output: Last output of the law, None before the first.
+        monitors: What is shown besides the torque.
     """
 
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
-        """Validate everything that can be validated before the arm is seen."""
+        """Make the node; with ``autostart`` validated as far as can be before the arm is seen."""
+        self.output: ControlOutput | None = None
+        self._controller: Controller | None = None
+        self._commands: Publisher | None = None
         super().__init__('controller', context=context, **options)
+
+    def configure(self) -> None:
+        """Check the sets (9), compile the law, make the topics."""
         values = self.values
         self.arm = arm_of(self)
         self.theta = initial_theta(values, self.arm)
-        self.output: ControlOutput | None = None
-        self._controller: Controller | None = None
-        self._warm_up()
+        trial = build_controller(values, self.arm, None)
+        trial.warm_up(self.theta)  # compiled here, not in the first answer
+        self._check_sampling(trial)
+        self._state_reader = JointStateReader(self.arm.joints)
+        self._theta_reader = JointStateReader(self.arm.parameters)
+        self._torque_codec = Float64MultiArrayCodec(self.arm.n)
+        self._controller = None
         self._start_ns = 0
         self._last_ns: int | None = None
+        self._q = np.zeros(self.arm.n)
         self._jumped_ns: int | None = None
         self._heard_at: float | None = None
         self._lost = False
-        self._samples_seen = 0
         self._resumes = False
-        self._new_settings: ControllerSettings | None = None
-        self._new_reference: tuple[Controller, Reference] | None = None
-        self._violations = 0
-        self._first_violation = ''
-        self._margins = np.zeros(2 * self.arm.n)
-        self._lyapunov = 0.0
+        self._estimates: deque[tuple[int, np.ndarray | None]] = deque(maxlen=4)
+        self._estimate_limit = broadcast(values['estimate_limit'], self.arm.m)
+        self._unanswered: tuple[bytes, dict[str, int]] | None = None
         self._make_topics()
-        on_change(self, 'controller', values, self._retune)
 
     def _make_topics(self) -> None:
-        arm = self.arm
-        self._state_reader = JointStateReader(arm.joints)
-        self._theta_reader = JointStateReader(arm.parameters)
-        self._torque_codec = Float64MultiArrayCodec(arm.n)
-        self._codecs = ControllerCodecs(arm.joints, arm.parameters)
-        self._commands = self.data_publisher(Float64MultiArray, COMMANDS)
+        self.monitors = ControllerMonitors(self, self.arm.joints, self.arm.parameters)
         self._term = self.data_publisher(JointState, ADAPTATION_TERM)
-        self._monitors = {topic: self.data_publisher(JointState, topic)
-                          for topic in (REFERENCE, TRACKING_ERROR, BARRIER)}
-        self._guarantee_topic = self.data_publisher(JointState, GUARANTEE)
-        self._guarantee: GuaranteeMonitor | None = None
-        self.create_subscription(JointTrajectory, JOINT_TRAJECTORY, self.on_joint_trajectory, 10)
+        self._trajectories = self.create_subscription(
+            JointTrajectory, JOINT_TRAJECTORY, self.on_joint_trajectory, 10)
+        self._inputs = []
         if self.values['model'] == 'estimated':
-            self.data_subscription(JointState, THETA_HAT, self.on_theta_hat, wake=False,
-                                   newest_only=True)
-        self.data_subscription(JointState, JOINT_STATES, self.on_joint_states, newest_only=True)
+            self._inputs.append(self.data_subscription(
+                JointState, THETA_HAT, self.on_theta_hat, wake=self.lockstep,
+                newest_only=not self.lockstep, reliable=self.lockstep))
+        self._inputs.append(self.data_subscription(
+            JointState, JOINT_STATES, self.on_joint_states, newest_only=True,
+            reliable=self.lockstep))
 
-    def _warm_up(self) -> None:
-        """Check the sets (9) and compile the law, on the posture the reference starts in."""
-        zero = np.zeros(self.arm.n)
-        try:
-            trial = build_controller(self.values, self.arm, None)
-        except BlfError:
-            self.destroy_node()
-            raise
-        start = trial.reference.at(0.0).position
-        SmoothStart(trial.reference, 1.0, start).at(0.5)  # compiled here, not in the first answer
-        trial.lyapunov(start, trial.update(0.0, start, zero, self.theta), self.theta)
-        number = sampling_number(self.arm, trial.settings.k2, start, self.theta, 1e-3)
+    def cleanup(self) -> None:
+        """Take the topics down."""
+        for subscription in self._inputs:
+            self.end_data_subscription(subscription)
+        self.destroy_subscription(self._trajectories)
+        self.end_data_publisher(self._term)
+        self.monitors.close()
+
+    def _check_sampling(self, controller: Controller) -> None:
+        start, k2 = controller.reference.at(0.0).position, controller.settings.k2
+        number = sampling_number(self.arm, k2, start, self.theta, 1e-3)
         if number >= 2.0:
+            model = sampling_model(self.arm, start, self.theta)
             self.get_logger().warning(
-                f'k2 λ_max(M⁻¹) dt = {number:.2f} at 1 kHz with the initial estimate: 2 or more '
-                f'is unstable in a sampled loop; lower k2 or check the estimate')
+                f'k2 λ_max(M⁻¹) dt = {number:.2f} at 1 kHz with the {model} parameters: 2 or '
+                f'more is unstable in a sampled loop; lower k2 or check the model')
 
-    def _retune(self, values: dict[str, Any]) -> None:
-        # Taken by the loop before its next sample, also by a motion that is only just beginning.
-        self._new_settings = controller_settings(values, self.arm.n)
+    def activate(self) -> None:
+        """Check state and sets; claim the command topic.
+
+        Raises:
+            SetViolation: the arm is outside the safety set, with joint, value and bound.
+            BlfError: no fresh joint states, or somebody else sends commands.
+        """
+        self._check_fresh()
+        build_controller(self._values_to_start(), self.arm, self._q)
+        others = [f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                  for info in self.get_publishers_info_by_topic(COMMANDS)]
+        if others:
+            raise BlfError(f'{self.resolve_topic_name(COMMANDS)}: {", ".join(others)} sends '
+                           f'commands already: one controller at a time')
+        self._commands = self.data_publisher(Float64MultiArray, COMMANDS)
+        self._controller = None
+
+    def _check_fresh(self) -> None:
+        timeout = self.values['state_timeout']
+        if self._heard_at is None or (not self.lockstep
+                                      and time.monotonic() - self._heard_at > timeout):
+            raise BlfError(f'{self.resolve_topic_name(JOINT_STATES)}: no joint state within '
+                           f'{timeout:g} s: activation needs to know where the arm is')
+
+    def deactivate(self) -> None:
+        """Bring the torque to zero over ``ramp_time`` and give the command topic back."""
+        commands, last = self._commands, self.output
+        if commands is None:
+            return
+        if last is not None and self._controller is not None and not self._lost:
+            steps = 0 if self.lockstep else int(self.values['ramp_time'] / RAMP_STEP)
+            for left in range(steps - 1, 0, -1):
+                commands.publish(self._torque_codec.encode(last.torque * (left / steps)))
+                time.sleep(RAMP_STEP)
+            self._send_zero()
+            commands.wait_for_all_acked(LAST_WORDS)
+        self.end_data_publisher(commands)
+        self._commands, self._controller, self._resumes = None, None, True
+
+    def _send_zero(self) -> None:
+        if self._commands is not None and self.context.ok():
+            self._commands.publish(self._torque_codec.encode(np.zeros(self.arm.n)))
+
+    def retune(self, values: dict[str, Any], changed: set[str]) -> None:
+        """Change gains, limits, sets and reference between two samples, or refuse with numbers."""
+        controller, last_ns = self._controller, self._last_ns
+        if controller is None or last_ns is None:
+            trial = build_controller(values, self.arm, None) if hasattr(self, 'arm') else None
+        else:
+            trial = controller
+            parts = controller_parts(values, self.arm)
+            groups = {name.split('.')[0] for name in changed
+                      if name not in ('reference.smooth_start', 'reference.resume_time')}
+            controller.retune(
+                (last_ns - self._start_ns) * 1e-9, self._q, settings=parts.settings,
+                safety=parts.safety if 'safety' in groups else None,
+                performance=parts.performance if 'performance' in groups else None,
+                reference=parts.reference if 'reference' in groups else None,
+                blend_time=values['reference.resume_time'])
+        if trial is not None:
+            self._estimate_limit = broadcast(values['estimate_limit'], self.arm.m)
+            if 'k2' in changed:
+                self._check_sampling(trial)
 
     def on_theta_hat(self, data: bytes, info: dict[str, int]) -> None:
-        """Take the newest estimate; one that is not finite or not ours is dropped."""
+        """Take the newest estimate; one that is not finite, absurd or not ours is dropped."""
         try:
-            _, theta, _, _ = self._theta_reader.read(data)
+            stamp, theta, _, _ = self._theta_reader.read(data)
         except BagError as error:
             self.drop('unusable estimate', str(error))
             return
-        if np.isfinite(theta).all():
+        usable = self._believes(theta)
+        if self.lockstep:  # it may be that of the state which still waits for the one before
+            self._estimates.append((stamp, theta if usable else None))
+        elif usable:
             self.theta = theta
-        else:
+
+    def _believes(self, theta: np.ndarray) -> bool:
+        if not np.isfinite(theta).all():
             self.drop('non-finite estimate', 'the last one is kept')
+            return False
+        limit = self._estimate_limit
+        if (np.abs(theta) > limit).any():
+            i = int(np.argmax(np.abs(theta) / limit))
+            text = (f'{self.arm.parameters[i]} = {theta[i]:.4g} is beyond estimate_limit '
+                    f'{limit[i]:g}: the last estimate is kept')
+            self.last_fault = text
+            self.drop('absurd estimate', text)
+            return False
+        return True
 
     def on_joint_trajectory(self, message: JointTrajectory) -> None:
         """Follow the points instead of the reference so far; one that cannot be is dropped whole.
 
         Runs beside the loop: the new reference is made for a moment that is still to come.
         """
-        controller, last_ns = self._controller, self._last_ns
-        if controller is None or last_ns is None:
-            self.drop('trajectory before the motion has begun', 'send it again then')
-            return
-        t = (last_ns - self._start_ns) * 1e-9 + HEAD_START
-        try:
-            self._new_reference = controller, reference_through(message, controller, t)
-        except BlfError as error:
-            self.drop('unusable trajectory', str(error))
+        with self.between_samples:
+            controller, last_ns = self._controller, self._last_ns
+            if controller is None or last_ns is None:
+                self.drop('trajectory before the motion has begun', 'send it again then')
+                return
+            t = (last_ns - self._start_ns) * 1e-9 + HEAD_START
+            try:
+                controller.reference = reference_through(message, controller, t)
+            except BlfError as error:
+                self.drop('unusable trajectory', str(error))
 
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> None:
         """Answer a joint state with a torque."""
@@ -169,27 +250,40 @@ class ControllerNode(DataNode):
             return
         if not self._in_order(stamp):
             return
+        if self.lockstep and self._must_wait():
+            self._unanswered = (data, info)
+            return
+        if not self.active:
+            self._q, self._heard_at = q, time.monotonic()
+            if not (self.wants_activation and self._someone_drives()
+                    and self.activate_by_itself()):
+                self._unanswered = (data, info) if self.lockstep else None
+                return
         if self._lost:
             self._controller, self._resumes = None, True
         begins = self._controller is None
         if begins and not self._start(stamp, q):
+            self._unanswered = (data, info) if self.lockstep else None
             return
-        self._last_ns = stamp
+        self._last_ns, self._q = stamp, q
         self._heard_at, self._lost = time.monotonic(), False
+        self.aged(info)
         self._answer(stamp, q, qd)
         if begins:  # after the answer: writing a log line takes longer than the law
             self.get_logger().info('motion begins')
-            self._promise(stamp)
+            if self._controller is not None and self.output is not None:
+                self.monitors.promise(self._controller, stamp, self.output)
 
     def _in_order(self, stamp: int) -> bool:
         """Whether time goes on; a stamp far ahead counts once a second message confirms it.
 
         One wild stamp would otherwise throw the reference ahead and make every later state old.
+        Once the states count as lost, whatever comes next begins a new motion on its own clock.
         """
         if stamp >= TOO_LATE:
             self.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
             return False
-        if self._last_ns is None:
+        if self._last_ns is None or self._lost or self._controller is None:
             return True
         ahead = stamp - self._last_ns
         if ahead <= 0:
@@ -205,134 +299,87 @@ class ControllerNode(DataNode):
         self._jumped_ns = None
         return True
 
-    def _start(self, stamp: int, q: np.ndarray) -> bool:
-        if not self._someone_drives():
+    def _must_wait(self) -> bool:
+        """In lockstep a state is answered with the estimate that belongs to the one before it."""
+        if self._last_ns is None or self.values['model'] != 'estimated':
             return False
+        for stamp, theta in self._estimates:
+            if stamp == self._last_ns:
+                self.theta = self.theta if theta is None else theta
+                return False
+        return self.count_publishers(THETA_HAT) > 0
+
+    def _values_to_start(self) -> dict[str, Any]:
         values = dict(self.values)
         if self._resumes:  # the reference has moved on meanwhile, and so may the arm
             values['reference.smooth_start'] = max(values['reference.smooth_start'],
                                                    values['reference.resume_time'])
-        self._controller = build_controller(values, self.arm, q)
+        return values
+
+    def _start(self, stamp: int, q: np.ndarray) -> bool:
+        commands = self._commands
+        if commands is None or not (commands.get_subscription_count() and self._someone_drives()):
+            return False
+        self._controller = build_controller(self._values_to_start(), self.arm, q)
         self._start_ns = stamp
-        self._guarantee = None
+        self.statistics.break_off()
+        self.monitors.begin()
         return True
 
     def _someone_drives(self) -> bool:
         """Whether an arm listens to the commands; a recorder of ours does not move one."""
-        if self._commands.get_subscription_count() == 0:
-            return False
         return any(info.node_name != 'recorder'
                    for info in self.get_subscriptions_info_by_topic(COMMANDS))
 
     def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray) -> None:
-        controller = self._controller
-        if controller is None:
+        controller, commands = self._controller, self._commands
+        if controller is None or commands is None:
             return
-        new, self._new_settings = self._new_settings, None
-        if new is not None:
-            controller.settings = new
-        follow, self._new_reference = self._new_reference, None
-        if follow is not None and follow[0] is controller:
-            controller.reference = follow[1]
-        output = controller.update((stamp - self._start_ns) * 1e-9, q, qd, self.theta)
-        self._commands.publish(self._torque_codec.encode(output.torque))
-        self._term.publish(self._codecs.adaptation_term(stamp, output))
+        t = (stamp - self._start_ns) * 1e-9
+        output = controller.update(t, q, qd, self.theta)
+        commands.publish(self._torque_codec.encode(output.torque))
+        self._term.publish(self.monitors.codecs.adaptation_term(stamp, output))
         self.output = output
-        self.sampled()
-        self._measure(controller, q, output)
-        if self._samples_seen % self.values['monitor_decimation'] == 0:
-            self._monitor(controller, stamp, q, output)
-        self._samples_seen += 1
-
-    def _promise(self, stamp: int) -> None:
-        """State what Theorem 2 promises from here on, given bounds on the unknown arm."""
-        values, controller, output = self.values, self._controller, self.output
-        if values['guarantee.mode'] == 'off' or controller is None or output is None:
-            return
-        smallest, largest = values['guarantee.mass']
-        value = bounded_value(output.e1, output.e2, controller.performance, largest,
-                              values['guarantee.theta_error'],
-                              np.array([values['guarantee.smallest_gamma']]))
-        promised = guarantee(value, controller.performance, controller.reference.range(),
-                             smallest)
-        self._guarantee = GuaranteeMonitor(promised, controller.performance, self.arm.joints)
-        self._guarantee_topic.publish(self._codecs.guarantee(stamp, promised))
-        bounds = ', '.join(f'{joint} {low:.4g} .. {high:.4g} rad' for joint, low, high in zip(
-            self.arm.joints, promised.error_lower, promised.error_upper))
-        self.get_logger().info(f'Theorem 2: V(0) <= {value:.4g}, so e1 stays in {bounds}')
-
-    def _watch_promise(self, t: float, stamp: int, e1: np.ndarray) -> None:
-        monitor = self._guarantee
-        if monitor is None:
-            return
-        if self._samples_seen % HEARTBEAT == 0:
-            self._guarantee_topic.publish(self._codecs.guarantee(stamp, monitor.promised))
-        left = monitor.observe(t, e1)
-        if left is not None:
-            self.get_logger().error(
-                f'joint {left.joint}: e1 = {left.value:.4g} rad is beyond the {left.bound:.4g} '
-                f'rad that Theorem 2 promises: check the bounds under guarantee, torque limits '
-                f'and the delay', throttle_duration_sec=1.0)
-
-    def _measure(self, controller: Controller, q: np.ndarray, output: ControlOutput) -> None:
-        """Take the margins of every sample; say which joint left which set, by how much."""
-        n = self.arm.n
-        self._margins[:n] = controller.safety.margin(q)
-        self._margins[n:] = controller.performance.margin(output.e1)
-        if self._margins.min() > 0.0:
-            return
-        worst = int(np.argmin(self._margins))
-        i, name = worst % n, 'safety' if worst < n else 'performance'
-        value = q[i] if worst < n else output.e1[i]
-        bounds = controller.safety if worst < n else controller.performance
-        text = (f'joint {self.arm.joints[i]!r} has left its {name} set: {value:.5g} rad is not '
-                f'within {bounds.lower[i]:.5g} .. {bounds.upper[i]:.5g} rad')
-        self._violations += 1
-        self._first_violation = self._first_violation or text
-        self.get_logger().error(text, throttle_duration_sec=1.0)
-
-    def _monitor(self, controller: Controller, stamp: int, q: np.ndarray,
-                 output: ControlOutput) -> None:
-        self._lyapunov = controller.lyapunov(q, output, self.theta)
-        for topic, message in self._codecs.monitors(stamp, output, self._margins,
-                                                    self._lyapunov).items():
-            self._monitors[topic].publish(message)
-        self._watch_promise((stamp - self._start_ns) * 1e-9, stamp, output.e1)
+        inside = self.monitors.watch(controller, t, stamp, q, output, self.theta)
+        self.sampled(stamp)
+        if not inside and self.values['on_violation'] == 'stop':
+            self.trigger_deactivate()
 
     def idle(self) -> None:
-        """Command zero torque when the joint states stop coming."""
+        """Answer what waits in lockstep; command zero torque when the states stop coming."""
+        if self.lockstep:
+            waiting, self._unanswered = getattr(self, '_unanswered', None), None
+            if waiting is not None:
+                self.on_joint_states(*waiting)
+            return
         timeout = self.values['state_timeout']
-        if (self._heard_at is not None and not self._lost
-                and time.monotonic() - self._heard_at > timeout):
+        if (self.active and self._controller is not None and self._heard_at is not None
+                and not self._lost and time.monotonic() - self._heard_at > timeout):
             self._lost = True
-            self._commands.publish(self._torque_codec.encode(np.zeros(self.arm.n)))
-            self.get_logger().error(f'no joint state for {timeout:g} s: zero torque')
+            self._send_zero()
+            self.fault('lost', f'no joint state for {timeout:g} s: zero torque')
 
     def finish(self) -> None:
-        """Zero torque is the last thing sent."""
-        if self._heard_at is not None and self.context.ok():
-            self._commands.publish(self._torque_codec.encode(np.zeros(self.arm.n)))
+        """Zero torque is the last thing sent; where nothing was sent the brakes stay on."""
+        if self._controller is not None:
+            self._send_zero()
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
         """Report the margins to both sets, V and saturation."""
+        if self.state_id == 1:
+            return DiagnosticStatus.WARN, 'unconfigured', {}
+        if not self.active:
+            waiting = 'waiting for joint states and a listener'
+            return DiagnosticStatus.WARN, waiting if self.wants_activation else 'inactive', {}
         if self._controller is None or self.output is None:
             return DiagnosticStatus.WARN, 'waiting for joint states and a listener', {}
-        n = self.arm.n
-        values: dict[str, object] = {'V': f'{self._lyapunov:.6g}',
-                                     'superseded messages': self.superseded}
-        for i, joint in enumerate(self.arm.joints):
-            values[f'{joint} safety margin [rad]'] = f'{self._margins[i]:.6g}'
-            values[f'{joint} performance margin [rad]'] = f'{self._margins[n + i]:.6g}'
-            values[f'{joint} saturated'] = bool(self.output.saturated[i])
+        values = self.monitors.status(self.output.saturated)
         if self._lost:
             return DiagnosticStatus.ERROR, 'joint states lost: zero torque', values
-        if self._violations:
-            values['samples outside a set'] = self._violations
-            values['first violation'] = self._first_violation
-        if self._guarantee is not None and self._guarantee.first is not None:
-            values['left what Theorem 2 promises at [s]'] = f'{self._guarantee.first.t:.3f}'
-        if self._violations:
-            return DiagnosticStatus.ERROR, self._first_violation, values
+        if self.count_publishers(COMMANDS) > 1:
+            return DiagnosticStatus.ERROR, 'another node sends commands, too', values
+        if self.monitors.violations:
+            return DiagnosticStatus.ERROR, self.monitors.first_violation, values
         return DiagnosticStatus.OK, 'running', values
 
 

@@ -6,35 +6,38 @@ from __future__ import annotations
 from collections.abc import Callable
 import gc
 import inspect
-import signal
 import sys
 import threading
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-import rclpy
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.logging import get_logger_level, LoggingSeverity, set_logger_level
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
+from rclpy.time import Time as ROSTime
 
-from adaptive_blf_control.errors import BlfError, ParameterError
-from adaptive_blf_control.nodes.direct_wait import DataGroup, DirectWait, take_all
-from adaptive_blf_control.nodes.node_parameters import (
-    check_files,
-    declare,
-    explain_files,
-    refuse_untyped,
+from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.nodes.direct_wait import (
+    DIRECT,
+    DirectChannel,
+    DirectWait,
+    PlainChannel,
+    PlainWait,
+    take_over_clock,
 )
+from adaptive_blf_control.nodes.loop_statistics import LoopStatistics
+from adaptive_blf_control.nodes.node_parameters import declare, on_change, refuse_untyped
+from adaptive_blf_control.nodes.realtime import as_usual, lock_memory, raise_priority
 
-__all__ = ['TOO_LATE', 'DataNode', 'run_node']
+__all__ = ['DEPTH', 'TOO_LATE', 'DataNode', 'Handler']
 
 # A wait on data alone does not see a stop request: it ends at least this often to look.
 LONGEST_WAIT = 0.05  # s
@@ -42,8 +45,16 @@ DEPTH = 100
 TOO_LATE = 2**31 * 10**9  # ns, the first time that header.stamp cannot hold
 LAST_WORDS = 1.0  # s to deliver the last messages at the end
 SAY_AGAIN = 1.0  # s between two log lines about the same reason
+SWITCH = 2e-4  # s the loop waits at most for a thread that computes diagnostics
 
 Handler = Callable[[bytes, dict[str, int]], None]
+
+
+class _Topic(NamedTuple):
+    channel: DirectChannel | PlainChannel
+    handler: Handler
+    newest_only: bool
+    wake: bool
 
 
 class DataNode(Node):
@@ -55,6 +66,10 @@ class DataNode(Node):
         exit_code: What the process returns; non-zero after a failure.
         drops: Messages not used, counted by reason.
         superseded: Messages passed over because a newer one was there already.
+        between_samples: Held while messages are handled; whoever holds it is between two samples.
+        lockstep: Whether time is that of /clock (``use_sim_time``) and every sample is answered.
+        statistics: How well the loop holds its rate.
+        last_fault: What went wrong last, '' where nothing has.
     """
 
     def __init__(self, kind: str, *, context: Context | None = None, **options: Any) -> None:
@@ -68,28 +83,46 @@ class DataNode(Node):
         self.kind = kind
         try:
             self.values = declare(self, kind)
-            if self.get_parameter('use_sim_time').value:
-                raise ParameterError('use_sim_time', True,
-                                     'false: the nodes run in real time, simulate in lockstep')
         except BlfError:
             self.destroy_node()
             raise
+        self.lockstep = bool(self.get_parameter('use_sim_time').value)
+        self._ros_clock = self.get_clock()
+        if self.lockstep:
+            take_over_clock(self)
         self.stop = threading.Event()
         self.exit_code = 0
         self.drops: dict[str, int] = {}
-        self._said: dict[str, float] = {}
-        self._data_group = DataGroup()
-        self._waited: list[tuple[Subscription, Handler, bool]] = []
-        self._drained: list[tuple[Subscription, Handler, bool]] = []
         self.superseded = 0
-        self._wait: DirectWait | None = None
+        self.between_samples = threading.RLock()
+        self.statistics = LoopStatistics()
+        self.last_fault = ''
+        self._said: dict[str, float] = {}
+        self._topics: list[_Topic] = []
+        self._leaving: list[Subscription] = []
+        self._wait: DirectWait | PlainWait | None = None
+        self._executor_alone: SingleThreadedExecutor | None = None
         self._data_publishers: list[Publisher] = []
-        self._samples = 0
         self._rate_since = time.monotonic()
+        self._rate_samples = 0
+        self._direct = self.values['executor'] == 'direct'
+        if self._direct and not DIRECT:
+            self._direct = False
+            self.get_logger().warning('this rclpy has no wait sets to use: executor: plain')
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._second = -1
+        on_change(self, kind, self.values, self._retune_between_samples)
         # rclpy's logger asks inspect for its caller, and the first such question reads every
         # loaded module's file: 50 to 100 ms that must not fall into a control cycle.
         inspect.getframeinfo(sys._getframe())
+
+    def _retune_between_samples(self, values: dict[str, Any], changed: set[str]) -> None:
+        with self.between_samples:
+            self.retune(values, changed)
+            self.values.update(values)
+
+    def retune(self, values: dict[str, Any], changed: set[str]) -> None:
+        """Take new parameter values between two samples, all of them or (BlfError) none."""
 
     def data_publisher(self, message_type: type, topic: str) -> Publisher:
         """Return a reliable publisher; ``publish(bytes)`` sends CDR as it is."""
@@ -119,42 +152,93 @@ class DataNode(Node):
             qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
         qos.reliability = (ReliabilityPolicy.RELIABLE if reliable
                            else ReliabilityPolicy.BEST_EFFORT)
-        subscription = self.create_subscription(
-            message_type, topic, lambda _: None, qos, callback_group=self._data_group, raw=True)
-        (self._waited if wake else self._drained).append(
-            (subscription, handler, newest_only))
+        channel = (DirectChannel if self._direct else PlainChannel)(self, message_type, topic, qos)
+        # Those that do not wake come first: they are handled before what they are needed for.
+        self._topics.insert(len(self._topics) if wake else sum(not t.wake for t in self._topics),
+                            _Topic(channel, handler, newest_only, wake))
         self._wait = None
-        return subscription
+        return channel.subscription
 
     def end_data_subscription(self, subscription: Subscription) -> None:
-        """Stop hearing what :meth:`data_subscription` returned; call it in the node's loop."""
-        for entries in (self._waited, self._drained):
-            entries[:] = [entry for entry in entries if entry[0] is not subscription]
+        """Stop hearing what :meth:`data_subscription` returned; call it between two samples."""
+        self._topics = [t for t in self._topics if t.channel.subscription is not subscription]
+        self._leaving.append(subscription)  # the loop may be waiting on it
+
+    def _forget_leaving(self) -> None:
         self._wait = None
-        self.destroy_subscription(subscription)
+        while self._leaving:
+            self.destroy_subscription(self._leaving.pop())
+
+    def end_data_publisher(self, publisher: Publisher) -> None:
+        """Take down what :meth:`data_publisher` returned."""
+        self._data_publishers.remove(publisher)
+        self.destroy_publisher(publisher)
 
     def drop(self, reason: str, detail: str) -> None:
         """Count a message that is not used and say why, at most once a second per reason."""
         self.drops[reason] = self.drops.get(reason, 0) + 1
-        now = time.monotonic()
-        # The logger's own throttle goes by line of code, so one reason would silence another.
-        if now - self._said.get(reason, -SAY_AGAIN) >= SAY_AGAIN:
-            self._said[reason] = now
+        if self._may_say(reason):
             self.get_logger().warning(f'{reason}: {detail} ({self.drops[reason]} so far)')
 
-    def sampled(self) -> None:
-        """Count one sample of the node's work, for the rate in the diagnostics."""
-        self._samples += 1
+    def fault(self, reason: str, text: str) -> None:
+        """Keep ``text`` as the last fault and log it, at most once a second per ``reason``."""
+        self.last_fault = text
+        if self._may_say(reason):
+            self.get_logger().error(text)
+
+    def _may_say(self, reason: str) -> bool:
+        # The logger's own throttle goes by line of code, so one reason would silence another.
+        now = time.monotonic()
+        if now - self._said.get(reason, -SAY_AGAIN) < SAY_AGAIN:
+            return False
+        self._said[reason] = now
+        return True
+
+    def sampled(self, stamp_ns: int = 0) -> None:
+        """Count one sample of the node's work, measured at ``stamp_ns``."""
+        self.statistics.sample(time.monotonic_ns(), stamp_ns)
+        if self.lockstep:
+            self._ros_clock.set_ros_time_override(
+                ROSTime(nanoseconds=stamp_ns, clock_type=ClockType.ROS_TIME))
+            if stamp_ns // 10**9 != self._second:
+                self._second = stamp_ns // 10**9
+                self._publish_diagnostics(stamp_ns)
 
     def spin_data(self, timeout: float = LONGEST_WAIT) -> None:
         """Wait for data for at most ``timeout`` [s] and handle all that is there."""
+        if self._leaving:
+            self._forget_leaving()
         if self._wait is None:
-            self._wait = DirectWait([entry[0] for entry in self._waited], self.context)
+            self._wait = self._new_wait()
         self._wait.wait(min(timeout, LONGEST_WAIT))
-        for subscription, handler, newest_only in (*self._drained, *self._waited):
-            taken = take_all(subscription, handler, newest_only)
-            if newest_only and taken > 1:
-                self.superseded += taken - 1
+        begin, handled = time.monotonic_ns(), 0
+        with self.between_samples:
+            for topic in self._topics:
+                taken = topic.channel.take(topic.handler, topic.newest_only)
+                handled += taken
+                if topic.newest_only and taken > 1:
+                    self.superseded += taken - 1
+        if handled:
+            self.statistics.callback.add(time.monotonic_ns() - begin)
+
+    def _new_wait(self) -> DirectWait | PlainWait:
+        if self._direct:
+            return DirectWait([t.channel.subscription for t in self._topics if t.wake],
+                              self.context)
+        if self._executor_alone is None:
+            self._executor_alone = self._new_executor()
+        return PlainWait(self._executor_alone)
+
+    def _new_executor(self) -> SingleThreadedExecutor:
+        executor = SingleThreadedExecutor(context=self.context)
+        executor.add_node(self)
+        return executor
+
+    def aged(self, info: dict[str, int]) -> None:
+        """Count the time a message took from its publication to being handled, on one host."""
+        sent = info.get('source_timestamp')
+        if sent and not self.lockstep:
+            self.statistics.age.add(time.time_ns() - sent)
 
     def idle(self) -> None:
         """Do what has to be done between messages: watchdogs. Called after every wait."""
@@ -164,11 +248,14 @@ class DataNode(Node):
 
     def run(self) -> int:
         """Serve data until :attr:`stop` is set or the context ends; return the exit code."""
-        self.create_timer(1.0, self._publish_diagnostics)
-        executor = SingleThreadedExecutor(context=self.context)
-        executor.add_node(self)
-        thread = threading.Thread(target=self._serve, args=(executor,), daemon=True)
-        thread.start()
+        if not self.lockstep:  # there it belongs to the samples, so that runs can be compared
+            self.create_timer(1.0, self._publish_diagnostics,
+                              clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._ask_for_real_time()
+        thread = threading.Thread(target=self._serve, daemon=True)
+        if self._direct:
+            thread.start()
+        sys.setswitchinterval(SWITCH)
         gc.collect()
         gc.freeze()  # nothing made so far will be collected: no pauses for it
         try:
@@ -179,9 +266,18 @@ class DataNode(Node):
                 self._while_up(self._deliver)
             finally:
                 self.stop.set()
-                executor.shutdown(timeout_sec=2.0)
-                thread.join(timeout=2.0)
+                if self._direct:
+                    thread.join(timeout=2.0)
+                if self._executor_alone is not None:
+                    self._executor_alone.shutdown(timeout_sec=2.0)
         return self.exit_code
+
+    def _ask_for_real_time(self) -> None:
+        priority = self.values['realtime.priority']
+        refused = [raise_priority(priority) if priority else None,
+                   lock_memory() if self.values['realtime.lock_memory'] else None]
+        for reason in filter(None, refused):
+            self.get_logger().warning(f'{reason}: running as usual')
 
     def _deliver(self) -> None:
         """Wait until every reliable subscriber has the last messages: sent is not delivered.
@@ -203,12 +299,21 @@ class DataNode(Node):
 
     def loop(self) -> None:
         """Serve data until the end; the driver replaces this with a timed loop."""
-        while not self.stop.is_set() and self.context.ok():
+        while self.up:
             self.spin_data()
-            self.idle()
+            with self.between_samples:
+                self.idle()
 
-    def _serve(self, executor: SingleThreadedExecutor) -> None:
-        while not self.stop.is_set() and self.context.ok():
+    @property
+    def up(self) -> bool:
+        """Whether neither the node nor ROS has been asked to stop."""
+        return not self.stop.is_set() and self.context.ok()
+
+    def _serve(self) -> None:
+        if self.values['realtime.priority']:
+            as_usual()
+        executor = self._new_executor()
+        while self.up:
             try:
                 executor.spin_once(timeout_sec=LONGEST_WAIT)
             except ExternalShutdownException:
@@ -216,20 +321,21 @@ class DataNode(Node):
             except Exception as error:  # one bad request must not take all services away
                 if self.context.ok():
                     self.drop('failed request', f'{type(error).__name__}: {error}')
+        executor.shutdown(timeout_sec=2.0)
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
         """Return level, message and values for the diagnostics (REP 107)."""
         return DiagnosticStatus.OK, 'running', {}
 
-    def _publish_diagnostics(self) -> None:
-        now = time.monotonic()
-        rate = self._samples / max(now - self._rate_since, 1e-9)
-        self._samples, self._rate_since = 0, now
+    def _publish_diagnostics(self, stamp_ns: int = 0) -> None:
         level, text, values = self.status()
-        values = {'rate': f'{rate:.1f}', **values,
-                  **{f'dropped: {reason}': count for reason, count in dict(self.drops).items()}}
+        if not stamp_ns:
+            values = {**self._measured(), **values}
+        values.update({f'dropped: {reason}': count for reason, count in dict(self.drops).items()})
+        values['last fault'] = self.last_fault or 'none'
         array = DiagnosticArray()
-        array.header.stamp = self.get_clock().now().to_msg()
+        array.header.stamp = (Time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9) if stamp_ns
+                              else self.get_clock().now().to_msg())
         array.status = [DiagnosticStatus(
             level=level, name=f'{self.get_name()}: {self.kind}', message=text,
             hardware_id=self.get_namespace().strip('/') or 'arm',
@@ -237,66 +343,9 @@ class DataNode(Node):
         if self.context.ok():
             self._diagnostics.publish(array)
 
-
-def run_node(kind: str, make: Callable[[], DataNode], args: list[str] | None) -> int:
-    """Run a node as a process: signals, clear errors, clean shutdown.
-
-    Args:
-        kind: Name of the node, for messages.
-        make: Makes the node.
-        args: ROS arguments; those of the process where None.
-
-    Returns:
-        The exit status: 2 where the node cannot be made, or ends with an error of ours.
-    """
-    made: list[DataNode] = []
-    asked: list[int] = []
-
-    def end(number: int, _: object) -> None:
-        asked.append(number)
-        if not made:  # nothing to wind down yet, and making a node may take long
-            raise SystemExit(128 + number)
-        made[0].stop.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, end)
-    try:
-        _initialise(kind, args)
-        made.append(make())
-    except (BlfError, ParameterException, RuntimeError) as error:
-        print(f'{kind}: {error}', file=sys.stderr)
-        rclpy.try_shutdown()
-        return 2
-    node = made[0]
-    try:
-        if asked:  # came in the moment the node was being handed over
-            node.stop.set()
-        return node.run()
-    except BlfError as error:
-        node.get_logger().fatal(str(error))
-        return 2
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-
-
-def _initialise(kind: str, args: list[str] | None) -> None:
-    """Start ROS without its signal handlers: the last torque and the bag's end come before.
-
-    Raises:
-        ParameterError: a parameter file cannot be used, with the reason in our words.
-        RuntimeError: any other argument ROS does not take.
-    """
-    arguments = sys.argv if args is None else args
-    check_files(arguments)
-    set_logger_level('rcl', LoggingSeverity.FATAL)  # says less than what is raised, and first
-    try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        explain_files(arguments, kind)
-        unknown = type(error).__name__ == 'UnknownROSArgsError'
-        raise RuntimeError(f'unknown ROS arguments {error}' if unknown else
-                           str(error).split(', at /')[0]) from None
-    finally:
-        if get_logger_level('rcl') == LoggingSeverity.FATAL:
-            set_logger_level('rcl', LoggingSeverity.UNSET)
+    def _measured(self) -> dict[str, object]:
+        now, samples = time.monotonic(), self.statistics.samples
+        rate = (samples - self._rate_samples) / max(now - self._rate_since, 1e-9)
+        self._rate_samples, self._rate_since = samples, now
+        return {'rate [Hz]': f'{rate:.1f}', **self.statistics.take(),
+                'superseded messages': self.superseded}

@@ -2,22 +2,36 @@
 """Waiting on data subscriptions alone: the only module that touches the inside of rclpy.
 
 rclpy's executor builds a new wait set with every service, timer and guard of the node on each
-pass. At 1 kHz that costs more than the control law. Here one wait set holds the data
-subscriptions; parameters, services, timers and diagnostics stay with an ordinary executor in a
-second thread.
+pass. At 1 kHz that costs more than the control law. With :class:`DirectWait` one wait set holds
+the data subscriptions; parameters, services, timers and diagnostics stay with an ordinary
+executor in a second thread. :class:`PlainWait` does the same work with that executor alone, for
+an rclpy whose inside has changed (parameter ``executor``).
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 import time
+from typing import Protocol
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-__all__ = ['DataGroup', 'DirectWait', 'take_all']
+try:
+    from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+    DIRECT = hasattr(_rclpy, 'WaitSet')
+except ImportError:
+    DIRECT = False
+
+__all__ = ['DIRECT', 'DataGroup', 'DirectChannel', 'DirectWait', 'PlainChannel', 'PlainWait',
+           'take_all', 'take_over_clock']
+
+Handler = Callable[[bytes, dict[str, int]], None]
 
 
 class DataGroup(CallbackGroup):
@@ -33,6 +47,51 @@ class DataGroup(CallbackGroup):
 
     def ending_execution(self, entity: object) -> None:
         """Nothing to end."""
+
+
+class Channel(Protocol):
+    """A raw subscription and the messages that wait in it."""
+
+    subscription: Subscription
+
+    def take(self, handler: Handler, newest_only: bool = False) -> int:
+        """Hand every waiting message to ``handler``, oldest first, and return how many."""
+        ...
+
+
+class DirectChannel:
+    """Messages wait in the middleware until they are taken."""
+
+    def __init__(self, node: Node, message_type: type, topic: str, qos: QoSProfile) -> None:
+        """Subscribe where no executor looks."""
+        self.subscription = node.create_subscription(
+            message_type, topic, lambda _: None, qos, callback_group=DataGroup(), raw=True)
+
+    def take(self, handler: Handler, newest_only: bool = False) -> int:
+        """See :class:`Channel`."""
+        return take_all(self.subscription, handler, newest_only)
+
+
+class PlainChannel:
+    """The executor's callback only queues; the loop handles, as with :class:`DirectChannel`."""
+
+    def __init__(self, node: Node, message_type: type, topic: str, qos: QoSProfile) -> None:
+        """Subscribe as anybody would."""
+        self._waiting: deque[tuple[bytes, dict[str, int]]] = deque(maxlen=qos.depth)
+
+        def keep(data: bytes, info: dict[str, int]) -> None:
+            self._waiting.append((data, info))
+
+        self.subscription = node.create_subscription(message_type, topic, keep, qos, raw=True)
+
+    def take(self, handler: Handler, newest_only: bool = False) -> int:
+        """See :class:`Channel`."""
+        taken = len(self._waiting)
+        for left in range(taken, 0, -1):
+            message = self._waiting.popleft()
+            if left == 1 or not newest_only:
+                handler(*message)
+        return taken
 
 
 class DirectWait:
@@ -54,8 +113,32 @@ class DirectWait:
         self._wait_set.wait(max(int(timeout * 1e9), 0))
 
 
-def take_all(subscription: Subscription, handler: Callable[[bytes, dict[str, int]], None],
-             newest_only: bool = False) -> int:
+class PlainWait:
+    """Serves whatever the executor has, data and requests alike, one at a time."""
+
+    def __init__(self, executor: Executor) -> None:
+        """Take the executor that has the node."""
+        self._executor = executor
+
+    def wait(self, timeout: float) -> None:
+        """Return after one callback of any kind, or when ``timeout`` [s] has passed."""
+        self._executor.spin_once(timeout_sec=max(timeout, 0.0))
+
+
+def take_over_clock(node: Node) -> None:
+    """End the node's own subscription to /clock: whoever calls sets the time with each sample.
+
+    rclpy serves it through the executor, for every step of a simulation that makes thousands in
+    a second. Where its inside is another, it goes on as it is.
+    """
+    source = getattr(node, '_time_source', None)
+    subscription = getattr(source, '_clock_sub', None)
+    if source is not None and subscription is not None:
+        node.destroy_subscription(subscription)
+        source._clock_sub = None
+
+
+def take_all(subscription: Subscription, handler: Handler, newest_only: bool = False) -> int:
     """Take every waiting message, oldest first, as CDR bytes with its info.
 
     Args:

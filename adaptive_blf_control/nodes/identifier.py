@@ -4,13 +4,19 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
+from datetime import datetime, timezone
+import os
 from pathlib import Path
 import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.context import Context
+from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Int32
 from std_srvs.srv import Trigger
@@ -18,10 +24,14 @@ from std_srvs.srv import Trigger
 from adaptive_blf_control.bags.cdr import encode_float64, encode_int32
 from adaptive_blf_control.bags.joint_state import JointStateCodec, JointStateReader
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.identification.estimate_file import write_estimate
+from adaptive_blf_control.identification.estimate_file import (
+    estimate_path,
+    recent_estimate,
+    write_estimate,
+)
 from adaptive_blf_control.identification.rank_condition import rank_warning
-from adaptive_blf_control.nodes.data_node import DataNode, DEPTH, run_node, TOO_LATE
-from adaptive_blf_control.nodes.node_parameters import on_change
+from adaptive_blf_control.nodes.data_node import DataNode, DEPTH, TOO_LATE
+from adaptive_blf_control.nodes.process import run_node
 from adaptive_blf_control.nodes.robot_description import arm_of
 from adaptive_blf_control.parameters.build import build_identifier, identifier_settings
 from adaptive_blf_control.topics import (
@@ -50,7 +60,7 @@ class IdentifierNode(DataNode):
         """Build the identifier from the parameters."""
         super().__init__('identifier', context=context, **options)
         self.arm = arm_of(self)
-        self.identifier = build_identifier(self.values, self.arm)
+        self.identifier = build_identifier(self.values, self.arm, self._where_it_was())
         self.identifier.warm_up()
         warning = rank_warning(self.identifier.settings, self.arm.n, self.arm.m)
         if warning:
@@ -69,16 +79,71 @@ class IdentifierNode(DataNode):
         self._rank = self.data_publisher(Int32, HISTORY_RANK)
         self._sigma_min = self.data_publisher(Float64, HISTORY_SIGMA_MIN)
         self._excitation = self.data_publisher(Float64, EXCITATION)
-        self.data_subscription(JointState, ADAPTATION_TERM, self.on_adaptation_term, wake=False)
-        self.data_subscription(JointState, JOINT_STATES, self.on_joint_states)
+        self._unanswered: tuple[bytes, dict[str, int]] | None = None
+        self._last_ns = 0
+        self._reported = self.identifier.theta, 0.0
+        self.data_subscription(JointState, ADAPTATION_TERM, self.on_adaptation_term,
+                               wake=self.lockstep, reliable=self.lockstep)
+        self.data_subscription(JointState, JOINT_STATES, self.on_joint_states,
+                               reliable=self.lockstep)
         self.create_service(Trigger, '~/reset_history', self.on_reset_history)
         self.create_service(Trigger, '~/save_estimate', self.on_save_estimate)
-        on_change(self, 'identifier', self.values, self._retune)
+        self._saved_samples = 0
+        self._saver: Timer | None = None
+        self._set_saver(self.values['estimate_period'])
 
-    def _retune(self, values: dict[str, Any]) -> None:
+    def _where_it_was(self) -> np.ndarray | None:
+        """Return the estimate of an identifier that ended a moment ago, None to start afresh."""
+        within = self.values['resume_within']
+        if within <= 0.0:
+            return None
+        path = self._estimate_path(self.values)
+        theta = recent_estimate(path, self.arm.parameters, _now(), within)
+        if theta is not None:
+            self.get_logger().info(f'going on from the estimate in {path}')
+        return theta
+
+    def _estimate_path(self, values: Mapping[str, Any]) -> Path:
+        return estimate_path(values['estimate_file'], self.get_namespace(), os.environ)
+
+    def _set_saver(self, period: float) -> None:
+        if self._saver is not None:
+            self.destroy_timer(self._saver)
+        self._saver = self.create_timer(period, self._save_now_and_then, clock=Clock(
+            clock_type=ClockType.STEADY_TIME)) if period > 0.0 else None
+
+    def _save_now_and_then(self) -> None:
+        if self.statistics.samples == self._saved_samples:
+            return  # nothing learned since
+        self._saved_samples = self.statistics.samples
+        try:
+            self._save()
+        except (OSError, ValueError) as error:
+            self.fault('estimate not written', f'estimate not written: {error}')
+
+    def _save(self) -> Path:
+        """Write what is known now; OSError names the file and the reason."""
+        path = self._estimate_path(self.values)
+        with self.between_samples:
+            snapshot = self.identifier.snapshot()
+        try:
+            write_estimate(path, snapshot, _now(), make_folder=not self.values['estimate_file'])
+        except OSError as error:
+            raise OSError(f'{path}: {error.strerror or error}') from None
+        return path
+
+    def finish(self) -> None:
+        """Keep what was learned since the last time."""
+        if self.values['estimate_period'] > 0.0:
+            self._save_now_and_then()
+
+    def retune(self, values: dict[str, Any], changed: set[str]) -> None:
+        """Change gains, filters, monitor or history between two samples."""
         # θ̂(0) is history; its file may be gone or hold another arm's by now.
-        settings = identifier_settings({**values, 'initial_estimate_file': ''}, self.arm)
-        self.identifier.settings = settings  # one assignment: between two samples
+        self.identifier.retune(identifier_settings(values, self.arm,
+                                                   self.identifier.settings.initial_estimate))
+        if 'estimate_period' in changed:
+            self._set_saver(values['estimate_period'])
 
     def on_adaptation_term(self, data: bytes, info: dict[str, int]) -> None:
         """Keep Xᵀe2 of (37) until the next one; it acts over the interval that follows."""
@@ -102,6 +167,11 @@ class IdentifierNode(DataNode):
         if stamp >= TOO_LATE:
             self.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
             return
+        if self.lockstep and self._must_wait():
+            self._unanswered = (data, info)
+            return
+        self._last_ns = stamp
+        self.aged(info)
         if self._reset_requested:
             self._reset_requested = False
             self.identifier.reset_history()
@@ -109,7 +179,6 @@ class IdentifierNode(DataNode):
             self._zero_ns = stamp  # seconds since 1970 as a double would cost 2e-7 s of precision
         theta = self.identifier.update((stamp - self._zero_ns) * 1e-9, q, qd, tau,
                                        self._held_term(stamp))
-        self.sampled()
         self._theta.publish(self._theta_codec.encode(stamp, theta))
         stack = self.identifier.stack
         self._since_published += 1
@@ -120,6 +189,7 @@ class IdentifierNode(DataNode):
             excitation = self.identifier.excitation
             if excitation is not None:
                 self._excitation.publish(encode_float64(excitation))
+        self.sampled(stamp)
         if self.identifier.monitor.changes != self._changes:
             self._changes = self.identifier.monitor.changes
             self.get_logger().warning(f'the arm has changed: the history is emptied '
@@ -133,6 +203,17 @@ class IdentifierNode(DataNode):
                 return term if fresh else None
         return None
 
+    def _must_wait(self) -> bool:
+        """In lockstep a state is used with the adaptation term of the one before it."""
+        return (self._last_ns > 0 and all(sent != self._last_ns for sent, _ in self._terms)
+                and self.count_publishers(ADAPTATION_TERM) > 0)
+
+    def idle(self) -> None:
+        """Use the state that waits in lockstep."""
+        waiting, self._unanswered = self._unanswered, None
+        if waiting is not None:
+            self.on_joint_states(*waiting)
+
     def on_reset_history(self, request: Trigger.Request,
                          response: Trigger.Response) -> Trigger.Response:
         """Empty the history stack before the next sample; θ̂ stays."""
@@ -144,14 +225,20 @@ class IdentifierNode(DataNode):
     def on_save_estimate(self, request: Trigger.Request,
                          response: Trigger.Response) -> Trigger.Response:
         """Write θ̂ to the file of the parameter ``estimate_file``."""
-        path = Path(self.values['estimate_file'])
         try:
-            write_estimate(path, self.arm.parameters, self.identifier)
+            path = self._save()
         except (OSError, ValueError) as error:
-            response.success, response.message = False, f'{path}: {error}'
+            response.success, response.message = False, str(error)
         else:
             response.success, response.message = True, str(path.resolve())
         return response
+
+    def _drift(self) -> float:
+        """Return ‖Δθ̂‖ over the time since the last diagnostics [per second]."""
+        theta, t = self.identifier.theta, self._last_ns * 1e-9
+        before, since = self._reported
+        self._reported = theta, t
+        return float(np.linalg.norm(theta - before)) / (t - since) if t > since > 0.0 else 0.0
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
         """Report rank, σ_min and what was not used."""
@@ -159,6 +246,7 @@ class IdentifierNode(DataNode):
         values: dict[str, object] = {
             'rank': stack.rank, 'parameters': self.arm.m, 'sigma_min': f'{stack.sigma_min:.6g}',
             'pairs': stack.count, 'insertions': stack.insertions,
+            'change of theta_hat per second, norm': f'{self._drift():.6g}',
             'filter restarts': identifier.restarts,
             'changes of the arm': identifier.monitor.changes,
             'excitation index': identifier.excitation,
@@ -167,6 +255,10 @@ class IdentifierNode(DataNode):
         if stack.rank < self.arm.m:
             return DiagnosticStatus.OK, f'learning: rank {stack.rank} of {self.arm.m}', values
         return DiagnosticStatus.OK, 'rank full', values
+
+
+def _now() -> str:
+    return datetime.now(timezone.utc).isoformat()
 
 
 def main(args: list[str] | None = None) -> int:

@@ -108,11 +108,12 @@ def _sizes(table: Mapping[str, Parameter], given: Mapping[str, Any]) -> dict[str
 
 
 def on_change(node: Node, kind: str, values: dict[str, Any],
-              apply: Callable[[dict[str, Any]], None]) -> None:
+              apply: Callable[[dict[str, Any], set[str]], None]) -> None:
     """Validate every set request as a whole and hand the new values to ``apply``.
 
-    ``apply`` raises a BlfError to refuse; then nothing is changed and the reason is returned.
-    Several parameters of one atomic request are accepted or refused together.
+    ``apply`` gets all values and the names of those that change. It raises a BlfError to refuse;
+    then nothing is changed and the reason is returned. Several parameters of one atomic request
+    are accepted or refused together.
     """
     table = per_joint(TABLES[kind], values.get('joints', []))
 
@@ -123,10 +124,9 @@ def on_change(node: Node, kind: str, values: dict[str, Any],
         try:
             candidate = validated(table.values(), {**values, **new}, node.get_name(),
                                   _sizes(table, values))
-            apply(candidate)
+            apply(candidate, {name for name in new if new[name] != values[name]})
         except BlfError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        values.update(candidate)
         return SetParametersResult(successful=True)
 
     node.add_on_set_parameters_callback(changed)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-import importlib
 import signal
 import threading
 import time
@@ -22,8 +21,11 @@ from rosgraph_msgs.msg import Clock
 
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.errors import BagError, ParameterError
+from adaptive_blf_control.nodes.answers import message_class
+from adaptive_blf_control.nodes.lockstep import choose_topics, Lockstep
+from adaptive_blf_control.topics import THETA_HAT
 
-__all__ = ['Player', 'PlaySettings', 'play', 'qos_of']
+__all__ = ['Player', 'PlaySettings', 'account', 'play', 'qos_of']
 
 CLOCK = '/clock'
 # Deep enough that a burst at a high rate is not overwritten before a reliable reader has it.
@@ -44,6 +46,9 @@ class PlaySettings:
         loop: Begin again at the end, until stopped.
         wait: How long to wait for a subscriber of each topic [s].
         clock: Ticks of /clock per bag second; 0 for none. A bag that has /clock plays its own.
+        lockstep: Wait for no time, but for the answers to each state.
+        answers: In lockstep, topics that answer, relative to the namespace of the states.
+        timeout: In lockstep, how long an answer may take [s].
     """
 
     rate: float = 1.0
@@ -51,6 +56,9 @@ class PlaySettings:
     loop: bool = False
     wait: float = 5.0
     clock: float = 100.0
+    lockstep: bool = False
+    answers: tuple[str, ...] = (THETA_HAT,)
+    timeout: float = 10.0
 
     def __post_init__(self) -> None:
         """Refuse what cannot be played."""
@@ -60,6 +68,10 @@ class PlaySettings:
             raise ParameterError('--clock', self.clock, '0 to 100000 Hz')
         if not 0.0 <= self.wait < 1e6:
             raise ParameterError('--wait', self.wait, 'seconds, 0 or more')
+        if not 0.0 < self.timeout < 1e6:
+            raise ParameterError('--timeout', self.timeout, 'seconds, above 0')
+        if self.lockstep and not self.answers:
+            raise ParameterError('--answers', [], 'at least one topic')
 
 
 def qos_of(profiles: Sequence[Mapping[str, Any]]) -> QoSProfile:
@@ -102,8 +114,11 @@ class Player:
         node: The node that publishes.
         stop: Set it to end :meth:`play`.
         sent: Messages published so far, by topic.
-        skipped: Topics of the bag that cannot be published here, with the reason.
+        skipped: Topics of the bag that are not published, with the reason.
         ticks: Messages published on /clock that were not in the bag.
+        lockstep: Who waits for the answers; None where time is kept instead.
+        seconds: How long playing took so far [s].
+        bag_seconds: How much of the bag's time was played [s].
     """
 
     def __init__(self, path: str, settings: PlaySettings, *, context: Context | None = None,
@@ -116,11 +131,14 @@ class Player:
         self.settings = settings
         self.stop = threading.Event()
         self.bag = read_bag(path)
+        self.skipped: dict[str, str] = {}
         topics = self._chosen()
+        if settings.lockstep:
+            topics, self.skipped = choose_topics(self.bag, topics if settings.topics else (),
+                                                 settings.answers)
         self.node = Node('player', context=context, namespace=namespace, enable_rosout=False,
                          start_parameter_services=False)
         self.sent: dict[str, int] = {}
-        self.skipped: dict[str, str] = {}
         self._offers: dict[str, Publisher] = {}
         for topic in topics:
             self._offer(topic)
@@ -128,6 +146,9 @@ class Player:
             self.close()
             raise BagError(f'{path}: no topic can be published: ' + '; '.join(
                 f'{topic}: {reason}' for topic, reason in self.skipped.items()))
+        self.lockstep = Lockstep(self.node, self.bag, self._offers, settings.answers,
+                                 settings.timeout, self.stop) if settings.lockstep else None
+        self.seconds = self.bag_seconds = 0.0
         self.ticks = 0
         self._tick_ns = round(1e9 / settings.clock) if settings.clock > 0.0 else 0
         if CLOCK in self._offers:
@@ -147,12 +168,10 @@ class Player:
         return [plain[topic.lstrip('/')] for topic in self.settings.topics]
 
     def _offer(self, topic: str) -> None:
-        type_name = self.bag.topics[topic].type_name
-        package, _, name = type_name.partition('/msg/')
         try:
-            kind = getattr(importlib.import_module(f'{package}.msg'), name)
-        except (ImportError, AttributeError, ValueError):
-            self.skipped[topic] = f'message type {type_name!r} is not installed here'
+            kind = message_class(self.bag.topics[topic].type_name)
+        except BagError as error:
+            self.skipped[topic] = str(error)
             return
         self.sent[topic] = 0
         self._offers[topic] = self.node.create_publisher(
@@ -168,11 +187,21 @@ class Player:
                 return missing
 
     def play(self) -> None:
-        """Publish the bag once, or again and again, until its end or :attr:`stop`."""
-        while not self.stop.is_set():
-            self._once()
-            if not self.settings.loop:
-                break
+        """Publish the bag once, or again and again, until its end or :attr:`stop`.
+
+        Raises:
+            NoAnswer: in lockstep, nobody listens to the states or answers one of them.
+        """
+        if self.lockstep is not None:
+            self.lockstep.discover()
+        begin = time.monotonic()
+        try:
+            while not self.stop.is_set():
+                self._once()
+                if not self.settings.loop:
+                    break
+        finally:
+            self.seconds = time.monotonic() - begin
         for publisher in self._offers.values():
             if self.stop.is_set():
                 return
@@ -181,6 +210,7 @@ class Player:
 
     def _once(self) -> None:
         begin_ns, first_ns, last_ns = time.monotonic_ns(), -1, 0
+        before = self.bag_seconds
         for message in self.bag.messages(self._offers.keys()):
             if first_ns < 0:
                 first_ns = self._next_tick_ns = message.log_time_ns
@@ -188,8 +218,13 @@ class Player:
             self._tick_until(last_ns, begin_ns, first_ns)
             if not self._wait_until(message.log_time_ns, begin_ns, first_ns):
                 return
-            self._offers[message.topic].publish(message.data)
+            publisher = self._offers[message.topic]
+            if self.lockstep is None:
+                publisher.publish(message.data)
+            else:
+                self.lockstep.send(message.topic, publisher, message.data)
             self.sent[message.topic] += 1
+            self.bag_seconds = before + (last_ns - first_ns) * 1e-9
 
     def _tick_until(self, now_ns: int, begin_ns: int, first_ns: int) -> None:
         """Publish the ticks up to bag time ``now_ns``, each when it is due."""
@@ -205,6 +240,8 @@ class Player:
 
     def _wait_until(self, bag_ns: int, begin_ns: int, first_ns: int) -> bool:
         """Wait for the time of a message; False where the player was stopped."""
+        if self.lockstep is not None:  # time is what the answers make of it
+            return not self.stop.is_set()
         ahead = (bag_ns - first_ns) / self.settings.rate - (time.monotonic_ns() - begin_ns)
         return not (self.stop.wait(ahead * 1e-9) if ahead > 0.0 else self.stop.is_set())
 
@@ -226,6 +263,7 @@ def play(path: str, settings: PlaySettings, ros_arguments: Sequence[str]) -> Pla
 
     Raises:
         BagError: as :class:`Player`.
+        NoAnswer: as :meth:`Player.play`.
         RuntimeError: ROS does not take an argument.
     """
     asked = threading.Event()
@@ -245,14 +283,40 @@ def play(path: str, settings: PlaySettings, ros_arguments: Sequence[str]) -> Pla
         if asked.is_set():  # came in while the bag was being read
             player.stop.set()
         try:
-            for topic, reason in player.skipped.items():
-                print(f'{topic}: not played: {reason}', flush=True)
-            for topic in player.wait_for_subscribers():
-                print(f'{topic}: nobody listens', flush=True)
-            print(f'playing {player.bag.path}', flush=True)
+            _announce(player)
             player.play()
         finally:
             player.close()
     finally:
         rclpy.try_shutdown()
     return player
+
+
+def _announce(player: Player) -> None:
+    """Print what is played and what is not, and wait for those who listen."""
+    for topic, reason in player.skipped.items():
+        print(f'{topic}: not played: {reason}', flush=True)
+    for topic in player.wait_for_subscribers():
+        print(f'{topic}: nobody listens', flush=True)
+    count = sum(player.bag.topics[topic].count for topic in player.sent)
+    how = (f'at {player.settings.rate:g} x its pace' if player.lockstep is None else
+           f'in lockstep with {", ".join(player.lockstep.answers.topics)}')
+    print(f'playing {player.bag.path}: {count} messages on {len(player.sent)} topics, {how}',
+          flush=True)
+
+
+def account(player: Player) -> str:
+    """Return what was played, in how long, and how it was answered."""
+    pace = f'{player.bag_seconds / player.seconds:.3g}' if player.seconds > 0.0 else '-'
+    text = (f'{sum(player.sent.values())} messages on {len(player.sent)} topics, '
+            f'{player.ticks} ticks of the clock: {player.bag_seconds:.1f} s of the bag in '
+            f'{player.seconds:.1f} s, {pace} x its pace')
+    lockstep = player.lockstep
+    if lockstep is not None:
+        text += f'\n{lockstep.answered} of {player.sent[lockstep.states]} states answered'
+        if lockstep.resent:
+            text += f', {lockstep.resent} times one was sent again'
+        for names, count in lockstep.unanswered.items():
+            text += f'\n{count} not waited for: ' + (f'joints {list(names)}' if names else
+                                                     'they cannot be read')
+    return text

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 import importlib
 import sys
 import time
@@ -22,14 +23,21 @@ from adaptive_blf_control.bags.definitions import message_definition
 from adaptive_blf_control.bags.metadata import default_qos
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.nodes.data_node import DataNode, run_node
+from adaptive_blf_control.nodes.answers import stamp_of
+from adaptive_blf_control.nodes.data_node import DataNode
+from adaptive_blf_control.nodes.process import run_node
 from adaptive_blf_control.parameters.yaml_file import PARAMETERS_KEY
-from adaptive_blf_control.topics import TOPICS
+from adaptive_blf_control.topics import JOINT_STATES, TOPICS
 
 __all__ = ['Recorder', 'main']
 
 LOOK_AROUND = 0.25  # s between looks at the graph
+# The middleware stamps and keeps what arrives; fetching it in batches leaves the processor to
+# those that have to answer within a millisecond.
+BATCH = 0.02  # s
+SHARED = ('/diagnostics', '/parameter_events', '/rosout')
 DEPTH = 5000
+REMEMBERED = 10**9  # ns of states kept to date what has no stamp
 
 
 class _Heard(NamedTuple):
@@ -70,6 +78,8 @@ class Recorder(DataNode):
         self._asked: set[str] = set()
         self._askers: dict[str, AsyncParameterClient] = {}
         self._remember(self.get_fully_qualified_name(), dict(self.values))
+        self._states = self.resolve_topic_name(JOINT_STATES)
+        self._samples: deque[tuple[int, int]] = deque()  # received, stamp of states [ns]
         self._looked_at = self._flushed_at = time.monotonic()
         self._subscribe_known()
         self.create_timer(LOOK_AROUND, self._ask_for_parameters)
@@ -102,7 +112,8 @@ class Recorder(DataNode):
         reliable, latched = self._offered(topic)
         self._heard[topic] = _Heard(
             type_name, message_type, reliable, latched, self.data_subscription(
-                message_type, topic, record, depth=DEPTH, reliable=reliable, latched=latched))
+                message_type, topic, record, wake=False, depth=DEPTH, reliable=reliable,
+                latched=latched))
 
     def _offered(self, topic: str) -> tuple[bool, bool]:
         """Return whether all publishers are reliable, and whether all are transient local."""
@@ -130,13 +141,31 @@ class Recorder(DataNode):
         try:
             if topic not in self.bag.counts:
                 self.bag.add_topic(topic, type_name, qos=self._offered_qos(topic))
-            self.bag.write(topic, data, info['received_timestamp'], info['source_timestamp'])
+            self.bag.write(topic, data, *self._times(topic, data, info))
         except BagError as error:
             self._fail(str(error))
 
+    def _times(self, topic: str, data: bytes, info: dict[str, int]) -> tuple[int, int]:
+        """Return log and publish time [ns]; under ``use_sim_time`` the time of the sample.
+
+        A message without a stamp there belongs to the newest state that came before it.
+        """
+        received = info['received_timestamp']
+        if not self.lockstep:
+            return received, info['source_timestamp']
+        if topic == self._states:
+            stamp = stamp_of(data) or 0
+            self._samples.append((received, stamp))
+            return stamp, stamp
+        while len(self._samples) > 1 and self._samples[0][0] < received - REMEMBERED:
+            self._samples.popleft()
+        stamp = next((stamp for at, stamp in reversed(self._samples) if at <= received),
+                     self._samples[0][1] if self._samples else 0)
+        return stamp, stamp
+
     def _count_gap(self, topic: str, info: dict[str, int]) -> None:
         number = info.get('publication_sequence_number')
-        if number is None or topic == '/diagnostics':  # several publishers number on their own
+        if number is None or topic in SHARED:  # several publishers number on their own
             return
         last = self._sequence.get(topic)
         self._sequence[topic] = number
@@ -156,6 +185,10 @@ class Recorder(DataNode):
             self._failure = reason
             self.exit_code = 1
             self.get_logger().error(f'recording stopped, what was written is kept: {reason}')
+
+    def spin_data(self, timeout: float = BATCH) -> None:
+        """Take what has arrived within the last ``timeout`` [s]."""
+        super().spin_data(timeout)
 
     def idle(self) -> None:
         """Flush and look for topics and publishers that were not known yet."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,8 @@ from adaptive_blf_control.simulation.plant import Epoch, Plant
 from adaptive_blf_control.simulation.schedule import Change, Schedule
 from adaptive_blf_control.simulation.sensors import Sensors, SensorSettings
 
-__all__ = ['build_arm', 'build_controller', 'build_identifier', 'build_plant',
-           'controller_settings', 'identifier_settings', 'initial_theta',
+__all__ = ['ControllerParts', 'build_arm', 'build_controller', 'build_identifier', 'build_plant',
+           'controller_parts', 'controller_settings', 'identifier_settings', 'initial_theta',
            'true_theta']
 
 Values = Mapping[str, Any]
@@ -127,9 +127,29 @@ def _reference(values: Values, joints: tuple[str, ...]) -> Reference:
 
 
 def controller_settings(values: Values, n: int) -> ControllerSettings:
-    """Build what of the controller may change while it runs."""
-    return ControllerSettings(broadcast(values['k1'], n), broadcast(values['k2'], n),
-                              broadcast(values['torque_limit'], n), values['coupling'])
+    """Build the gains and limits of the controller for ``n`` joints."""
+    gains = {name: broadcast(values[name], n)
+             for name in ('k1', 'k2', 'torque_limit', 'torque_rate_limit')}
+    return ControllerSettings(**gains, coupling=values['coupling'])
+
+
+class ControllerParts(NamedTuple):
+    """What of the controller may change while it runs: keywords of `Controller.retune`."""
+
+    settings: ControllerSettings
+    safety: JointInterval
+    performance: JointInterval
+    reference: Reference
+
+
+def controller_parts(values: Values, arm: Arm) -> ControllerParts:
+    """Build what of the controller may change while it runs, the reference without its start."""
+    safety, performance = (
+        JointInterval(broadcast(values[f'{name}.lower'], arm.n),
+                      broadcast(values[f'{name}.upper'], arm.n), f'controller.{name}')
+        for name in ('safety', 'performance'))
+    return ControllerParts(controller_settings(values, arm.n), safety, performance,
+                           _reference(values, arm.joints))
 
 
 def build_controller(values: Values, arm: Arm, start: np.ndarray | None) -> Controller:
@@ -141,15 +161,11 @@ def build_controller(values: Values, arm: Arm, start: np.ndarray | None) -> Cont
         SetViolation: 𝒫̄ ⊄ 𝒮̄, or the start lies outside a set.
         ParameterError: a value cannot be used.
     """
-    reference = _reference(values, arm.joints)
+    parts = controller_parts(values, arm)
     if start is not None and values['reference.smooth_start'] > 0.0:
-        reference = SmoothStart(reference, values['reference.smooth_start'], start)
-    safety, performance = (
-        JointInterval(broadcast(values[f'{name}.lower'], arm.n),
-                      broadcast(values[f'{name}.upper'], arm.n), f'controller.{name}')
-        for name in ('safety', 'performance'))
-    controller = Controller(arm, controller_settings(values, arm.n), safety, performance,
-                            reference)
+        parts = parts._replace(reference=SmoothStart(
+            parts.reference, values['reference.smooth_start'], start))
+    controller = Controller(arm, *parts)
     if start is not None:
         controller.check_start(start)
     return controller
@@ -165,11 +181,20 @@ def initial_theta(values: Values, arm: Arm) -> np.ndarray:
     return theta
 
 
-def identifier_settings(values: Values, arm: Arm) -> IdentifierSettings:
-    """Build the gains of the identifier, with θ̂(0) from a file where one is named."""
-    estimate = broadcast(values['initial_estimate'], arm.m)
-    if values['initial_estimate_file']:
+def identifier_settings(values: Values, arm: Arm,
+                        estimate: np.ndarray | None = None) -> IdentifierSettings:
+    """Build the settings of the identifier.
+
+    Args:
+        values: Its parameters.
+        arm: The arm.
+        estimate: θ̂(0), shape (m,), in place of ``initial_estimate_file`` and
+            ``initial_estimate``, which are then not looked at.
+    """
+    if estimate is None and values['initial_estimate_file']:
         estimate = read_estimate(Path(values['initial_estimate_file']), arm.parameters)
+    if estimate is None:
+        estimate = broadcast(values['initial_estimate'], arm.m)
     for name, array in (('initial_estimate', estimate), ('gamma', values['gamma'])):
         if len(array) not in (1, arm.m):
             raise ParameterError(f'identifier.{name}', list(array),
@@ -187,6 +212,6 @@ def identifier_settings(values: Values, arm: Arm) -> IdentifierSettings:
         minimum_growth=values['history.minimum_growth'])
 
 
-def build_identifier(values: Values, arm: Arm) -> Identifier:
-    """Build the identifier for ``arm``."""
-    return Identifier(arm, identifier_settings(values, arm))
+def build_identifier(values: Values, arm: Arm, estimate: np.ndarray | None = None) -> Identifier:
+    """Build the identifier for ``arm``; θ̂(0) as :func:`identifier_settings`."""
+    return Identifier(arm, identifier_settings(values, arm, estimate))

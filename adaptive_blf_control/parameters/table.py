@@ -98,6 +98,8 @@ def _element_problem(parameter: Parameter, value: Any) -> str | None:
         return words
     if kind == 'double' and math.isnan(number):
         return 'a number, not NaN'
+    if kind == 'double' and math.isinf(number):
+        return 'a finite number'
     if kind in ('int', 'double'):
         low, high = parameter.minimum, parameter.maximum
         if low is not None and (number < low or (parameter.exclusive and number == low)):

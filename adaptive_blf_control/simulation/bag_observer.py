@@ -52,7 +52,7 @@ class BagObserver:
         self._bag = BagWriter(path, custom_data={
             PARAMETERS_KEY: yaml.safe_dump(parameters, sort_keys=False)})
         for topic, type_name in TOPICS.items():
-            if topic != '/diagnostics':
+            if not topic.startswith('/'):  # those belong to nodes
                 self._bag.add_topic(f'/{topic}', type_name)
         self._state = JointStateCodec(arm.joints, 'base_link')
         self._theta = JointStateCodec(arm.parameters, fields=('position',))

@@ -29,7 +29,15 @@ from adaptive_blf_control.parameters.yaml_file import node_values
 from adaptive_blf_control.simulation.plant import Plant
 from adaptive_blf_control.simulation.sensors import Measurement
 
-__all__ = ['ClosedLoop', 'Sample', 'Trace', 'build_closed_loop']
+__all__ = ['ClosedLoop', 'Sample', 'Trace', 'build_closed_loop', 'sample_time']
+
+
+def sample_time(k: int, period: float) -> float:
+    """Return the time of sample k [s], that of a stamp in whole nanoseconds.
+
+    A node that gets the stamp computes the very same double from it.
+    """
+    return round(k * period * 1e9) * 1e-9
 
 
 @dataclass(frozen=True)
@@ -102,10 +110,9 @@ class ClosedLoop:
 
     def warm_up(self) -> None:
         """Compile everything on throw-away objects, so that a run starts at full speed."""
-        q, qd = self.plant.q, self.plant.qd
-        output = self.controller.update(0.0, q, qd, self._initial_estimate)
+        self.controller.warm_up(self._initial_estimate)
         self.identifier.warm_up()
-        self.plant.trial(output.torque, self.period)
+        self.plant.trial(np.zeros(self.arm.n), self.period)
 
     def run(self, duration: float, observer: Callable[[Sample], None] | None = None) -> Trace:
         """Run for ``duration`` [s] of arm time and return the trace.
@@ -123,7 +130,7 @@ class ClosedLoop:
         theta, term = self._initial_estimate, np.zeros(m)
         begin = time.perf_counter()  # duration of the computation, not a time of the logic
         for k in range(steps):
-            t = k * self.period
+            t = sample_time(k, self.period)
             measured = plant.measure(plant.torque, self.period if k else 0.0)
             output = controller.update(t, measured.q, measured.qd, theta)
             estimate = identifier.update(t, *measured, term)
@@ -138,8 +145,8 @@ class ClosedLoop:
             plant.apply(output.torque)
             plant.advance(self.period)
         wall = time.perf_counter() - begin
-        return Trace(np.arange(steps) * self.period, q, qd, e1, torque, theta_hat, rank, sigma_min,
-                     wall)
+        times = np.array([sample_time(k, self.period) for k in range(steps)])
+        return Trace(times, q, qd, e1, torque, theta_hat, rank, sigma_min, wall)
 
 
 def build_closed_loop(data: Mapping[str, Any]) -> ClosedLoop:

@@ -101,6 +101,29 @@ class Plant:
                                                  self._substeps)
         self.t += dt
 
+    def adopt(self, other: Plant) -> None:
+        """Become ``other`` but for state and time: another payload, limit, sensor or dead time.
+
+        The sensors go on as they are where their settings do not change.
+        """
+        self.epochs = other.epochs
+        passed = sum(epoch.t <= self.t + 1e-9 for epoch in other.epochs[1:])
+        self._dynamics = other.epochs[passed].dynamics
+        self._ahead = deque(other.epochs[passed + 1:])
+        self.torque_limit = other.torque_limit
+        self._substeps = other._substeps
+        if other._sensors.settings != self._sensors.settings:
+            self._sensors = other._sensors
+        if other._dead_time != self._dead_time:
+            self._dead_time = other._dead_time
+            self._underway = deque([self._commanded] * max(other._dead_time - 1, 0))
+        self.apply(self._commanded)
+
+    def brake(self) -> None:
+        """Hold the arm where it is, without torque."""
+        self.qd = np.zeros_like(self.qd)
+        self.apply(self.qd)
+
     def trial(self, torque: np.ndarray, dt: float) -> None:
         """Compute a step without taking it, e.g. to compile it before the clock runs."""
         self._dynamics.advance(self.q, self.qd, limited(torque, self.torque_limit), dt,

@@ -96,7 +96,7 @@ def _joints_of(urdf: str) -> list[str]:
 
 def _identify(options: argparse.Namespace) -> tuple[dict[str, Any], Arm]:
     values = _values(options)
-    output = options.output or Path(values['estimate_file'])
+    output = options.output or Path(values['estimate_file'] or 'theta_hat.yaml')
     if not output.parent.is_dir():  # known before the work, not after
         raise ParameterError('--output', str(output), 'a file in a folder that exists')
     arm = build_arm(values)
@@ -115,7 +115,7 @@ def _identify(options: argparse.Namespace) -> tuple[dict[str, Any], Arm]:
                            f'{settings.settle:g} time constants')
     figures = figures_of(log, identifier, result, spans)
     try:
-        write_estimate(output, arm.parameters, identifier)
+        write_estimate(output, identifier.snapshot())
     except OSError as error:
         raise ParameterError('--output', str(output), f'a file that can be written '
                              f'({error.strerror})') from None

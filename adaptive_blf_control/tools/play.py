@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """``play``: publish a bag again with its clock, byte for byte, on machines without rosbag2.
 
-QoS is offered as recorded. Ctrl-C ends it; so do SIGTERM and SIGHUP. ROS arguments, e.g.
+QoS is offered as recorded. With ``--lockstep`` each state waits until the one in front of it was
+answered. Ctrl-C ends it; so do SIGTERM and SIGHUP. ROS arguments, e.g.
 ``--ros-args -r /joint_states:=/recorded/joint_states``, come last.
 """
 
@@ -12,6 +13,7 @@ from importlib import util
 import sys
 
 from adaptive_blf_control.errors import BlfError, MissingExtra
+from adaptive_blf_control.topics import THETA_HAT
 
 __all__ = ['main']
 
@@ -19,8 +21,11 @@ __all__ = ['main']
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='play', description=__doc__)
     parser.add_argument('bag', help='bag folder, or a lone .mcap or .db3 file')
-    parser.add_argument('--rate', type=float, default=1.0, metavar='R',
-                        help='bag seconds per second (default: 1)')
+    pace = parser.add_mutually_exclusive_group()
+    pace.add_argument('--rate', type=float, default=1.0, metavar='R',
+                      help='bag seconds per second (default: 1)')
+    pace.add_argument('--lockstep', action='store_true',
+                      help='as fast as each joint state is answered, instead of keeping time')
     parser.add_argument('--topics', nargs='+', default=[], metavar='TOPIC',
                         help='play only these')
     parser.add_argument('--loop', action='store_true', help='begin again at the end')
@@ -29,26 +34,34 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--clock', type=float, default=100.0, metavar='HZ',
                         help='ticks on /clock per bag second, 0 for none (default: 100); a bag '
                         'that has /clock plays its own')
+    parser.add_argument('--answers', nargs='+', default=[THETA_HAT], metavar='TOPIC',
+                        help='in lockstep, topics that answer a state with its stamp, beside the '
+                        f'states (default: {THETA_HAT})')
+    parser.add_argument('--timeout', type=float, default=10.0, metavar='S',
+                        help='in lockstep, how long an answer may take (default: 10)')
     return parser
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the command; 0 at the end of the bag or when stopped, 2 where it cannot be played."""
+    """Run the command; 0 at the end of the bag or when stopped.
+
+    1 where a state was not answered, 2 where the bag cannot be played.
+    """
     arguments = sys.argv[1:] if args is None else args
     split = arguments.index('--ros-args') if '--ros-args' in arguments else len(arguments)
     options = _parser().parse_args(arguments[:split])
     try:
         if util.find_spec('rclpy') is None:
             raise MissingExtra('rclpy', 'ros', 'playing a bag')
-        from adaptive_blf_control.nodes.player import play, PlaySettings
+        from adaptive_blf_control.nodes.player import account, play, PlaySettings
         settings = PlaySettings(options.rate, tuple(options.topics), options.loop, options.wait,
-                                options.clock)
+                                options.clock, options.lockstep, tuple(options.answers),
+                                options.timeout)
         player = play(options.bag, settings, arguments[split:])
     except (BlfError, RuntimeError) as error:
         print(f'play: {error}', file=sys.stderr)
-        return 2
-    print(f'{sum(player.sent.values())} messages on {len(player.sent)} topics, '
-          f'{player.ticks} ticks of the clock')
+        return 1 if isinstance(error, TimeoutError) else 2
+    print(account(player))
     return 0
 
 

@@ -80,6 +80,7 @@ class NodeProcesses:
             BlfError: no DDS domain is free.
         """
         extra = {'recorder': [f'bag:={output / "bag"}'],
+                 'identifier': [f'estimate_file:={output / "theta_hat.yaml"}'],
                  'arm_driver': [f'duration:={duration}',
                                 f'wait_for_subscribers:={len(NODES) - 1}']}
         self._stack = ExitStack()

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -10,11 +12,14 @@ from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.control.controller import (
     Controller,
     ControllerSettings,
+    ControlOutput,
     COUPLINGS,
+    sampling_model,
     sampling_number,
 )
-from adaptive_blf_control.control.reference import SumOfSinusoids
+from adaptive_blf_control.control.reference import Reference, SmoothStart, SumOfSinusoids
 from adaptive_blf_control.control.sets import JointInterval
+from adaptive_blf_control.control.trajectory import JoinedReference, PointReference
 from adaptive_blf_control.errors import ParameterError, SetViolation
 
 hypothesis = pytest.importorskip('hypothesis')
@@ -26,16 +31,28 @@ DYNAMICS = ARM.dynamics(THETA)
 K1, K2 = np.array([40.0, 30.0]), np.array([30.0, 40.0])
 LOWER, UPPER = np.array([-0.17, -0.17]), np.array([0.2, 0.2])
 any_pair = st.tuples(st.floats(), st.floats())
+TASK = SumOfSinusoids(np.zeros(2), np.array([[1.0], [2.0]]), np.full((2, 1), 0.5),
+                      np.array([[0.0], [np.pi / 2]]))
+
+
+def settings(coupling: str = 'per_joint', limit: float = 1e9, rate: float = 1e15,
+             ) -> ControllerSettings:
+    return ControllerSettings(K1, K2, np.full(2, limit), np.full(2, rate), coupling)
 
 
 def controller(coupling: str = 'per_joint', limit: float = 1e9, widen: float = 0.0,
-               lower: np.ndarray = LOWER, upper: np.ndarray = UPPER) -> Controller:
-    reference = SumOfSinusoids(np.zeros(2), np.array([[1.0], [2.0]]), np.full((2, 1), 0.5),
-                               np.array([[0.0], [np.pi / 2]]))
+               lower: np.ndarray = LOWER, upper: np.ndarray = UPPER, rate: float = 1e15,
+               reference: Reference = TASK) -> Controller:
     safety = JointInterval(np.array([-1.17, -2.17]) - widen, np.array([1.2, 2.2]) + widen,
                            'safety')
-    return Controller(ARM, ControllerSettings(K1, K2, np.full(2, limit), coupling), safety,
+    return Controller(ARM, settings(coupling, limit, rate), safety,
                       JointInterval(lower, upper, 'performance'), reference)
+
+
+def first_answer(law: Controller, t: float, q: np.ndarray, qd: np.ndarray,
+                 theta: np.ndarray) -> ControlOutput:
+    """Answer as the first sample of a motion, without a trace in ``law``."""
+    return copy.copy(law).update(t, q, qd, theta)
 
 
 def random_states(law: Controller, count: int = 40):
@@ -52,7 +69,7 @@ def lyapunov_rate(law: Controller, theta: np.ndarray, t: float, q: np.ndarray,
                   qd: np.ndarray) -> float:
     """Derivative of V (30) along the closed loop in continuous time, by a central difference."""
     def slope(time: float, state: np.ndarray) -> np.ndarray:
-        tau = law.update(time, state[:2], state[2:], theta).torque
+        tau = first_answer(law, time, state[:2], state[2:], theta).torque
         return np.concatenate([state[2:], DYNAMICS.acceleration(state[:2], state[2:], tau)])
 
     def value(step: float) -> float:
@@ -61,7 +78,7 @@ def lyapunov_rate(law: Controller, theta: np.ndarray, t: float, q: np.ndarray,
         s3 = slope(t + step / 2, state + step / 2 * s2)
         s4 = slope(t + step, state + step * s3)
         end = state + step / 6 * (s1 + 2 * s2 + 2 * s3 + s4)
-        output = law.update(t + step, end[:2], end[2:], theta)
+        output = first_answer(law, t + step, end[:2], end[2:], theta)
         return law.lyapunov(end[:2], output, THETA)
 
     state, h = np.concatenate([q, qd]), 1e-5
@@ -72,7 +89,7 @@ def lyapunov_rate(law: Controller, theta: np.ndarray, t: float, q: np.ndarray,
 def test_known_parameters_make_the_lyapunov_function_decay_as_in_equation_34(coupling):
     law = controller(coupling)
     for t, q, qd in random_states(law):
-        output = law.update(t, q, qd, THETA)
+        output = first_answer(law, t, q, qd, THETA)
         expected = -np.sum(K1 * output.bound ** 2 * output.e1 ** 2) - np.sum(K2 * output.e2 ** 2)
         assert lyapunov_rate(law, THETA, t, q, qd) == pytest.approx(expected, rel=1e-5, abs=1e-6)
 
@@ -81,16 +98,36 @@ def test_known_parameters_make_the_lyapunov_function_decay_as_in_equation_34(cou
 def test_wrong_parameters_add_what_the_adaptation_term_takes_away(coupling):
     law, wrong = controller(coupling), np.array([0.0, 9.0, 6.0, 0.0, 0.0])
     for t, q, qd in random_states(law, 20):
-        output = law.update(t, q, qd, wrong)
+        output = first_answer(law, t, q, qd, wrong)
         decay = -np.sum(K1 * output.bound ** 2 * output.e1 ** 2) - np.sum(K2 * output.e2 ** 2)
         expected = decay + output.adaptation_term @ (wrong - THETA)  # (58)
         assert lyapunov_rate(law, wrong, t, q, qd) == pytest.approx(expected, rel=1e-4, abs=1e-5)
 
 
+def test_growing_bounds_only_add_to_the_decay_of_the_lyapunov_function():
+    """V̇ = (34) − Σ b e1² ḃ/w²: what the barrier relaxes comes on top."""
+    start, random, relaxed = np.array([1.15, -2.12]), np.random.default_rng(6), 0.0
+    law = controller(reference=SmoothStart(TASK, 0.5, start))
+    for _ in range(40):
+        t = random.uniform(0.05, 0.45)
+        point, bounds = law.reference.at(t), law.bounds(t)
+        e1 = random.uniform(0.2, 0.8, 2) * np.where(random.random(2) < 0.5, bounds.lower,
+                                                    bounds.upper)
+        q, qd = point.position + e1, point.velocity + random.normal(size=2)
+        output = first_answer(law, t, q, qd, THETA)
+        b, e2 = output.bound, output.e2
+        rate = np.where(output.e1 > 0.0, bounds.upper_rate, -bounds.lower_rate)
+        extra = np.sum(b * e1 ** 2 * rate / (b ** 2 - e1 ** 2) ** 2)
+        relaxed = max(relaxed, extra)
+        expected = -np.sum(K1 * b ** 2 * e1 ** 2) - np.sum(K2 * e2 ** 2) - extra
+        assert lyapunov_rate(law, THETA, t, q, qd) == pytest.approx(expected, rel=1e-4, abs=1e-5)
+    assert relaxed > 1.0
+
+
 def test_lyapunov_function_is_barrier_plus_kinetic_energy_of_e2():
     law = controller()
     for t, q, qd in random_states(law, 10):
-        output = law.update(t, q, qd, THETA)
+        output = first_answer(law, t, q, qd, THETA)
         e1, e2, b = output.e1, output.e2, output.bound
         p1, p2, p3 = THETA[:3]
         c2 = np.cos(q[1])
@@ -102,7 +139,7 @@ def test_lyapunov_function_is_barrier_plus_kinetic_energy_of_e2():
 def test_output_is_consistent_with_itself():
     law = controller()
     for t, q, qd in random_states(law, 10):
-        output = law.update(t, q, qd, THETA)
+        output = first_answer(law, t, q, qd, THETA)
         np.testing.assert_array_equal(output.e1, q - output.reference.position)
         np.testing.assert_allclose(output.adaptation_term, output.x.T @ output.e2)
         np.testing.assert_array_equal(output.bound, np.where(output.e1 > 0.0, UPPER, -LOWER))
@@ -119,12 +156,52 @@ def test_torque_is_finite_and_limited_for_any_state_and_estimate(coupling, theta
     assert np.all(np.abs(output.torque) <= 50.0)
 
 
+@pytest.mark.filterwarnings('ignore:.*encountered:RuntimeWarning')
+@pytest.mark.parametrize('coupling', COUPLINGS)
+@hypothesis.given(samples=st.lists(st.tuples(
+    any_pair, any_pair, st.lists(st.floats(), min_size=5, max_size=5),
+    st.floats(-0.1, 1.0), st.floats(1e-3, 1e3)), min_size=2, max_size=6))
+def test_torque_keeps_limit_and_rate_over_any_samples_and_live_limits(coupling, samples):
+    law, rate, last, t = controller(coupling, limit=50.0, rate=2e3), 2e3, np.zeros(2), 0.0
+    for k, (q, qd, theta, dt, limit) in enumerate(samples):
+        law.retune(t, np.zeros(2), settings=settings(coupling, limit, rate))
+        t += dt
+        torque = law.update(t, np.array(q), np.array(qd), np.array(theta)).torque
+        assert np.isfinite(torque).all()
+        assert np.all(np.abs(torque) <= limit)
+        reach = rate * (max(dt, 0.0) if k else 1e-3) * (1.0 + 1e-9) + 1e-9
+        assert np.all(np.abs(torque - np.clip(last, -limit, limit)) <= reach)
+        last = torque
+
+
+def test_the_first_torque_of_a_motion_rises_from_zero_within_a_millisecond():
+    law = controller(rate=2000.0)
+    q, qd = TASK.at(0.0).position, TASK.at(0.0).velocity + np.array([3.0, 0.001])
+    first = law.update(0.0, q, qd, np.zeros(5))
+    assert first.torque[0] == -2.0
+    assert first.saturated.tolist() == [True, False]
+    assert law.update(0.004, q, qd, np.zeros(5)).torque[0] == -10.0
+    assert law.update(0.004, q, -qd, np.zeros(5)).torque[0] == -10.0
+
+
 def test_saturation_is_reported_joint_by_joint():
     law = controller(limit=20.0)
     q, qd = law.reference.at(0.0).position, law.reference.at(0.0).velocity
     output = law.update(0.0, q, qd + np.array([3.0, 0.0]), np.zeros(5))
     assert output.saturated.tolist() == [True, False]
     assert output.torque[0] == -20.0
+
+
+def test_a_saturated_joint_does_not_wind_up_the_estimate():
+    law, theta = controller(limit=20.0), np.zeros(5)
+    q, qd = TASK.at(0.0).position, TASK.at(0.0).velocity
+    down = law.update(0.0, q, qd + np.array([3.0, 0.1]), theta)  # e2 > 0 asks for ever less
+    assert down.saturated.tolist() == [True, False]
+    np.testing.assert_array_equal(down.adaptation_term, down.x[1] * down.e2[1])
+    theta = np.array([0.0, 0.0, 0.0, 900.0, 0.0])  # X θ̂ is what saturates, e2 takes it back
+    back = law.update(0.1, q, qd + np.array([0.2, 0.1]), theta)
+    assert back.wanted[0] > 20.0
+    np.testing.assert_allclose(back.adaptation_term, back.x.T @ back.e2, rtol=1e-12)
 
 
 def test_performance_set_that_pokes_out_is_refused_at_start_up():
@@ -141,17 +218,18 @@ def test_a_start_outside_the_performance_set_is_refused():
         controller().check_start(np.array([1.3, 2.0]))
 
 
-@pytest.mark.parametrize('name', ['k1', 'k2', 'torque_limit'])
+@pytest.mark.parametrize('name', ['k1', 'k2', 'torque_limit', 'torque_rate_limit'])
 @pytest.mark.parametrize('value', [0.0, -1.0, float('nan'), float('inf')])
 def test_gains_are_positive_and_finite(name, value):
-    gains = {'k1': K1, 'k2': K2, 'torque_limit': K2, name: np.array([1.0, value])}
+    gains = {'k1': K1, 'k2': K2, 'torque_limit': K2, 'torque_rate_limit': K2,
+             name: np.array([1.0, value])}
     with pytest.raises(ParameterError, match=rf'controller\.{name}'):
         ControllerSettings(**gains)
 
 
 def test_an_unknown_coupling_is_named():
     with pytest.raises(ParameterError, match=r"'smooth'.*per_joint.*pseudoinverse"):
-        ControllerSettings(K1, K2, K2, 'smooth')
+        ControllerSettings(K1, K2, K2, K2, 'smooth')
 
 
 def test_sampling_number_tells_where_a_sampled_loop_turns_unstable():
@@ -165,5 +243,193 @@ def test_sampling_number_tells_where_a_sampled_loop_turns_unstable():
         assert (np.abs(e2).max() < 1e-3) == stable
 
 
-def test_sampling_number_of_a_model_without_inertia_is_not_a_number():
-    assert np.isnan(sampling_number(ARM, K2, np.zeros(2), np.zeros(5), 1e-3))
+def test_sampling_number_takes_the_nominal_model_where_the_estimate_has_no_inertia():
+    q = np.array([0.0, 1.0])
+    nominal = sampling_number(ARM, K2, q, THETA, 1e-3)
+    assert sampling_model(ARM, q, 2.0 * THETA) == 'estimate'
+    assert sampling_number(ARM, K2, q, 2.0 * THETA, 1e-3) == pytest.approx(0.5 * nominal)
+    for theta in (np.zeros(5), np.array([0.0, 9.0, 6.0, 0.0, 0.0]), np.full(5, np.nan)):
+        assert sampling_model(ARM, q, theta) == 'nominal'
+        assert sampling_number(ARM, K2, q, theta, 1e-3) == nominal
+
+
+def test_sampling_number_without_any_model_is_not_a_number():
+    arm = TwoLinkArm()
+    arm.nominal = np.zeros(5)
+    assert sampling_model(arm, np.zeros(2), np.zeros(5)) == 'none'
+    assert np.isnan(sampling_number(arm, K2, np.zeros(2), np.zeros(5), 1e-3))
+
+
+@pytest.mark.parametrize('start', [[1.199, -2.169], [-1.16999, 2.19999], [0.3, 1.7]])
+def test_a_smooth_start_is_possible_anywhere_inside_the_safety_set(start):
+    posture = np.array(start)
+    law = controller(reference=SmoothStart(TASK, 2.0, posture))
+    law.check_start(posture)
+    output = law.update(0.0, posture, np.zeros(2), THETA)
+    assert not output.e1.any()
+    margins = law.margins(posture, output)
+    np.testing.assert_allclose(margins[:2], law.safety.margin(posture))
+    np.testing.assert_allclose(margins[2:], np.minimum(margins[:2], -LOWER), atol=1e-15)
+
+
+@pytest.mark.parametrize(('start', 'joint', 'bound'), [
+    ([1.2, 0.0], 'joint1', 1.2), ([0.0, -2.5], 'joint2', -2.17)])
+def test_a_smooth_start_outside_the_safety_set_is_refused(start, joint, bound):
+    with pytest.raises(SetViolation, match='start position outside the safety set') as caught:
+        controller(reference=SmoothStart(TASK, 2.0, np.array(start)))
+    assert (caught.value.joint, caught.value.bound) == (joint, bound)
+
+
+def test_margins_are_those_of_the_bounds_in_use_at_the_sample():
+    law = controller(reference=SmoothStart(TASK, 2.0, np.array([1.15, 0.0])))
+    for t, upper in ((0.0, 0.05), (1.0, 0.125), (2.0, 0.2), (9.0, 0.2)):
+        position = law.reference.at(t).position + np.array([0.01, -0.02])
+        output = first_answer(law, t, position, np.zeros(2), THETA)
+        np.testing.assert_allclose(law.margins(position, output)[2:],
+                                   [min(upper - 0.01, 0.18), 0.15])
+        assert output.bound[0] == pytest.approx(upper)
+
+
+OTHER = SumOfSinusoids(np.array([0.1, 0.2]), np.array([[0.5], [0.7]]), np.full((2, 1), 0.8),
+                       np.zeros((2, 1)))
+
+
+def test_a_new_reference_is_joined_without_a_jump():
+    law, t = controller(widen=1.0), 4.0
+    before = law.reference.at(t)
+    law.retune(t, before.position, reference=OTHER, blend_time=2.0)
+    np.testing.assert_array_equal(law.reference.at(t), before)
+    np.testing.assert_array_equal(law.reference.at(6.5), OTHER.at(6.5))
+    law.retune(7.0, OTHER.at(7.0).position + 0.1, reference=TASK, blend_time=1.0)
+    assert law.reference.before is OTHER
+
+
+def test_a_reference_taken_at_once_needs_the_arm_close_to_it():
+    law = controller()
+    with pytest.raises(SetViolation, match='present error outside the new performance set'):
+        law.retune(4.0, TASK.at(4.0).position, reference=OTHER)
+    law.retune(4.0, OTHER.at(4.0).position, reference=OTHER)
+    assert law.reference is OTHER
+
+
+@pytest.mark.parametrize(('change', 'joint', 'value', 'bound', 'what'), [
+    ({'safety': JointInterval([-1.2, -2.3], [1.3, 1.9])}, 'joint2', 2.2, 1.9, 'pokes out'),
+    ({'safety': JointInterval([0.06, -2.3], [1.3, 2.3]), 'reference': OTHER,
+      'performance': JointInterval([-0.01, -0.1], [0.1, 0.2])}, 'joint1', -0.41, 0.06,
+     'pokes out'),
+    ({'performance': JointInterval([-0.1, -0.1], [0.04, 0.1])}, 'joint1', 0.05, 0.04,
+     'present error outside the new performance set'),
+    ({'performance': JointInterval([-0.1, -0.1], [0.3, 0.1])}, 'joint1', 1.3, 1.2, 'pokes out'),
+    ({'reference': SumOfSinusoids(np.zeros(2), np.full((2, 1), 1.1), np.ones((2, 1)),
+                                  np.zeros((2, 1))), 'blend_time': 1.0}, 'joint1', -1.27, -1.17,
+     'pokes out'),
+])
+def test_a_change_that_cannot_be_is_refused_whole(change, joint, value, bound, what):
+    law = controller()
+    q = TASK.at(1.0).position + np.array([0.05, -0.05])
+    before = dict(law.__dict__)
+    with pytest.raises(SetViolation, match=what) as caught:
+        law.retune(1.0, q, settings=settings(limit=1.0), **change)
+    assert caught.value.joint == joint
+    assert caught.value.value == pytest.approx(value)
+    assert caught.value.bound == bound
+    assert all(law.__dict__[name] is value for name, value in before.items())
+
+
+def test_a_new_safety_set_has_to_hold_the_present_position():
+    small = SumOfSinusoids(np.zeros(2), np.full((2, 1), 0.1), np.ones((2, 1)), np.zeros((2, 1)))
+    law = controller(reference=small)
+    tight = JointInterval(np.full(2, -0.31), np.full(2, 0.31), 'safety')
+    with pytest.raises(SetViolation, match="'joint2': present position outside the new safety"):
+        law.retune(0.0, np.array([0.0, 0.32]), safety=tight)
+    law.retune(0.0, np.array([0.0, 0.29]), safety=tight)
+    assert law.safety is tight
+
+
+def test_gains_are_taken_whatever_the_state():
+    law, new = controller(), settings(limit=3.0)
+    law.retune(1.0, np.full(2, 99.0), settings=new)
+    assert law.settings is new
+    output = law.update(1.0, np.zeros(2), np.zeros(2), np.full(5, 50.0))
+    assert np.abs(output.torque).max() == 3.0
+
+
+def test_retuning_with_nothing_new_changes_no_bit():
+    plain, other = controller(), controller()
+    for k in range(20):
+        t = 1e-3 * k
+        q, qd = TASK.at(t).position + 0.05, TASK.at(t).velocity
+        outputs = [law.update(t, q, qd, THETA) for law in (plain, other)]
+        np.testing.assert_array_equal(outputs[0].torque, outputs[1].torque)
+        other.retune(t, q, settings=settings(), safety=other.safety,
+                     performance=other.performance)
+
+
+@hypothesis.given(part=st.floats(0.001, 0.999), start=st.floats(-1.16, 1.19),
+                  when=st.floats(0.0, 2.5), blend=st.floats(0.0, 3.0),
+                  later=st.floats(0.0, 4.0), tight=st.booleans())
+def test_reference_and_bounds_stay_inside_the_safety_set_after_any_accepted_change(
+        part, start, when, blend, later, tight):
+    law = controller(reference=SmoothStart(TASK, 2.0, np.array([start, 2.2 - 4.37 * part])))
+    narrow = JointInterval(0.5 * LOWER, 0.5 * UPPER, 'performance')
+    q = law.reference.at(when).position
+    law.retune(when, q, performance=narrow if tight else None)
+    try:
+        law.retune(when, q, reference=OTHER, blend_time=blend)
+    except SetViolation:
+        assert blend == 0.0
+    t = when + later
+    bounds, position = law.bounds(t), law.reference.at(t).position
+    assert np.all(position + bounds.upper <= law.safety.upper + 1e-12)
+    assert np.all(position + bounds.lower >= law.safety.lower - 1e-12)
+    if tight:
+        assert np.all(bounds.upper <= narrow.upper)
+        assert np.all(bounds.lower >= narrow.lower)
+
+
+def test_a_safety_set_without_the_posture_of_the_start_under_way_is_refused():
+    law = controller(reference=SmoothStart(TASK, 2.0, np.array([1.19, 0.0])), widen=0.0)
+    wide = JointInterval(np.array([-2.0, -3.0]), np.array([1.185, 3.0]), 'safety')
+    narrow = JointInterval(np.full(2, -0.1), np.full(2, 0.1), 'performance')
+    q = law.reference.at(1.0).position
+    with pytest.raises(SetViolation, match="'joint1': start position outside the safety set"):
+        law.retune(1.0, q, safety=wide, performance=narrow)
+    law.retune(2.0, law.reference.at(2.0).position, safety=wide, performance=narrow)
+
+
+def test_a_trajectory_is_followed_and_can_be_left_again():
+    law, t = controller(), 4.0
+    now = law.reference.at(t + 0.1)
+    end = TASK.at(0.0)._replace(velocity=np.zeros(2), acceleration=np.zeros(2))
+    law.retune(t, law.reference.at(t).position,
+               reference=JoinedReference(law.reference, t + 0.1, PointReference([0.0, 8.0],
+                                                                                [now, end])))
+    np.testing.assert_array_equal(law.reference.at(t), TASK.at(t))
+    np.testing.assert_allclose(law.reference.at(12.1).position, end.position)
+    law.retune(13.0, end.position, reference=TASK, blend_time=1.0)
+    np.testing.assert_allclose(law.reference.at(13.0).position, end.position)
+    np.testing.assert_array_equal(law.reference.at(14.0), TASK.at(14.0))
+
+
+def test_warming_up_leaves_no_trace():
+    law = controller(reference=SmoothStart(TASK, 2.0, np.array([1.1, 0.0])))
+    before = dict(law.__dict__)
+    law.warm_up(THETA)
+    assert all(law.__dict__[name] is value for name, value in before.items())
+
+
+def test_nothing_is_compiled_anew_in_the_course_of_a_motion():
+    numba = pytest.importorskip('numba')
+    law = controller(reference=SmoothStart(TASK, 2.0, np.array([1.1, 0.0])))
+    before = [numba.typeof((*law.reference.at(t), *law.bounds(t))) for t in (0.0, 1.0, 2.0, 3.0)]
+    law.retune(3.0, law.reference.at(3.0).position, reference=OTHER, blend_time=2.0,
+               performance=JointInterval(0.5 * LOWER, 0.5 * UPPER))
+    after = [numba.typeof((*law.reference.at(t), *law.bounds(t))) for t in (3.0, 4.0, 6.0)]
+    assert len({*before, *after}) == 1
+
+
+@pytest.mark.parametrize('blend', [-1.0, float('nan'), float('inf')])
+def test_a_blend_time_that_is_none_is_named(blend):
+    law = controller(widen=1.0)
+    with pytest.raises(ParameterError, match='blend_time'):
+        law.retune(0.0, TASK.at(0.0).position, reference=OTHER, blend_time=blend)

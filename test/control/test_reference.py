@@ -6,7 +6,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adaptive_blf_control.control.reference import Reference, SmoothStart, SumOfSinusoids
+from adaptive_blf_control.control.reference import (
+    Crossfade,
+    DEEPEST,
+    full_range,
+    Posture,
+    Reference,
+    settled,
+    SmoothStart,
+    SumOfSinusoids,
+)
 from adaptive_blf_control.errors import ParameterError
 
 hypothesis = pytest.importorskip('hypothesis')
@@ -21,7 +30,15 @@ def sinusoids() -> SumOfSinusoids:
                           np.array([[0.9, 2.1], [1.3, 3.7]]), np.array([[0.0, 1.0], [0.5, 4.0]]))
 
 
-REFERENCES = {'sinusoids': sinusoids(), 'smooth start': SmoothStart(sinusoids(), T, START)}
+def slow() -> SumOfSinusoids:
+    return SumOfSinusoids(np.array([0.3, -0.2]), np.array([[0.2], [0.9]]), np.full((2, 1), 0.4),
+                          np.array([[1.0], [2.0]]))
+
+
+REFERENCES = {'sinusoids': sinusoids(), 'smooth start': SmoothStart(sinusoids(), T, START),
+              'crossfade': Crossfade(slow(), sinusoids(), 1.25, T),
+              'crossfade of a smooth start': Crossfade(SmoothStart(sinusoids(), T, START), slow(),
+                                                       0.7, 3.0)}
 
 
 @pytest.mark.parametrize('reference', REFERENCES.values(), ids=REFERENCES)
@@ -106,3 +123,70 @@ def test_a_wrong_shape_is_named(wrong):
     arrays[wrong] = np.ones((2, 2))
     with pytest.raises(ParameterError, match=rf'reference\.{wrong}.*\(2, 3\)'):
         SumOfSinusoids(np.zeros(2), **arrays)
+
+
+def test_a_smooth_start_has_the_bits_of_its_formula():
+    smooth, reference = SmoothStart(sinusoids(), T, START), sinusoids()
+    for t in np.linspace(0.0, 3.0, 301):
+        y, yd, ydd = reference.at(t)
+        x, z = t / T, y - START
+        s = x * x * x * (10.0 + x * (6.0 * x - 15.0))
+        sd = 30.0 * x * x * (x * (x - 2.0) + 1.0) / T
+        sdd = 60.0 * x * (x * (2.0 * x - 3.0) + 1.0) / (T * T)
+        expected = (START + s * z, sd * z + s * yd, sdd * z + 2.0 * sd * yd + s * ydd)
+        np.testing.assert_array_equal(smooth.at(t), expected if t < T else (y, yd, ydd))
+
+
+def test_a_crossfade_leaves_one_reference_and_joins_the_other_with_two_derivatives():
+    fade, before, after = Crossfade(slow(), sinusoids(), 1.25, T), slow(), sinusoids()
+    for t in (0.0, 1.25):
+        np.testing.assert_array_equal(fade.at(t), before.at(t))
+    np.testing.assert_allclose(fade.at(1.25 + 1e-9), before.at(1.25), atol=1e-7)
+    np.testing.assert_allclose(fade.at(1.25 + T - 1e-9), after.at(1.25 + T), atol=1e-7)
+    for t in (1.25 + T, 9.9):
+        np.testing.assert_array_equal(fade.at(t), after.at(t))
+
+
+@pytest.mark.parametrize('reference', REFERENCES.values(), ids=REFERENCES)
+@pytest.mark.parametrize('now', [0.0, 0.5, 1.0, 2.0, 2.5, 3.5, 4.0])
+def test_what_is_settled_equals_the_reference_from_then_on(reference: Reference, now):
+    rest = settled(reference, now)
+    for t in np.linspace(now, 6.0, 41):
+        np.testing.assert_array_equal(rest.at(t), reference.at(t))
+
+
+def test_a_crossfade_that_is_over_keeps_no_old_reference_alive():
+    reference: Reference = SmoothStart(sinusoids(), T, START)
+    for k in range(1000):
+        after = SumOfSinusoids(np.array([0.1, 0.01 * k]), np.ones((2, 1)), np.ones((2, 1)),
+                               np.ones((2, 1)))
+        reference = Crossfade(settled(reference, 3.0 * k), after, 3.0 * k, T)
+        if k:
+            assert isinstance(reference.before, SumOfSinusoids)
+    assert settled(reference, 3.0 * k + T) is after
+
+
+def test_no_more_changes_than_can_be_followed_are_under_way_at_once():
+    reference: Reference = sinusoids()
+    for k in range(DEEPEST):
+        reference = Crossfade(settled(reference, 0.01 * k), sinusoids(), 0.01 * k, T)
+    reference.at(1.0)
+    with pytest.raises(ParameterError, match=f'{DEEPEST + 1} changes within their blend time'):
+        Crossfade(settled(reference, 1.0), sinusoids(), 1.0, T)
+
+
+def test_full_range_leaves_out_only_the_posture_of_a_smooth_start():
+    far = np.array([-5.0, 5.0])
+    start = SmoothStart(sinusoids(), T, far)
+    np.testing.assert_array_equal(full_range(start), sinusoids().range())
+    low, high = full_range(Crossfade(start, slow(), 1.0, T))
+    expected = [sinusoids().range(), slow().range()]
+    np.testing.assert_array_equal(low, np.min([lower for lower, _ in expected], axis=0))
+    np.testing.assert_array_equal(high, np.max([upper for _, upper in expected], axis=0))
+    np.testing.assert_array_equal(full_range(Posture(far)), [far, far])
+
+
+@pytest.mark.parametrize('duration', [0.0, -1.0, float('nan'), float('inf')])
+def test_a_crossfade_needs_time(duration):
+    with pytest.raises(ParameterError, match='blend_time'):
+        Crossfade(slow(), sinusoids(), 1.0, duration)

@@ -6,12 +6,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from adaptive_blf_control.control.reference import SmoothStart, SumOfSinusoids
 from adaptive_blf_control.control.sets import (
     check_performance_inside_safety,
     check_start,
+    GrowingBounds,
     JointInterval,
 )
 from adaptive_blf_control.errors import ParameterError, SetViolation
+
+hypothesis = pytest.importorskip('hypothesis')
+st = hypothesis.strategies
 
 JOINTS = ('joint1', 'joint2')
 PERFORMANCE = JointInterval(np.array([-0.17, -0.17]), np.array([0.2, 0.2]), 'performance')
@@ -82,3 +87,55 @@ def test_bounds_are_finite(value):
 def test_bounds_cannot_be_changed():
     with pytest.raises(ValueError, match='read-only'):
         SAFETY.lower[0] = -9.0
+
+
+inside = st.floats(0.0, 1.0, exclude_min=True, exclude_max=True)
+REFERENCE = SumOfSinusoids(np.zeros(2), np.array([[1.0], [2.0]]), np.array([[0.7], [2.9]]),
+                           np.array([[0.3], [1.9]]))
+
+
+def _posture(parts: tuple[float, float]) -> np.ndarray:
+    q = SAFETY.lower + np.array(parts) * (SAFETY.upper - SAFETY.lower)
+    hypothesis.assume(np.all(SAFETY.margin(q) > 0.0))
+    return q
+
+
+@hypothesis.given(parts=st.tuples(inside, inside), duration=st.floats(0.01, 10.0),
+                  part=st.floats(0.0, 1.5))
+def test_reference_and_growing_bounds_stay_inside_the_safety_set(parts, duration, part):
+    q, t = _posture(parts), part * duration
+    bounds = GrowingBounds(PERFORMANCE, SAFETY, q, duration).at(t)
+    position = SmoothStart(REFERENCE, duration, q).at(t).position
+    assert np.all(position + bounds.upper <= SAFETY.upper + 1e-12)
+    assert np.all(position + bounds.lower >= SAFETY.lower - 1e-12)
+    assert np.all(bounds.lower < 0.0)
+    assert np.all(bounds.upper > 0.0)
+
+
+@hypothesis.given(parts=st.tuples(inside, inside), times=st.tuples(inside, inside))
+def test_growing_bounds_only_grow_at_the_rate_they_state(parts, times):
+    grown = GrowingBounds(PERFORMANCE, SAFETY, _posture(parts), 2.0)
+    early, late = sorted(2.0 * t for t in times)
+    before, after, h = grown.at(early), grown.at(late), 1e-6
+    assert np.all(before.upper <= after.upper + 1e-15)
+    assert np.all(before.lower >= after.lower - 1e-15)
+    if h < early < 2.0 - h:
+        left, right = grown.at(early - h), grown.at(early + h)
+        np.testing.assert_allclose(before.upper_rate, (right.upper - left.upper) / (2 * h),
+                                   atol=1e-8)
+        np.testing.assert_allclose(before.lower_rate, (right.lower - left.lower) / (2 * h),
+                                   atol=1e-8)
+
+
+def test_growing_bounds_begin_as_wide_as_fits_and_end_as_the_performance_set():
+    grown = GrowingBounds(PERFORMANCE, SAFETY, np.array([1.15, -2.1]), 2.0)
+    np.testing.assert_allclose(grown.at(0.0)[:2], [[-0.17, -0.07], [0.05, 0.2]])
+    for t in (2.0, 99.0):
+        np.testing.assert_array_equal(grown.at(t)[:2], [PERFORMANCE.lower, PERFORMANCE.upper])
+        assert not np.any(grown.at(t)[2:])
+
+
+def test_bounds_round_a_start_with_room_are_the_performance_set_at_once():
+    plain, grown = GrowingBounds(PERFORMANCE), GrowingBounds(PERFORMANCE, SAFETY, np.zeros(2), 2.0)
+    for t in np.linspace(0.0, 3.0, 31):
+        np.testing.assert_array_equal(grown.at(t), plain.at(t))

@@ -109,3 +109,23 @@ def test_without_the_monitor_old_pairs_hold_the_estimate_away(repository):
     trace = loop.run(10.0)
     new = loop.plant.truth(loop.arm.parameters)[1][1]
     assert np.linalg.norm(trace.theta_hat[-1] - new) > 0.03 * np.linalg.norm(new)
+
+
+def test_a_changed_setting_acts_on_pairs_learned_before():
+    pairs = np.random.default_rng(6)
+    changed = learned_monitor(np.random.default_rng(5), resolution=0.9)
+    always = learned_monitor(np.random.default_rng(5), resolution=0.2)
+    changed.retune(0.1, 9.0, 0.2)
+    for _ in range(200):
+        pair = noisy_pair(pairs, TRUE)
+        changed.update(1e-3, *pair)
+        always.update(1e-3, *pair)
+        np.testing.assert_array_equal(changed.statistic, always.statistic)
+
+
+def test_a_monitor_is_retuned_all_or_none():
+    monitor = learned_monitor(np.random.default_rng(5), resolution=0.2)
+    for values in ((-0.1, 4.0, 0.1), (0.2, 1.0, 0.1), (0.2, 4.0, -1.0), (0.2, np.inf, 0.1)):
+        with pytest.raises(ParameterError):
+            monitor.retune(*values)
+        assert (monitor.window, monitor.threshold, monitor.resolution) == (0.1, 9.0, 0.2)

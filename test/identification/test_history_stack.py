@@ -277,7 +277,8 @@ def test_squared_projections_are_those_of_each_pair():
 
 
 @pytest.mark.parametrize(('size', 'epsilon', 'name'), [
-    (0, 0.1, 'size'), (-1, 0.1, 'size'), (3, -0.1, 'epsilon'), (3, float('nan'), 'epsilon')])
+    (0, 0.1, 'size'), (-1, 0.1, 'size'), (3, -0.1, 'epsilon'), (3, float('nan'), 'epsilon'),
+    (3, 1.0001, 'epsilon'), (3, float('inf'), 'epsilon')])
 def test_size_and_threshold_are_checked(size, epsilon, name):
     with pytest.raises(ParameterError, match=rf'identifier\.history\.{name}'):
         HistoryStack(1, 2, size, epsilon)
@@ -300,3 +301,171 @@ def test_a_full_stack_takes_only_what_raises_sigma_min_by_the_minimum_growth():
 def test_minimum_growth_is_checked(growth):
     with pytest.raises(ParameterError, match=r'identifier\.history\.minimum_growth'):
         HistoryStack(1, 2, 3, 0.1, growth)
+
+
+# -- another size and other settings while it runs -------------------------------------------
+
+
+def torques_of(stack: HistoryStack) -> np.ndarray:
+    """What `filled` stores with every pair."""
+    return stack.regressors[:stack.count].sum(axis=2)
+
+
+def without(pairs: np.ndarray, slot: int) -> np.ndarray:
+    return np.delete(pairs, slot, axis=0)
+
+
+def missing(before: np.ndarray, after: np.ndarray) -> int:
+    """Return the slot of the pair that left."""
+    left = [slot for slot, pair in enumerate(before)
+            if not any(np.array_equal(pair, other) for other in after)]
+    assert len(left) == len(before) - len(after) == 1
+    return left[0]
+
+
+def test_a_larger_stack_keeps_all_pairs_and_appends_again():
+    random = np.random.default_rng(16)
+    pairs = random.normal(size=(10, 2, 3))
+    stack, fresh = filled(pairs[:4]), HistoryStack(2, 3, 9, 0.0)
+    stack.resize(9)
+    assert (stack.size, stack.count, stack.full, stack.shrinking) == (9, 4, False, False)
+    assert_measured(stack)
+    for pair in pairs[:4]:
+        fresh.offer(pair, pair.sum(axis=1))
+    for pair in pairs[4:]:
+        assert stack.offer(pair, pair.sum(axis=1)) == fresh.offer(pair, pair.sum(axis=1))
+        assert_measured(stack)
+        np.testing.assert_array_equal(stack.torques[:stack.count], torques_of(stack))
+    np.testing.assert_array_equal(stack.regressors, fresh.regressors)
+
+
+@hypothesis.settings(max_examples=60, deadline=None)
+@hypothesis.given(seed=st.integers(0, 1_000_000), kind=st.sampled_from(KINDS),
+                  n=st.integers(1, 3), m=st.integers(2, 5), surplus=st.integers(1, 6))
+def test_a_smaller_stack_loses_the_pair_that_sigma_min_misses_least(seed, kind, n, m, surplus):
+    random = np.random.default_rng(seed)
+    left = -(-m // n) + 1
+    stack = filled(random_pairs(random, kind, left + surplus, n, m))
+    hypothesis.assume(stack.rank == m)
+    stack.resize(left)
+    while stack.shrinking:
+        before = stack.regressors[:stack.count].copy()
+        best = max(sigma_of(without(before, slot)) for slot in range(len(before)))
+        hypothesis.assume(best > 1e3 * rounding_of(before))  # below that it is a question of rank
+        assert stack.offer(np.ones((n, m)), np.ones(n)) == -1
+        assert stack.count == len(before) - 1
+        assert sigma_of(stack.regressors) >= best - rounding_of(before)
+        assert_measured(stack)
+        np.testing.assert_array_equal(stack.torques, torques_of(stack))
+    assert stack.regressors.shape == (left, n, m)
+
+
+integers = st.integers(-2, 2)
+
+
+@hypothesis.settings(max_examples=150, deadline=None)
+@hypothesis.given(st.data(), st.integers(1, 2), st.integers(2, 4), st.integers(2, 6))
+def test_a_deficient_stack_loses_the_oldest_pair_that_its_rank_misses_least(data, n, m, size):
+    pairs = [data.draw(st.lists(integers, min_size=n * m, max_size=n * m)) for _ in range(size)]
+    hypothesis.assume(len({tuple(pair) for pair in pairs}) == size and all(map(any, pairs)))
+    stack = filled(np.array(pairs, dtype=float).reshape(size, n, m))
+    order = [pair.copy() for pair in stack.regressors]  # oldest first
+    stack.resize(1)
+    while stack.shrinking:
+        before = stack.regressors[:stack.count].copy()
+        ranks = [true_rank(without(np.array(order), k)) for k in range(len(order))]
+        stack.offer(np.ones((n, m)), np.ones(n))
+        gone = before[missing(before, stack.regressors[:stack.count])]
+        place = next(k for k, pair in enumerate(order) if np.array_equal(pair, gone))
+        assert ranks[place] == stack.rank == max(ranks)
+        if max(ranks) < m:  # else σ_min decides
+            assert place == ranks.index(max(ranks))
+        del order[place]
+        assert_measured(stack)
+
+
+def test_one_pair_leaves_with_every_offer_and_none_is_taken_until_then():
+    random = np.random.default_rng(17)
+    stack = filled(random.normal(size=(12, 2, 3)))
+    stack.resize(8)
+    revisions = {stack.revision}
+    for count in (11, 10, 9, 8):
+        assert stack.shrinking
+        assert stack.offer(100.0 * random.normal(size=(2, 3)), np.zeros(2)) == -1
+        assert (stack.count, stack.insertions) == (count, 12)
+        assert stack.full
+        revisions.add(stack.revision)
+    assert len(revisions) == 5
+    assert not stack.shrinking
+    assert stack.offer(100.0 * random.normal(size=(2, 3)), np.zeros(2)) >= 0
+    assert stack.count == 8
+
+
+def test_a_stack_that_is_not_full_loses_nothing_down_to_what_it_holds():
+    random = np.random.default_rng(18)
+    stack = HistoryStack(2, 3, 50, 0.0)
+    pairs = random.normal(size=(6, 2, 3))
+    for pair in pairs:
+        stack.offer(pair, pair.sum(axis=1))
+    stack.resize(6)
+    assert stack.full
+    assert not stack.shrinking
+    np.testing.assert_array_equal(stack.regressors, pairs)
+    assert_offer_is_brute_force(stack, random.normal(size=(2, 3)))  # it knows its weakest pair
+
+
+def test_growing_again_stops_the_loss():
+    stack = filled(np.random.default_rng(19).normal(size=(12, 2, 3)))
+    stack.resize(4)
+    stack.offer(np.ones((2, 3)), np.ones(2))
+    stack.resize(20)
+    assert (stack.count, stack.full, stack.shrinking) == (11, False, False)
+    assert stack.offer(np.ones((2, 3)), np.full(2, 3.0)) == 11
+    assert_measured(stack)
+    np.testing.assert_array_equal(torques_of(stack), stack.torques[:12])
+
+
+def test_a_shrinking_stack_can_be_cleared():
+    stack = filled(np.random.default_rng(20).normal(size=(12, 2, 3)))
+    stack.resize(4)
+    stack.offer(np.ones((2, 3)), np.ones(2))
+    stack.clear()
+    assert (stack.count, stack.full, stack.shrinking) == (0, False, False)
+    assert stack.regressors.shape == (4, 2, 3)
+
+
+@pytest.mark.parametrize('settings', [(0, 0.1, 0.0), (5, -0.1, 0.0), (5, 1.5, 0.0),
+                                      (5, 0.1, float('inf'))])
+def test_settings_are_changed_all_or_none(settings):
+    stack = filled(np.random.default_rng(21).normal(size=(7, 2, 3)), epsilon=0.1)
+    with pytest.raises(ParameterError):
+        stack.retune(*settings)
+    assert (stack.size, stack.epsilon, stack.minimum_growth, stack.count) == (7, 0.1, 0.0, 7)
+    stack.retune(5, 0.2, 0.3)
+    assert (stack.size, stack.epsilon, stack.minimum_growth) == (5, 0.2, 0.3)
+
+
+def test_the_first_pair_differs_from_an_empty_history_by_one():
+    for n in (1, 2, 3):
+        pair = np.random.default_rng(n).normal(size=(n, 4))
+        assert is_different(pair, np.zeros((n, 4)), 1.0)
+        assert not is_different(pair, np.zeros((n, 4)), 1.0 + 1e-9)
+
+
+@hypothesis.settings(max_examples=300, deadline=None)
+@hypothesis.given(st.data(), st.integers(1, 2), st.integers(2, 5), st.integers(1, 6))
+def test_the_rank_grows_whenever_some_replacement_makes_it_grow(data, n, m, size):
+    row = st.lists(integers, min_size=n * m, max_size=n * m).filter(any)
+    stack = filled(np.array([data.draw(row) for _ in range(size)], float).reshape(size, n, m))
+    for _ in range(4):
+        candidate = np.array(data.draw(row), float).reshape(n, m)
+        before, rank = stack.regressors.copy(), stack.rank
+        hypothesis.assume(rank < m)
+        ranks = []
+        for slot in range(size):
+            trial = before.copy()
+            trial[slot] = candidate
+            ranks.append(true_rank(trial))
+        stack.offer(candidate, candidate.sum(axis=1))
+        assert stack.rank == max(rank, *ranks)
+        assert_measured(stack)

@@ -109,6 +109,15 @@ def test_identifier_starts_from_a_saved_estimate(values, tmp_path):
     np.testing.assert_array_equal(theta, [1.0, 2.0, 3.0, 4.0, 5.0])
 
 
+def test_an_estimate_that_is_given_takes_the_place_of_the_file(values):
+    given = values('identifier', 'identifier.initial_estimate_file=/nowhere/theta.yaml')
+    estimate = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+    identifier = build_identifier(given, build_arm(given), estimate)
+    np.testing.assert_array_equal(identifier.theta, estimate)
+    with pytest.raises(ParameterError, match='nowhere'):
+        build_identifier(given, build_arm(given))
+
+
 def test_controller_starts_from_the_initial_estimate_or_the_known_parameters(values):
     given = values('controller')
     np.testing.assert_array_equal(initial_theta(given, build_arm(given)),
@@ -119,11 +128,16 @@ def test_controller_starts_from_the_initial_estimate_or_the_known_parameters(val
 
 @pytest.mark.parametrize(('settings', 'name'), [
     (['controller.initial_estimate=[1.0, 2.0]'], 'initial_estimate'),
-    (['controller.initial_estimate=[.inf]'], 'initial_estimate'),
     (['controller.model=known', 'controller.known_parameters=[1.0, 2.0]'], 'known_parameters')])
 def test_controller_estimate_has_one_finite_value_for_each_parameter(values, settings, name):
     given = values('controller', *settings)
     with pytest.raises(ParameterError, match=rf'controller\.{name}.*length 1 or 5'):
+        initial_theta(given, build_arm(given))
+
+
+def test_a_controller_estimate_that_is_not_finite_is_refused(values):
+    given = {**values('controller'), 'initial_estimate': [float('inf')]}
+    with pytest.raises(ParameterError, match=r'controller\.initial_estimate.*finite'):
         initial_theta(given, build_arm(given))
 
 
@@ -153,7 +167,9 @@ def test_true_parameters_without_inertia_are_refused(values, p1):
 
 @pytest.mark.parametrize('name', ['initial_position', 'initial_velocity'])
 def test_an_infinite_start_is_refused(values, name):
-    given = values('arm_driver', f'arm_driver.{name}=[.inf, 0.0]')
+    with pytest.raises(ParameterError, match=rf'arm_driver\.{name}.*finite'):
+        values('arm_driver', f'arm_driver.{name}=[.inf, 0.0]')
+    given = {**values('arm_driver'), name: [float('inf'), 0.0]}
     with pytest.raises(ParameterError, match=rf'arm_driver\.{name}.*finite'):
         build_plant(given, build_arm(given))
 

@@ -35,7 +35,7 @@ ALL = [pytest.param(node, parameter, id=f'{node}.{parameter.name}')
 
 
 @pytest.mark.parametrize(('parameter', 'value'), [
-    (GAIN, 0.0), (GAIN, 10.0), (POSITIVE, 1e-9), (POSITIVE, math.inf), (COUNT, 1), (COUNT, 5),
+    (GAIN, 0.0), (GAIN, 10.0), (POSITIVE, 1e-9), (POSITIVE, 1e308), (COUNT, 1), (COUNT, 5),
     (FLAG, False), (MODE, 'fast'), (GAINS, [2.0]), (GAINS, [1.0, 2.0]), (THREE, [1.0, 2.0, 3.0]),
     (NAMES, []), (NAMES, ['x', 'y', 'z'])])
 def test_good_values_are_accepted(parameter, value):
@@ -52,7 +52,8 @@ def test_good_values_are_accepted(parameter, value):
     (GAIN, math.nan, 'a number, not NaN'),
     (GAIN, -0.1, '>= 0 and <= 10 N*m'),
     (GAIN, 10.1, '>= 0 and <= 10 N*m'),
-    (GAIN, -math.inf, '>= 0 and <= 10 N*m'),
+    (GAIN, -math.inf, 'a finite number'),
+    (POSITIVE, math.inf, 'a finite number'),
     (POSITIVE, 0.0, '> 0 s'),
     (POSITIVE, -1.0, '> 0 s'),
     (COUNT, 2.0, 'an integer'),
@@ -67,6 +68,7 @@ def test_good_values_are_accepted(parameter, value):
     (GAINS, '1.0', 'a list of doubles'),
     (GAINS, [1.0, 2], 'a list in which every element is a floating-point number: write 2.0'),
     (GAINS, [1.0, math.nan], 'a list in which every element is a number, not NaN'),
+    (GAINS, [1.0, math.inf], 'a list in which every element is a finite number'),
     (GAINS, [1.0, 0.0], 'a list in which every element is > 0 N*m'),
     (GAINS, [[1.0], [1.0]], 'a list in which every element is a floating-point number'),
     (GAINS, [], 'a list of length 1 or 2 (one for each of the joints)'),
@@ -139,3 +141,24 @@ def test_every_declaration_says_what_it_is(node, parameter):
 def test_names_are_declared_once(node):
     names = [parameter.name for parameter in TABLES[node]]
     assert len(names) == len(set(names))
+
+
+def test_everything_about_learning_is_live():
+    structure = {'initial_estimate', 'initial_estimate_file', 'resume_within'}
+    learning = {p.name: p for p in TABLES['identifier']
+                if p.name.split('.')[0] in ('gamma', 'kt', 'kh', 'filter', 'change', 'history',
+                                            'excitation', 'update_law', 'estimate_file',
+                                            'estimate_period', *structure)}
+    assert len(learning) == 23
+    assert {name for name, p in learning.items() if p.read_only} == structure
+
+
+@pytest.mark.parametrize('name', ['filter.time_constant', 'filter.gap', 'filter.settle',
+                                  'filter.state_time_constant', 'change.window',
+                                  'change.threshold', 'change.resolution', 'history.epsilon',
+                                  'history.minimum_growth', 'history.noise',
+                                  'excitation.window', 'estimate_period', 'resume_within'])
+def test_settings_of_the_identifier_have_an_upper_end(name):
+    parameter = {p.name: p for p in TABLES['identifier']}[name]
+    assert value_problem(parameter, parameter.maximum, {}) is None
+    assert value_problem(parameter, 1.001 * parameter.maximum, {}) == parameter.range_text()

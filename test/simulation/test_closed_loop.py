@@ -15,7 +15,12 @@ import pytest
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.errors import ParameterError, SetViolation
 from adaptive_blf_control.parameters.yaml_file import apply_settings, load_yaml
-from adaptive_blf_control.simulation.closed_loop import build_closed_loop, ClosedLoop, Sample
+from adaptive_blf_control.simulation.closed_loop import (
+    build_closed_loop,
+    ClosedLoop,
+    Sample,
+    sample_time,
+)
 from adaptive_blf_control.tools.simulate import run_of_trace
 from adaptive_blf_control.tools.summary import summarise
 
@@ -99,11 +104,44 @@ def test_a_smooth_start_begins_without_error(build):
     assert np.abs(trace.e1).max() < 0.05
 
 
+@pytest.mark.parametrize(('config', 'start', 'nearest'), [
+    ('two_link', '[1.1999, 2.1999]', 1e-4), ('two_link', '[-1.169, 2.199]', 1e-3),
+    ('three_link', '[0.519, -0.099, 1.799]', 1e-3)])
+def test_a_motion_begins_at_the_edge_of_the_safety_set_and_keeps_both_sets(build, config, start,
+                                                                          nearest):
+    loop = build('controller.reference.smooth_start=2.0', f'arm_driver.initial_position={start}',
+                 'arm_driver.initial_velocity=[0.0]', config=config)
+    margins: list[np.ndarray] = []
+    loop.run(3.0, lambda sample: margins.append(
+        loop.controller.margins(sample.measured.q, sample.output)))
+    assert np.min(margins) > 0.9 * nearest
+    assert np.min(margins[-1]) > 0.01
+
+
+def test_torque_changes_no_faster_than_its_rate_limit(build):
+    trace = build('controller.torque_rate_limit=[300.0, 100.0]').run(0.2)
+    steps = np.abs(np.diff(np.vstack([np.zeros(2), trace.torque]), axis=0))
+    assert np.all(steps <= np.array([0.3, 0.1]) * (1 + 1e-9))
+    assert steps.max(axis=0).tolist() == pytest.approx([0.3, 0.1])
+
+
+@pytest.mark.parametrize('rate', [1000.0, 300.0, 777.0])
+def test_sample_times_are_those_of_stamps_in_whole_nanoseconds(build, rate):
+    trace = build(f'arm_driver.rate={rate}').run(0.2)
+    epoch = 1_000_000_000
+    for k, t in enumerate(trace.t):
+        stamp = epoch + int(round(k * (1.0 / rate) * 1e9))
+        assert t == (stamp - epoch) * 1e-9 == sample_time(k, 1.0 / rate)
+        assert int(round(t * 1e9)) == stamp - epoch
+        assert t == pytest.approx(k / rate, abs=1e-9)
+
+
 @pytest.mark.parametrize('setting', [
     'identifier.update_law=concurrent', 'identifier.kt=1.0', 'identifier.kh=1.0',
     'identifier.gamma=[2.0]', 'identifier.history.size=9', 'identifier.history.epsilon=0.3',
     'identifier.filter.time_constant=0.01', 'controller.k1=[20.0]', 'controller.k2=[20.0]',
     'controller.coupling=pseudoinverse', 'controller.torque_limit=[4.0]',
+    'controller.torque_rate_limit=[100.0]',
     'controller.performance.upper=[0.18]', 'controller.initial_estimate=[0.5]',
     'identifier.initial_estimate=[0.5]', 'arm_driver.torque_limit=[4.0]', 'arm_driver.rate=500.0',
     'arm_driver.true_parameters=[3.4, 0.2, 0.2, 5.0, 1.0]', 'arm_driver.initial_velocity=[0.1]'])
@@ -130,11 +168,10 @@ def test_effort_is_what_the_drives_applied_over_the_last_interval(build):
 
 def test_a_sample_is_answered_with_the_estimate_of_the_last_one(build):
     samples: list[Sample] = []
-    loop = build(*PAPER_GAINS)
-    loop.run(0.02, samples.append)
-    theta = np.array([0.0, 9.0, 6.0, 0.0, 0.0])
+    build(*PAPER_GAINS).run(0.02, samples.append)
+    theta, alone = np.array([0.0, 9.0, 6.0, 0.0, 0.0]), build(*PAPER_GAINS).controller
     for sample in samples:
-        expected = loop.controller.update(sample.t, sample.measured.q, sample.measured.qd, theta)
+        expected = alone.update(sample.t, sample.measured.q, sample.measured.qd, theta)
         np.testing.assert_array_equal(sample.output.torque, expected.torque)
         theta = sample.theta_hat
 

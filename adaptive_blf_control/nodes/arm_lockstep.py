@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The driver's loop under ``use_sim_time``: no step before everybody has answered the last state.
+
+Order within a sample: /clock and the state go out; the controller answers with a command and the
+adaptation term of that stamp, the identifier with the estimate of that stamp; then the arm moves
+on. That is the order of :class:`adaptive_blf_control.simulation.closed_loop.ClosedLoop`, and the
+same objects compute it, so that a run equals ``simulate`` and the run before it bit by bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+import time
+from typing import TYPE_CHECKING
+
+from builtin_interfaces.msg import Time
+import numpy as np
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+
+from adaptive_blf_control.errors import BlfError, ParameterError
+from adaptive_blf_control.nodes.answers import stamp_of
+from adaptive_blf_control.topics import ADAPTATION_TERM, THETA_HAT
+
+if TYPE_CHECKING:
+    from adaptive_blf_control.nodes.arm_driver import ArmDriver
+
+__all__ = ['EPOCH_NS', 'ArmLockstep', 'LockstepTimeout']
+
+EPOCH_NS = 10**9  # stamp of the first state: 0 means "no time yet" in ROS
+ANSWERS = {'controller': ADAPTATION_TERM, 'identifier': THETA_HAT}
+
+
+class LockstepTimeout(BlfError, TimeoutError):
+    """A node has not answered a state in time; the message names it."""
+
+
+class ArmLockstep:
+    """Steps the arm of a driver once every state has its answers."""
+
+    def __init__(self, driver: ArmDriver) -> None:
+        """Subscribe to the answers that are asked for."""
+        self._driver = driver
+        names = driver.values['lockstep.answers']
+        for name in names:
+            if name not in ANSWERS:
+                raise ParameterError('arm_driver.lockstep.answers', name,
+                                     f'of {", ".join(ANSWERS)}')
+        self._clock = driver.create_publisher(Clock, '/clock', 10)
+        self._commanded = False
+        self._torque = np.zeros(driver.arm.n)
+        self._heard = dict.fromkeys(names, 0)
+        self._inputs = {name: driver.data_subscription(
+            JointState, ANSWERS[name], self._hears(name), reliable=True) for name in names}
+
+    def _hears(self, name: str) -> Callable[[bytes, dict[str, int]], None]:
+        def hear(data: bytes, info: dict[str, int]) -> None:
+            self._heard[name] = stamp_of(data) or 0
+        return hear
+
+    def on_command(self, torque: np.ndarray) -> None:
+        """Keep the torque until the arm steps."""
+        self._torque, self._commanded = torque, True
+
+    def loop(self) -> None:
+        """Run until the duration is over or the node is to stop; LockstepTimeout names a node."""
+        driver = self._driver
+        self._wait(self._missing_publishers, 'is not there')
+        begin = time.monotonic()
+        stamp_ns = first_ns = EPOCH_NS
+        k, period_ns, interval = 0, driver.period_ns, 0.0
+        while driver.up:
+            while driver.up and not driver.active:
+                driver.spin_data(0.01)
+            with driver.between_samples:
+                if driver.period_ns != period_ns:  # a live rate begins a new grid
+                    k, period_ns, first_ns = 0, driver.period_ns, stamp_ns
+                self._send(stamp_ns, interval)
+            self._wait(partial(self._missing_answers, stamp_ns),
+                       f'has not answered the state of {stamp_ns * 1e-9:.6f} s')
+            interval = 1.0 / driver.values['rate']
+            with driver.between_samples:
+                driver.started = True
+                driver.plant.apply(self._torque)
+                driver.plant.advance(interval)
+            t = (stamp_ns - EPOCH_NS) * 1e-9
+            if 0.0 < driver.values['duration'] <= t + 0.5 * interval:
+                driver.get_logger().info(f'duration of {driver.values["duration"]:g} s is over, '
+                                         f'in {time.monotonic() - begin:.1f} s of real time')
+                return
+            k += 1
+            stamp_ns = first_ns + round(k * interval * 1e9)
+            self._pace((stamp_ns - EPOCH_NS) * 1e-9, begin)
+
+    def _send(self, stamp_ns: int, interval: float) -> None:
+        self._commanded = False
+        self._clock.publish(Clock(clock=Time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)))
+        self._driver.send_state(stamp_ns, self._driver.plant.torque, interval)
+        self._driver.sampled(stamp_ns)
+
+    def _pace(self, t: float, begin: float) -> None:
+        """Wait until ``t`` [s] is due at ``lockstep.rate`` times real time."""
+        pace = self._driver.values['lockstep.rate']
+        if pace > 0.0:
+            while self._driver.up and (left := begin + t / pace - time.monotonic()) > 0.0:
+                self._driver.stop.wait(min(left, 0.05))
+
+    def _missing_publishers(self) -> list[str]:
+        return [name for name, subscription in self._inputs.items()
+                if subscription.get_publisher_count() == 0]
+
+    def _missing_answers(self, stamp_ns: int) -> list[str]:
+        missing = [name for name, heard in self._heard.items() if heard != stamp_ns]
+        if not self._commanded and 'controller' not in missing:
+            missing.append('controller')
+        return missing
+
+    def _wait(self, missing: Callable[[], list[str]], what: str) -> None:
+        driver = self._driver
+        timeout = driver.values['lockstep.timeout']
+        give_up = time.monotonic() + timeout
+        while driver.up and (names := missing()):
+            if time.monotonic() > give_up:
+                raise LockstepTimeout(f'{", ".join(names)} {what} within {timeout:g} s: '
+                                      f'does it run with use_sim_time: true?')
+            driver.spin_data(0.01)

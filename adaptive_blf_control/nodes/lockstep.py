@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag played in lockstep: no state before the one in front of it has been answered.
+
+What is sent between two states, e.g. the adaptation term, is at a node before the second one:
+messages from one participant to another keep their order unless one is lost, and an identifier
+with ``use_sim_time`` waits for the term by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import threading
+import time
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from adaptive_blf_control.bags.joint_state import decode_joint_state
+from adaptive_blf_control.bags.reader import Bag, JOINT_STATE
+from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.nodes.answers import Answers, NoAnswer
+from adaptive_blf_control.nodes.data_node import TOO_LATE
+from adaptive_blf_control.topics import COMMANDS, JOINT_STATES
+
+__all__ = ['Lockstep', 'choose_topics', 'states_topic']
+
+# Best effort readers may lose a state, or not have found us yet when the first one is sent. The
+# identifier does not learn twice from the same stamp, so it can be sent again.
+SEND_AGAIN = 1.0  # s
+
+
+def choose_topics(bag: Bag, asked: Sequence[str], answers: Sequence[str]
+                  ) -> tuple[list[str], dict[str, str]]:
+    """Return which topics to play, states last, and which not with the reason.
+
+    DDS tells a participant of our publishers in the order they were made, so one that has heard
+    the first state knows all the others.
+
+    Args:
+        bag: The bag.
+        asked: Topics of the bag that were named; all where empty.
+        answers: Topics that answer, relative to the namespace of the states.
+
+    Raises:
+        BagError: an answer was named, or there is not exactly one topic with states.
+    """
+    known = asked or [topic for topic, info in bag.topics.items() if info.count]
+    states = states_topic(bag, known)
+    answering = [beside(states, topic) for topic in answers]
+    folders = tuple(topic.rpartition('/')[0] + '/' for topic in answering
+                    if topic.rpartition('/')[0] not in ('', states.rpartition('/')[0]))
+    skipped: dict[str, str] = {}
+    for topic in known:
+        if topic in answering:
+            if asked:
+                raise BagError(f'{bag.path}: {topic} is the answer that lockstep waits for: '
+                               'expected it to come from the live node alone')
+            skipped[topic] = 'it is the answer that lockstep waits for'
+        elif not asked and topic.startswith(folders):
+            skipped[topic] = 'whoever answers sends it'
+        elif not asked and topic == beside(states, COMMANDS):
+            skipped[topic] = 'it moves an arm: name it with --topics where that is meant'
+    return sorted(set(known) - set(skipped), key=lambda topic: (topic == states, topic)), skipped
+
+
+def states_topic(bag: Bag, topics: Sequence[str]) -> str:
+    """Return the one topic of states among ``topics``; BagError where it is not one."""
+    found = [topic for topic in topics if bag.topics[topic].type_name == JOINT_STATE]
+    named = [topic for topic in found if topic.rpartition('/')[2] == JOINT_STATES]
+    if len(named or found) == 1:
+        return (named or found)[0]
+    raise BagError(f'{bag.path}: lockstep plays one topic of joint states, here are '
+                   f'{", ".join(named or found) or "none"}: expected --topics to name one')
+
+
+def beside(states: str, topic: str) -> str:
+    """Return a topic relative to the namespace of the states; an absolute one as it is."""
+    return topic if topic.startswith('/') else states.rpartition('/')[0] + (
+        '/' if '/' in states else '') + topic
+
+
+class Lockstep:
+    """Sends one state at a time.
+
+    Attributes:
+        states: Topic of the states in the bag.
+        answers: Where they are answered.
+        answered: How many were.
+        resent: How often a state was sent again.
+        unanswered: States that were not, counted by the names of their joints: other robots on
+            the same topic. The empty tuple counts messages that cannot be read.
+    """
+
+    def __init__(self, node: Node, bag: Bag, publishers: Mapping[str, Publisher],
+                 answers: Sequence[str], timeout: float, stop: threading.Event) -> None:
+        """Prepare; nothing is waited for before :meth:`discover`."""
+        self.states = states_topic(bag, [*publishers])
+        self._publisher = publishers[self.states]
+        live = self._publisher.topic_name  # after remapping
+        self.answers = Answers(node, [beside(live, topic) for topic in answers], stop)
+        self.answered = self.resent = 0
+        self.unanswered: dict[tuple[str, ...], int] = {}
+        self._bag = bag
+        self._timeout = timeout
+        self._stop = stop
+        self._known: set[tuple[str, ...]] = set()  # joints of states that were answered
+
+    def discover(self) -> None:
+        """Wait until somebody listens to the states and somebody answers.
+
+        Raises:
+            NoAnswer: nobody within the timeout; names the topic.
+        """
+        begin = time.monotonic()
+        while self._publisher.get_subscription_count() == 0 and not self._stop.wait(0.01):
+            if time.monotonic() - begin >= self._timeout:
+                raise NoAnswer(self._publisher.topic_name, None,
+                               f'nobody listens within {self._timeout:g} s')
+        self.answers.discover(max(self._timeout - (time.monotonic() - begin), 0.0))
+
+    def send(self, topic: str, publisher: Publisher, data: bytes) -> None:
+        """Publish one message; return when the next one may follow.
+
+        Raises:
+            NoAnswer: nobody answers a state within the timeout.
+        """
+        if topic == self.states:
+            self._ask(data)
+        else:  # not confirmed: over DDS that takes up to a heartbeat, 3 s by default
+            publisher.publish(data)
+
+    def _ask(self, data: bytes) -> None:
+        names, stamp_ns = _read_state(data)
+        self.answers.forget()
+        self._publisher.publish(data)
+        if not names or names in self.unanswered:
+            self.unanswered[names] = self.unanswered.get(names, 0) + 1
+        elif missing := self._until_answered(stamp_ns, data):
+            if not self._stop.is_set():
+                self._give_up_on(names, stamp_ns, missing)
+        else:
+            self.answered += 1
+            self._known.add(names)
+
+    def _until_answered(self, stamp_ns: int, data: bytes) -> list[str]:
+        """Return the topics that do not answer within the timeout."""
+        give_up = time.monotonic() + self._timeout
+        while True:
+            left = give_up - time.monotonic()
+            missing = self.answers.wait(stamp_ns, min(SEND_AGAIN, left))
+            if not missing or left <= SEND_AGAIN or self._stop.is_set():
+                return missing
+            self._publisher.publish(data)
+            self.resent += 1
+
+    def _give_up_on(self, names: tuple[str, ...], stamp_ns: int, missing: list[str]) -> None:
+        """Let other robots on the same topic pass; raise where these are the joints meant."""
+        if names in self._known or not self._others_than(names):
+            raise NoAnswer(', '.join(missing), stamp_ns, f'no answer within {self._timeout:g} s '
+                           f'to the state of {stamp_ns} ns with joints {list(names)}')
+        self.unanswered[names] = 1
+        print(f'{self.states}: no answer within {self._timeout:g} s to joints {list(names)}: '
+              'states with these names are not waited for', flush=True)
+
+    def _others_than(self, names: tuple[str, ...]) -> bool:
+        """Whether the bag has states with joints that may still be answered."""
+        if self._known:
+            return True
+        for message in self._bag.messages((self.states,)):
+            other, _ = _read_state(message.data)
+            if other and other != names and other not in self.unanswered:
+                return True
+        return False
+
+
+def _read_state(data: bytes) -> tuple[tuple[str, ...], int]:
+    """Return joint names and stamp [ns]; no names where the identifier cannot read the message."""
+    try:
+        state = decode_joint_state(data)
+    except BagError:
+        return (), 0
+    n = len(state.names)
+    sound = (len(set(state.names)) == n and state.stamp_ns < TOO_LATE
+             and all(len(values) in (0, n) for values in state[3:]))
+    return (state.names if sound else ()), state.stamp_ns

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well a node holds its rate: periods, missed ones, time of the callback, age of the data."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+
+__all__ = ['Histogram', 'LoopStatistics']
+
+BIN_NS = 2_000
+BINS = 25_000  # 50 ms; what is longer counts in the last bin and in the largest value
+
+
+class Histogram:
+    """Durations, counted in bins of 2 µs, so that adding one costs no memory and little time.
+
+    Attributes:
+        largest_ns: The largest duration so far [ns].
+    """
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self._bins = array('q', bytes(8 * BINS))
+        self._before = np.zeros(BINS, dtype=np.int64)
+        self.largest_ns = 0
+
+    def add(self, duration_ns: int) -> None:
+        """Count one duration [ns]."""
+        number = duration_ns // BIN_NS
+        self._bins[number if 0 <= number < BINS else (0 if number < 0 else BINS - 1)] += 1
+        if duration_ns > self.largest_ns:
+            self.largest_ns = duration_ns
+
+    def quantiles(self, parts: tuple[float, ...], recent: bool = False) -> tuple[float, ...]:
+        """Return quantiles [ms], exact to a bin; NaN where nothing was counted.
+
+        Args:
+            parts: Each in 0..1.
+            recent: Only what was counted since the last call with ``recent``.
+        """
+        counts = np.array(self._bins, dtype=np.int64)
+        if recent:
+            counts, self._before = counts - self._before, counts
+        total = np.cumsum(counts)
+        if total[-1] == 0:
+            return tuple(float('nan') for _ in parts)
+        return tuple(float(np.searchsorted(total, part * total[-1]) + 1) * BIN_NS * 1e-6
+                     for part in parts)
+
+
+class LoopStatistics:
+    """Statistics of one node's loop; times come in, from one clock.
+
+    Attributes:
+        samples: Samples worked on.
+        missed: Samples that were due by their stamps and not worked on.
+        callback: Time spent on a sample.
+        age: Time from a message's publication to its being handled.
+    """
+
+    def __init__(self) -> None:
+        """Start with nothing seen."""
+        self.samples = 0
+        self.missed = 0
+        self.callback = Histogram()
+        self.age = Histogram()
+        self._stamp_ns = 0
+        self._interval_ns = 0.0
+        self._at_ns = 0
+        self._sums = [0, 0.0, 0.0]  # periods in the window, their sum and sum of squares [ms]
+
+    def sample(self, now_ns: int, stamp_ns: int = 0) -> None:
+        """Count one sample, worked on at ``now_ns`` and measured at ``stamp_ns`` (0: unknown)."""
+        self.samples += 1
+        if self._at_ns:
+            period = (now_ns - self._at_ns) * 1e-6
+            sums = self._sums
+            sums[0] += 1
+            sums[1] += period
+            sums[2] += period * period
+        self._at_ns = now_ns
+        if stamp_ns:
+            if self._stamp_ns:
+                self._count_missed(stamp_ns - self._stamp_ns)
+            self._stamp_ns = stamp_ns
+
+    def _count_missed(self, interval_ns: int) -> None:
+        if self._interval_ns > 0.0 and interval_ns > 1.5 * self._interval_ns:
+            self.missed += round(interval_ns / self._interval_ns) - 1
+        # A running median: one long gap moves it by one step only.
+        self._interval_ns = self._interval_ns or float(interval_ns)
+        self._interval_ns *= 1.01 if interval_ns > self._interval_ns else 0.99
+
+    def break_off(self) -> None:
+        """Forget the last stamp: the next one begins a new motion and missed nothing."""
+        self._stamp_ns = 0
+
+    def take(self) -> dict[str, str]:
+        """Return the figures of the time since the last call, for the diagnostics."""
+        count, total, squares = self._sums
+        self._sums = [0, 0.0, 0.0]
+        figures = {'missed periods': str(self.missed)}
+        if count:
+            mean = total / count
+            jitter = max(squares / count - mean * mean, 0.0) ** 0.5
+            figures['period mean [ms]'] = f'{mean:.4f}'
+            figures['period jitter, standard deviation [ms]'] = f'{jitter:.4f}'
+        for name, histogram in (('callback', self.callback), ('message age', self.age)):
+            middle, tail = histogram.quantiles((0.5, 0.99), recent=True)
+            if middle == middle:  # not NaN: something was counted
+                figures[f'{name} p50, p99, largest so far [ms]'] = (
+                    f'{middle:.3f}, {tail:.3f}, {histogram.largest_ns * 1e-6:.3f}')
+        return figures

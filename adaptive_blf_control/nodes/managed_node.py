@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A data node with a lifecycle: what moves an arm is configured, activated and deactivated.
+
+With ``autostart`` the node configures itself when it is made and activates itself as soon as it
+can, so that ``ros2 run`` is enough; what cannot be configured then ends it with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from lifecycle_msgs.msg import State
+from rclpy.context import Context
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle.node import LifecycleNodeMixin
+
+from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.nodes.data_node import DataNode
+
+__all__ = ['ManagedNode']
+
+
+class ManagedNode(LifecycleNodeMixin, DataNode):
+    """Subclasses fill in what a transition does; a BlfError refuses it.
+
+    Attributes:
+        active: Whether the arm may be moved.
+        wants_activation: Whether the node is to activate itself as soon as it can.
+    """
+
+    def __init__(self, kind: str, *, context: Context | None = None, **options: Any) -> None:
+        """Make the node; with ``autostart`` configure it, BlfError where that fails."""
+        DataNode.__init__(self, kind, context=context, **options)
+        LifecycleNodeMixin.__init__(self)
+        self.active = False
+        self._refused: BlfError | None = None
+        self.wants_activation = bool(self.values['autostart'])
+        if self.wants_activation and not self._changes(self.trigger_configure):
+            error = self._refused
+            self.destroy_node()
+            raise error or BlfError(f'{kind} could not be configured')
+
+    def configure(self) -> None:
+        """Validate, build and compile everything; make topics."""
+        raise NotImplementedError
+
+    def activate(self) -> None:
+        """Check that the arm may be moved from here on."""
+
+    def deactivate(self) -> None:
+        """Bring the torque to zero."""
+
+    def cleanup(self) -> None:
+        """Give back what :meth:`configure` made."""
+
+    def activate_by_itself(self) -> bool:
+        """Activate where that is still wanted; raise the reason where it is refused."""
+        if self.state_id != State.PRIMARY_STATE_INACTIVE or not self.wants_activation:
+            return False
+        self.wants_activation = False
+        if self._changes(self.trigger_activate):
+            return True
+        raise self._refused or BlfError(f'{self.kind} could not be activated')
+
+    @property
+    def state_id(self) -> int:
+        """Present state, a constant of lifecycle_msgs/State."""
+        return int(self._state_machine.current_state[0])
+
+    def _changes(self, trigger: Callable[[], TransitionCallbackReturn]) -> bool:
+        self._refused = None
+        return trigger() == TransitionCallbackReturn.SUCCESS
+
+    def _between_samples(self, action: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            with self.between_samples:
+                action()
+        except BlfError as error:
+            self._refused = error
+            self.fault('refused', str(error))
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Configure; what cannot be used refuses it with its reason."""
+        return self._between_samples(self.configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate, or refuse with joint, value and bound."""
+        def action() -> None:
+            self.activate()
+            self.active = True
+        return self._between_samples(action)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Bring the torque to zero; whoever asked for it has to ask for activation again."""
+        def action() -> None:
+            self.wants_activation = False
+            if self.active:
+                self.active = False
+                self.deactivate()
+        return self._between_samples(action)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go back to unconfigured."""
+        return self._between_samples(self.cleanup)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Bring the torque to zero and end the process."""
+        done = self.on_deactivate(state)
+        self.stop.set()
+        return done

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A node as a process: signals, errors in our words, a clean end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import signal
+import sys
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.logging import get_logger_level, LoggingSeverity, set_logger_level
+from rclpy.signals import SignalHandlerOptions
+
+from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.nodes.data_node import DataNode
+from adaptive_blf_control.nodes.node_parameters import check_files, explain_files
+
+__all__ = ['initialise', 'on_signals', 'run_node']
+
+
+def on_signals(end: Callable[[int], None]) -> None:
+    """Call ``end`` with the number of a signal that asks the process to end."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda number, _: end(number))
+
+
+def run_node(kind: str, make: Callable[[], DataNode], args: list[str] | None) -> int:
+    """Run a node as a process: signals, clear errors, clean shutdown.
+
+    Args:
+        kind: Name of the node, for messages.
+        make: Makes the node.
+        args: ROS arguments; those of the process where None.
+
+    Returns:
+        The exit status: 2 where the node cannot be made, or ends with an error of ours.
+    """
+    made: list[DataNode] = []
+    asked: list[int] = []
+
+    def end(number: int) -> None:
+        asked.append(number)
+        if not made:  # nothing to wind down yet, and making a node may take long
+            raise SystemExit(128 + number)
+        made[0].stop.set()
+
+    on_signals(end)
+    try:
+        initialise(kind, args)
+        made.append(make())
+    except (BlfError, ParameterException, RuntimeError) as error:
+        print(f'{kind}: {error}', file=sys.stderr)
+        rclpy.try_shutdown()
+        return 2
+    node = made[0]
+    try:
+        if asked:  # came in the moment the node was being handed over
+            node.stop.set()
+        return node.run()
+    except BlfError as error:
+        node.get_logger().fatal(str(error))
+        return 2
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def initialise(kind: str, args: list[str] | None) -> None:
+    """Start ROS without its signal handlers: the last torque and the bag's end come before.
+
+    Raises:
+        ParameterError: a parameter file cannot be used, with the reason in our words.
+        RuntimeError: any other argument ROS does not take.
+    """
+    arguments = sys.argv if args is None else args
+    check_files(arguments)
+    set_logger_level('rcl', LoggingSeverity.FATAL)  # says less than what is raised, and first
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        explain_files(arguments, kind)
+        unknown = type(error).__name__ == 'UnknownROSArgsError'
+        raise RuntimeError(f'unknown ROS arguments {error}' if unknown else
+                           str(error).split(', at /')[0]) from None
+    finally:
+        if get_logger_level('rcl') == LoggingSeverity.FATAL:
+            set_logger_level('rcl', LoggingSeverity.UNSET)

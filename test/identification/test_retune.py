@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts about changing the identifier between two samples: all or nothing, and nothing is lost."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.identifier import Identifier, IdentifierSettings
+
+ARM = TwoLinkArm()
+SETTINGS = IdentifierSettings(
+    initial_estimate=np.array([0.0, 9.0, 6.0, 0.0, 0.0]), gamma=np.ones(5), kt=10.0, kh=10.0,
+    time_constant=0.001, gap=0.05, size=7, epsilon=0.1, change_window=0.1, excitation_window=0.1)
+
+LIVE = {'gamma': np.full(5, 2.0), 'kt': 3.0, 'kh': 4.0, 'update_law': 'concurrent',
+        'time_constant': 0.004, 'gap': 0.02, 'settle': 2.0, 'state_order': 2,
+        'state_time_constant': 0.01, 'size': 12, 'epsilon': 0.3, 'minimum_growth': 0.5,
+        'change_window': 0.3, 'change_threshold': 9.0, 'change_resolution': 0.1,
+        'excitation_window': 0.2, 'noise': 0.1, 'noise_seed': 3}
+BAD = {'gamma': np.ones(4), 'kt': -1.0, 'update_law': 'guess', 'time_constant': 0.0,
+       'gap': float('nan'), 'settle': float('inf'), 'state_order': 1, 'size': 0, 'epsilon': 1.5,
+       'minimum_growth': -1.0, 'change_window': -0.1, 'change_threshold': 1.0,
+       'change_resolution': float('inf'), 'excitation_window': float('inf'), 'noise': -0.1}
+
+
+def identifier(**changes) -> Identifier:
+    return Identifier(ARM, dataclasses.replace(SETTINGS, **changes))
+
+
+def learn(subject: Identifier, samples) -> Identifier:
+    for sample in samples:
+        subject.update(*sample)
+    return subject
+
+
+def retune(subject: Identifier, **changes) -> None:
+    subject.retune(dataclasses.replace(subject.settings, **changes))
+
+
+def assert_same(first: Identifier, second: Identifier) -> None:
+    np.testing.assert_array_equal(first.theta, second.theta)
+    np.testing.assert_array_equal(first.stack.regressors, second.stack.regressors)
+    np.testing.assert_array_equal(first.pair[0], second.pair[0])
+    np.testing.assert_array_equal(first.monitor.statistic, second.monitor.statistic)
+    assert first.excitation == second.excitation
+    assert first.restarts == second.restarts
+
+
+def poor(subject: Identifier, steps: int, start: int = 0) -> None:
+    """One joint moves at a steady pace: the rank stays below 5."""
+    for k in range(start, start + steps):
+        subject.update(k * 1e-3, np.array([k * 1e-3, 0.2]), np.array([1.0 + 0.01 * k, 0.0]),
+                       np.array([1.0, 2.0]))
+
+
+def test_every_setting_but_the_start_is_in_the_list():
+    fields = {field.name for field in dataclasses.fields(IdentifierSettings)}
+    assert set(LIVE) == fields - {'initial_estimate'}
+
+
+@pytest.mark.parametrize('name', LIVE)
+def test_a_change_loses_neither_the_estimate_nor_a_pair(record, name):
+    subject = learn(identifier(), record(steps=300)[:200])
+    theta, pairs, restarts = subject.theta, subject.stack.regressors[:7].copy(), subject.restarts
+    retune(subject, **{name: LIVE[name]})
+    np.testing.assert_array_equal(getattr(subject.settings, name), LIVE[name])
+    assert subject.theta is theta
+    np.testing.assert_array_equal(subject.stack.regressors[:7], pairs)
+    learn(subject, record(steps=300)[200:])
+    assert subject.restarts == restarts + (name in ('state_order', 'state_time_constant'))
+    assert sum(subject.dropped.values()) == 0
+
+
+@pytest.mark.parametrize('name', sorted(set(LIVE) - {'noise_seed', 'state_time_constant'}))
+def test_a_changed_setting_is_that_of_an_identifier_that_always_had_it(record, name):
+    base = {'settle': 1.0, 'gap': 0.02} if name == 'gap' else {}
+    samples = [sample for k, sample in enumerate(record(steps=300))
+               if not (name == 'gap' and 150 <= k < 180)]
+    subject = identifier(**base, **({} if name == 'gap' else {name: LIVE[name]}))
+    always = learn(identifier(**{**base, name: LIVE[name]}), samples)
+    if name == 'gap':
+        subject = learn(identifier(settle=1.0), samples[:100])
+    else:
+        subject = identifier()
+    retune(subject, **{name: LIVE[name]})
+    learn(subject, samples[100:] if name == 'gap' else samples)
+    assert_same(subject, always)
+
+
+@pytest.mark.parametrize('name', BAD)
+def test_a_value_that_is_refused_changes_nothing_of_the_others(record, name):
+    samples = record(steps=300)
+    subject, untouched = (learn(identifier(), samples[:200]) for _ in range(2))
+    with pytest.raises(ParameterError):
+        retune(subject, **{**LIVE, name: BAD[name]})
+    assert subject.settings is not None
+    for field in dataclasses.fields(IdentifierSettings):
+        np.testing.assert_array_equal(getattr(subject.settings, field.name),
+                                      getattr(SETTINGS, field.name))
+    assert_same(learn(subject, samples[200:]), learn(untouched, samples[200:]))
+
+
+def test_the_same_settings_again_change_nothing(record):
+    samples = record(steps=300)
+    subject, untouched = identifier(state_order=2, noise=0.1), identifier(state_order=2, noise=0.1)
+    for sample in samples:
+        retune(subject)
+        assert_same(learn(subject, [sample]), learn(untouched, [sample]))
+
+
+def test_where_the_estimate_started_is_history(record):
+    subject = learn(identifier(), record(steps=50))
+    theta = subject.theta
+    retune(subject, initial_estimate=np.ones(5), kt=2.0)
+    assert subject.settings.kt == 2.0
+    np.testing.assert_array_equal(subject.settings.initial_estimate, SETTINGS.initial_estimate)
+    assert subject.theta is theta
+
+
+def test_settings_cannot_be_assigned():
+    with pytest.raises(AttributeError):
+        identifier().settings = SETTINGS
+
+
+def test_filtered_regressor_times_parameters_stays_the_filtered_torque_through_a_change():
+    # Torques that satisfy the sampled equation exactly, so that only rounding is left.
+    random, subject, last = np.random.default_rng(3), identifier(), None
+    t, largest = 0.0, 0.0
+    for k in range(400):
+        if k % 50 == 25:
+            retune(subject, time_constant=float(10.0 ** random.uniform(-4.0, 0.0)))
+        t += 1e-3 * random.uniform(0.5, 1.5)
+        q, qd = np.sin([9.0 * t, 7.0 * t]), np.array([9.0, 7.0]) * np.cos([9.0 * t, 7.0 * t])
+        y1, y2 = ARM.Y12(q, qd)
+        tau = np.zeros(2) if last is None else (
+            (y1 - last[1]) / (t - last[0]) + 0.5 * (y2 + last[2])) @ ARM.nominal
+        subject.observe(t, q, qd, tau)
+        last = t, y1, y2
+        regressor, torque = subject.pair
+        np.testing.assert_allclose(regressor @ ARM.nominal, torque, rtol=0.0, atol=1e-11)
+        largest = max(largest, float(np.abs(torque).max()))
+    assert subject.restarts == 1
+    assert largest > 10.0
+
+
+def test_another_state_filter_starts_both_filters_anew(record):
+    samples = record(steps=300)
+    subject = learn(identifier(settle=5.0), samples[:200])
+    insertions = subject.stack.insertions
+    retune(subject, state_order=2, state_time_constant=0.002)
+    assert not subject.pair[0].any()
+    fresh = learn(identifier(state_order=2, state_time_constant=0.002, settle=5.0), samples[200:])
+    for sample in samples[200:]:
+        subject.update(*sample)
+        assert (subject.settled, fresh.settled) == (sample.t > 0.2 + 0.025 - 1e-9, True)
+        assert subject.settled or subject.stack.insertions == insertions
+    assert subject.stack.insertions > insertions
+    np.testing.assert_array_equal(subject.pair[0], fresh.pair[0])
+
+
+def test_the_state_filter_can_be_switched_off(record):
+    samples = record(steps=300)
+    subject = learn(identifier(state_order=2), samples[:200])
+    retune(subject, state_order=0)
+    np.testing.assert_array_equal(learn(subject, samples[200:]).pair[0],
+                                  learn(identifier(), samples[200:]).pair[0])
+
+
+def test_a_longer_memory_has_to_settle_first(record):
+    subject = learn(identifier(settle=5.0), record(steps=20))
+    assert subject.settled
+    retune(subject, time_constant=0.01)
+    assert not subject.settled
+
+
+def test_a_smaller_history_is_reached_sample_by_sample(record):
+    samples = record(steps=300)
+    subject = learn(identifier(size=20), samples[:200])
+    assert subject.stack.count == 20
+    retune(subject, size=8)
+    counts = []
+    for sample in samples[200:220]:
+        subject.update(*sample)
+        counts.append(subject.stack.count)
+    assert counts == [*range(19, 7, -1), *[8] * 8]
+    assert subject.stack.rank == 5
+
+
+def test_the_change_monitor_looks_at_the_pairs_that_are_left(record):
+    samples = record(steps=400)
+    subject = learn(identifier(size=20), samples[:200])
+    retune(subject, size=8)
+    before = subject.monitor.statistic
+    learn(subject, samples[200:212])
+    np.testing.assert_array_equal(subject.monitor.statistic, before)  # waits until all have left
+    learn(subject, samples[212:])
+    assert (subject.monitor.changes, subject.stack.count) == (0, 8)
+    assert not np.array_equal(subject.monitor.statistic, before)
+
+
+def test_the_mean_of_the_change_monitor_survives_all_but_another_window(record):
+    subject = learn(identifier(), record(steps=200))
+    statistic = subject.monitor.statistic
+    assert statistic.any()
+    retune(subject, change_threshold=9.0, change_resolution=0.02)
+    np.testing.assert_array_equal(subject.monitor.statistic, statistic)
+    retune(subject, change_window=0.2)
+    assert not subject.monitor.statistic.any()
+
+
+def test_the_excitation_index_begins_anew_with_another_window_only(record):
+    subject = learn(identifier(), record(steps=200))
+    index = subject.excitation
+    assert index > 0.0
+    retune(subject, kt=1.0)
+    assert subject.excitation == index
+    retune(subject, excitation_window=0.2)
+    assert subject.excitation == 0.0
+    retune(subject, excitation_window=0.0)
+    assert subject.excitation is None
+
+
+def test_noise_can_be_switched_on_while_rank_lacks_and_off_again():
+    subject = identifier()
+    poor(subject, 100)
+    retune(subject, noise=0.1)
+    assert not subject.fabricating
+    subject.restart()
+    poor(subject, 100, start=100)
+    assert subject.fabricating
+    retune(subject, noise=0.0)
+    assert not subject.fabricating
+
+
+def test_noise_is_not_switched_on_where_rank_is_full(record):
+    samples = record(steps=300)
+    subject, without = (learn(identifier(), samples[:200]) for _ in range(2))
+    retune(subject, noise=0.1)
+    for sample in samples[200:]:
+        subject.update(*sample)
+        without.update(*sample)
+        np.testing.assert_array_equal(subject.theta, without.theta)
+    assert not subject.fabricating
+
+
+def test_fabricated_pairs_follow_the_size_of_the_history():
+    subject = identifier(noise=0.1, size=9)
+    for k in range(20):
+        poor(subject, 10, start=10 * k)
+        subject.restart()
+    retune(subject, size=4, epsilon=0.2)
+    assert (subject._noisy.stack.size, subject._noisy.stack.epsilon) == (4, 0.2)
