@@ -3,16 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from adaptive_blf_control.bags.joint_state import JointStateCodec
 from adaptive_blf_control.control.controller import ControlOutput
 from adaptive_blf_control.control.guarantee import Guarantee
-from adaptive_blf_control.topics import ADAPTATION_TERM, BARRIER, REFERENCE, TRACKING_ERROR
+from adaptive_blf_control.topics import BARRIER, REFERENCE, TRACKING_ERROR
 
-__all__ = ['ControllerCodecs', 'barrier_names', 'guarantee_names']
+__all__ = ['ControllerCodecs', 'MonitorStream', 'barrier_names', 'guarantee_names']
 
 
 def barrier_names(joints: Sequence[str]) -> list[str]:
@@ -50,17 +50,54 @@ class ControllerCodecs:
         """Encode Xᵀe2 of (37) by parameter name; ``stamp`` in ns."""
         return self._term.encode(stamp, output.adaptation_term)
 
+    def tracking_error(self, stamp: int, output: ControlOutput) -> bytes:
+        """Encode e1 with e2; ``stamp`` in ns."""
+        return self._error.encode(stamp, output.e1, output.e2)
+
     def monitors(self, stamp: int, output: ControlOutput, margins: np.ndarray,
                  lyapunov: float) -> dict[str, bytes]:
-        """Encode reference, e1 with e2, and margins (2n,) [rad] with V; by topic."""
+        """Encode the reference, and margins (2n,) [rad] with V; by topic."""
         return {
             REFERENCE: self._reference.encode(stamp, *output.reference),
-            TRACKING_ERROR: self._error.encode(stamp, output.e1, output.e2),
             BARRIER: self._barrier.encode(stamp, np.append(margins, lyapunov)),
         }
 
-    def encode(self, stamp: int, output: ControlOutput, margins: np.ndarray,
-               lyapunov: float) -> dict[str, bytes]:
-        """Encode everything; by topic."""
-        return {ADAPTATION_TERM: self.adaptation_term(stamp, output),
-                **self.monitors(stamp, output, margins, lyapunov)}
+
+class MonitorStream:
+    """What goes out about each sample: the errors always, the rest thinned out.
+
+    Margins are the smallest since they were sent last: thinning hides no sample outside a set.
+
+    Attributes:
+        samples: Samples seen.
+        lyapunov: V at the last sample for which it was asked.
+    """
+
+    def __init__(self, codecs: ControllerCodecs) -> None:
+        """Start with nothing seen."""
+        self.samples = 0
+        self.lyapunov = 0.0
+        self._codecs = codecs
+        self._least: np.ndarray | None = None
+
+    def messages(self, stamp: int, output: ControlOutput, margins: np.ndarray,
+                 decimation: int, lyapunov: Callable[[], float]) -> dict[str, bytes]:
+        """Return the messages of a sample by topic.
+
+        Args:
+            stamp: Of the sample [ns].
+            output: What the controller computed.
+            margins: Distances to both sets, shape (2n,) [rad].
+            decimation: Reference, margins and V go out every this many samples.
+            lyapunov: Computes V; called for those samples only.
+        """
+        messages = {TRACKING_ERROR: self._codecs.tracking_error(stamp, output)}
+        least = margins if self._least is None else np.minimum(self._least, margins)
+        if self.samples % decimation == 0:
+            self.lyapunov = lyapunov()
+            messages.update(self._codecs.monitors(stamp, output, least, self.lyapunov))
+            self._least = None
+        else:
+            self._least = least
+        self.samples += 1
+        return messages

@@ -92,11 +92,15 @@ class Answers:
     def discover(self, timeout: float) -> None:
         """Subscribe to each topic once somebody publishes it, with the type found there.
 
+        Calling it again does nothing.
+
         Raises:
             NoAnswer: nobody does within ``timeout`` [s].
             BagError: its type is not known here, or has no header.
         """
         give_up = time.monotonic() + timeout
+        if self._wait is not None:
+            return
         for topic in self.topics:
             while topic not in self._channels and not self.stop.is_set():
                 if found := self._node.get_publishers_info_by_topic(topic):
@@ -106,7 +110,8 @@ class Answers:
         for topic, channel in self._channels.items():
             while channel.subscription.get_publisher_count() == 0 and not self.stop.is_set():
                 self._pause(topic, timeout, give_up)
-        self._wait = self._new_wait()
+        if not self.stop.is_set():
+            self._wait = self._new_wait()
 
     def _new_wait(self) -> DirectWait | PlainWait:
         context = self._node.context

@@ -47,7 +47,7 @@ class ArmLockstep:
             if name not in ANSWERS:
                 raise ParameterError('arm_driver.lockstep.answers', name,
                                      f'of {", ".join(ANSWERS)}')
-        self._clock = driver.create_publisher(Clock, '/clock', 10)
+        self._time_topic = driver.create_publisher(Clock, '/clock', 10)
         self._commanded = False
         self._torque = np.zeros(driver.arm.n)
         self._heard = dict.fromkeys(names, 0)
@@ -95,7 +95,8 @@ class ArmLockstep:
 
     def _send(self, stamp_ns: int, interval: float) -> None:
         self._commanded = False
-        self._clock.publish(Clock(clock=Time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)))
+        self._time_topic.publish(
+            Clock(clock=Time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)))
         self._driver.send_state(stamp_ns, self._driver.plant.torque, interval)
         self._driver.sampled(stamp_ns)
 

@@ -23,6 +23,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
+from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.bags.joint_state import JointStateReader
 from adaptive_blf_control.control.controller import (
@@ -31,7 +32,7 @@ from adaptive_blf_control.control.controller import (
     sampling_model,
     sampling_number,
 )
-from adaptive_blf_control.errors import BagError, BlfError
+from adaptive_blf_control.errors import BagError, BlfError, ParameterError
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
 from adaptive_blf_control.nodes.data_node import TOO_LATE
 from adaptive_blf_control.nodes.joint_trajectory import reference_through
@@ -95,7 +96,7 @@ class ControllerNode(ManagedNode):
         self._lost = False
         self._resumes = False
         self._estimates: deque[tuple[int, np.ndarray | None]] = deque(maxlen=4)
-        self._estimate_limit = broadcast(values['estimate_limit'], self.arm.m)
+        self._estimate_limit = _estimate_limit(values, self.arm)
         self._unanswered: tuple[bytes, dict[str, int]] | None = None
         self._make_topics()
 
@@ -176,8 +177,9 @@ class ControllerNode(ManagedNode):
     def retune(self, values: dict[str, Any], changed: set[str]) -> None:
         """Change gains, limits, sets and reference between two samples, or refuse with numbers."""
         controller, last_ns = self._controller, self._last_ns
+        limit = _estimate_limit(values, self.arm) if hasattr(self, 'arm') else None
         if controller is None or last_ns is None:
-            trial = build_controller(values, self.arm, None) if hasattr(self, 'arm') else None
+            trial = None if limit is None else build_controller(values, self.arm, None)
         else:
             trial = controller
             parts = controller_parts(values, self.arm)
@@ -189,8 +191,8 @@ class ControllerNode(ManagedNode):
                 performance=parts.performance if 'performance' in groups else None,
                 reference=parts.reference if 'reference' in groups else None,
                 blend_time=values['reference.resume_time'])
-        if trial is not None:
-            self._estimate_limit = broadcast(values['estimate_limit'], self.arm.m)
+        if trial is not None and limit is not None:
+            self._estimate_limit = limit
             if 'k2' in changed:
                 self._check_sampling(trial)
 
@@ -381,6 +383,14 @@ class ControllerNode(ManagedNode):
         if self.monitors.violations:
             return DiagnosticStatus.ERROR, self.monitors.first_violation, values
         return DiagnosticStatus.OK, 'running', values
+
+
+def _estimate_limit(values: dict[str, Any], arm: Arm) -> np.ndarray:
+    limit = broadcast(values['estimate_limit'], arm.m)
+    if limit.size != arm.m:
+        raise ParameterError('controller.estimate_limit', limit.tolist(),
+                             f'length 1 or {arm.m} (one for each of the parameters)')
+    return limit
 
 
 def main(args: list[str] | None = None) -> int:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from adaptive_blf_control.bags.controller_codecs import ControllerCodecs
+from adaptive_blf_control.bags.controller_codecs import ControllerCodecs, MonitorStream
 from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
 from adaptive_blf_control.nodes.data_node import DataNode
@@ -14,7 +14,7 @@ from adaptive_blf_control.topics import BARRIER, GUARANTEE, REFERENCE, TRACKING_
 
 __all__ = ['ControllerMonitors']
 
-HEARTBEAT = 500  # monitored samples between two repetitions of the guarantee
+HEARTBEAT = 500  # samples between two repetitions of the guarantee
 
 
 class ControllerMonitors:
@@ -22,9 +22,7 @@ class ControllerMonitors:
 
     Attributes:
         codecs: Messages of the controller.
-        samples: Samples seen.
         margins: Distances to both sets at the last sample, shape (2n,) [rad].
-        lyapunov: V at the last monitored sample.
         violations: Samples outside a set.
         first_violation: Joint, value and bound of the first of them, '' where there is none.
     """
@@ -33,15 +31,14 @@ class ControllerMonitors:
                  parameters: tuple[str, ...]) -> None:
         """Make the topics on ``node``."""
         self.codecs = ControllerCodecs(joints, parameters)
-        self.samples = 0
         self.margins = np.zeros(2 * len(joints))
-        self.lyapunov = 0.0
         self.violations = 0
         self.first_violation = ''
         self._node = node
         self._joints = joints
         self._topics = {topic: node.data_publisher(JointState, topic)
                         for topic in (REFERENCE, TRACKING_ERROR, BARRIER, GUARANTEE)}
+        self._stream = MonitorStream(self.codecs)
         self._guarantee: GuaranteeMonitor | None = None
 
     def close(self) -> None:
@@ -60,13 +57,11 @@ class ControllerMonitors:
         inside = bool(self.margins.min() > 0.0)
         if not inside:
             self._violated(controller, q, output)
-        if self.samples % self._node.values['monitor_decimation'] == 0:
-            self.lyapunov = controller.lyapunov(q, output, theta)
-            for topic, message in self.codecs.monitors(stamp, output, self.margins,
-                                                       self.lyapunov).items():
-                self._topics[topic].publish(message)
-            self._watch_promise(t, stamp, output.e1)
-        self.samples += 1
+        for topic, message in self._stream.messages(
+                stamp, output, self.margins, self._node.values['monitor_decimation'],
+                lambda: controller.lyapunov(q, output, theta)).items():
+            self._topics[topic].publish(message)
+        self._watch_promise(t, stamp, output.e1)
         return inside
 
     def _violated(self, controller: Controller, q: np.ndarray, output: ControlOutput) -> None:
@@ -104,7 +99,7 @@ class ControllerMonitors:
         monitor = self._guarantee
         if monitor is None:
             return
-        if self.samples % HEARTBEAT == 0:
+        if self._stream.samples % HEARTBEAT == 0:
             self._topics[GUARANTEE].publish(self.codecs.guarantee(stamp, monitor.promised))
         left = monitor.observe(t, e1)
         if left is not None:
@@ -116,7 +111,7 @@ class ControllerMonitors:
     def status(self, saturated: np.ndarray) -> dict[str, object]:
         """Return margins, V and saturation for the diagnostics."""
         n = len(self._joints)
-        values: dict[str, object] = {'V': f'{self.lyapunov:.6g}'}
+        values: dict[str, object] = {'V': f'{self._stream.lyapunov:.6g}'}
         for i, joint in enumerate(self._joints):
             values[f'{joint} safety margin [rad]'] = f'{self.margins[i]:.6g}'
             values[f'{joint} performance margin [rad]'] = f'{self.margins[n + i]:.6g}'

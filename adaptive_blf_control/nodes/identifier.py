@@ -29,6 +29,7 @@ from adaptive_blf_control.identification.estimate_file import (
     recent_estimate,
     write_estimate,
 )
+from adaptive_blf_control.identification.news import HistoryNews
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.nodes.data_node import DataNode, DEPTH, TOO_LATE
 from adaptive_blf_control.nodes.process import run_node
@@ -44,9 +45,6 @@ from adaptive_blf_control.topics import (
 )
 
 __all__ = ['IdentifierNode', 'main']
-
-# Rank and σ_min are published when they change and at least every this many samples.
-HEARTBEAT = 200
 
 
 class IdentifierNode(DataNode):
@@ -69,8 +67,7 @@ class IdentifierNode(DataNode):
         # A few, because a backlog of states needs the terms of their own times.
         self._terms: deque[tuple[int, np.ndarray]] = deque(maxlen=DEPTH)
         self._zero_ns: int | None = None
-        self._published_insertions = -1
-        self._since_published = 0
+        self._news = HistoryNews()
         self._reset_requested = False
         self._state_reader = JointStateReader(self.arm.joints)
         self._term_reader = JointStateReader(self.arm.parameters)
@@ -181,9 +178,7 @@ class IdentifierNode(DataNode):
                                        self._held_term(stamp))
         self._theta.publish(self._theta_codec.encode(stamp, theta))
         stack = self.identifier.stack
-        self._since_published += 1
-        if stack.insertions != self._published_insertions or self._since_published >= HEARTBEAT:
-            self._published_insertions, self._since_published = stack.insertions, 0
+        if self._news.due(stack.insertions):
             self._rank.publish(encode_int32(stack.rank))
             self._sigma_min.publish(encode_float64(stack.sigma_min))
             excitation = self.identifier.excitation

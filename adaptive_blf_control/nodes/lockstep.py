@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag played in lockstep: no state before the one in front of it has been answered.
 
-What is sent between two states, e.g. the adaptation term, is at a node before the second one:
-messages from one participant to another keep their order unless one is lost, and an identifier
-with ``use_sim_time`` waits for the term by itself.
+Nothing tells when other messages, e.g. the adaptation term, are at the identifier: with
+``use_sim_time`` it waits for the term in front of a state by itself, else it may use the one before.
 """
 
 from __future__ import annotations

@@ -35,6 +35,7 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
         LifecycleNodeMixin.__init__(self)
         self.active = False
         self._refused: BlfError | None = None
+        self._by_itself = False
         self.wants_activation = bool(self.values['autostart'])
         if self.wants_activation and not self._changes(self.trigger_configure):
             error = self._refused
@@ -69,8 +70,11 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
         return int(self._state_machine.current_state[0])
 
     def _changes(self, trigger: Callable[[], TransitionCallbackReturn]) -> bool:
-        self._refused = None
-        return trigger() == TransitionCallbackReturn.SUCCESS
+        self._refused, self._by_itself = None, True
+        try:
+            return trigger() == TransitionCallbackReturn.SUCCESS
+        finally:
+            self._by_itself = False
 
     def _between_samples(self, action: Callable[[], None]) -> TransitionCallbackReturn:
         try:
@@ -78,7 +82,8 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
                 action()
         except BlfError as error:
             self._refused = error
-            self.fault('refused', str(error))
+            if not self._by_itself:  # else it is raised, and logged by whoever ends on it
+                self.fault('refused', str(error))
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
 

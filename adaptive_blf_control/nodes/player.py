@@ -178,7 +178,13 @@ class Player:
             kind, topic, qos_of(self.bag.offered_qos.get(topic, ())))
 
     def wait_for_subscribers(self) -> list[str]:
-        """Wait until every topic has a subscriber; return those that have none in time."""
+        """Wait until every topic has a subscriber; return those that have none in time.
+
+        Raises:
+            NoAnswer: in lockstep, nobody listens to the states, or nobody answers.
+        """
+        if self.lockstep is not None:
+            self.lockstep.discover()
         give_up = time.monotonic() + self.settings.wait
         while True:
             missing = [topic for topic, publisher in self._offers.items()

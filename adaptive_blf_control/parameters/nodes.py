@@ -255,8 +255,9 @@ CONTROLLER: Table = ARM + MANAGED + (
     Parameter('state_timeout', 'double', 0.1,
               'Without a new joint state for this long a zero torque is commanded.', 's', 0.0,
               exclusive=True, read_only=False),
-    Parameter('monitor_decimation', 'int', 1,
-              'Publish reference, tracking error and barrier every this many samples.', '', 1,
+    Parameter('monitor_decimation', 'int', 10,
+              'Publish reference and barrier every this many samples, with the smallest margins '
+              'since the last time; the tracking error goes out with every sample.', '', 1,
               read_only=False),
 )
 

@@ -8,17 +8,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
 import yaml
 
 from adaptive_blf_control.bags.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
-from adaptive_blf_control.bags.controller_codecs import ControllerCodecs
+from adaptive_blf_control.bags.controller_codecs import ControllerCodecs, MonitorStream
 from adaptive_blf_control.bags.joint_state import JointStateCodec
 from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.identification.news import HistoryNews
 from adaptive_blf_control.parameters.nodes import TABLES
 from adaptive_blf_control.parameters.yaml_file import node_values, PARAMETERS_KEY
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample
 from adaptive_blf_control.topics import (
+    ADAPTATION_TERM,
     COMMANDS,
     EXCITATION,
     HISTORY_RANK,
@@ -58,7 +59,9 @@ class BagObserver:
         self._theta = JointStateCodec(arm.parameters, fields=('position',))
         self._torque = Float64MultiArrayCodec(arm.n)
         self._controller = ControllerCodecs(arm.joints, arm.parameters)
-        self._insertions = -1
+        self._decimation = node_values(data, 'controller')['monitor_decimation']
+        self._monitors = MonitorStream(self._controller)
+        self._news = HistoryNews()
 
     def __enter__(self) -> BagObserver:
         """Return the observer."""
@@ -73,18 +76,17 @@ class BagObserver:
         """Write one sample in the order the nodes would have sent it."""
         stamp = self._epoch_ns + int(round(sample.t * 1e9))
         controller, output = self._loop.controller, sample.output
-        margins = np.concatenate([controller.safety.margin(sample.measured.q),
-                                  controller.performance.margin(output.e1)])
         messages = {
             JOINT_STATES: self._state.encode(stamp, *sample.measured),
             COMMANDS: self._torque.encode(output.torque),
-            **self._controller.encode(stamp, output, margins, controller.lyapunov(
-                sample.measured.q, output, sample.theta_hat)),
+            ADAPTATION_TERM: self._controller.adaptation_term(stamp, output),
             THETA_HAT: self._theta.encode(stamp, sample.theta_hat),
         }
-        insertions = self._loop.identifier.stack.insertions
-        if insertions != self._insertions:
-            self._insertions = insertions
+        q = sample.measured.q
+        messages.update(self._monitors.messages(
+            stamp, output, controller.margins(q, output), self._decimation,
+            lambda: controller.lyapunov(q, output, sample.theta_used)))
+        if self._news.due(self._loop.identifier.stack.insertions):
             messages[HISTORY_RANK] = encode_int32(sample.rank)
             messages[HISTORY_SIGMA_MIN] = encode_float64(sample.sigma_min)
             excitation = self._loop.identifier.excitation

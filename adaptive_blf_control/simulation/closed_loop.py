@@ -42,11 +42,22 @@ def sample_time(k: int, period: float) -> float:
 
 @dataclass(frozen=True)
 class Sample:
-    """One sample of the loop: the measured state and what the nodes answer to it."""
+    """One sample of the loop: the measured state and what the nodes answer to it.
+
+    Attributes:
+        t: Time since the start [s].
+        measured: The state as the sensors show it.
+        output: The controller's answer.
+        theta_used: θ it was computed with, shape (m,).
+        theta_hat: The identifier's answer, shape (m,).
+        rank: Rank of the history.
+        sigma_min: σ_min of the history.
+    """
 
     t: float
     measured: Measurement
     output: ControlOutput
+    theta_used: np.ndarray
     theta_hat: np.ndarray
     rank: int
     sigma_min: float
@@ -135,13 +146,14 @@ class ClosedLoop:
             output = controller.update(t, measured.q, measured.qd, theta)
             estimate = identifier.update(t, *measured, term)
             term = output.adaptation_term
-            theta = theta if self._known else estimate
             stack = identifier.stack
             q[k], torque[k], theta_hat[k] = plant.q, output.torque, estimate
             qd[k], e1[k] = plant.qd, plant.q - output.reference.position
             rank[k], sigma_min[k] = stack.rank, stack.sigma_min
             if observer is not None:
-                observer(Sample(t, measured, output, estimate, stack.rank, stack.sigma_min))
+                observer(Sample(t, measured, output, theta, estimate, stack.rank,
+                                stack.sigma_min))
+            theta = theta if self._known else estimate
             plant.apply(output.torque)
             plant.advance(self.period)
         wall = time.perf_counter() - begin
@@ -155,6 +167,6 @@ def build_closed_loop(data: Mapping[str, Any]) -> ClosedLoop:
         node_values(data, node) for node in ('arm_driver', 'controller', 'identifier'))
     plant = build_plant(driver, build_arm(driver))
     arm = build_arm(controller)
-    return ClosedLoop(plant, build_controller(controller, arm, plant.q),
+    return ClosedLoop(plant, build_controller(controller, arm, plant.measured_position()),
                       build_identifier(identifier, build_arm(identifier)), 1.0 / driver['rate'],
                       initial_theta(controller, arm), controller['model'] == 'known')

@@ -87,6 +87,10 @@ class Plant:
             self.torque = self._underway.popleft()
         return self._sensors.measure(self.q, self.qd, torque, dt)
 
+    def measured_position(self) -> np.ndarray:
+        """Return what the sensors show of q now, shape (n,) [rad]; it is no sample."""
+        return self._sensors.position(self.q)
+
     def apply(self, torque: np.ndarray) -> None:
         """Command ``torque``, shape (n,) [N·m], clipped to the drives' limit, and hold it."""
         self._commanded = limited(torque, self.torque_limit)

@@ -72,6 +72,11 @@ class Sensors:
         self._q: np.ndarray | None = None
         self._qd = np.zeros(0)
 
+    def position(self, q: np.ndarray) -> np.ndarray:
+        """Return true positions (n,) [rad] in whole encoder counts."""
+        step = self.settings.resolution
+        return np.round(q / step) * step if step > 0.0 else q
+
     def measure(self, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
                 dt: float) -> Measurement:
         """Measure the true state ``dt`` [s] after the last one; arrays of shape (n,)."""
@@ -80,7 +85,7 @@ class Sensors:
             torque = torque + settings.torque_noise * self._random.standard_normal(q.size)
         if settings.encoder_counts is None:
             return Measurement(q, qd, torque)
-        measured = np.round(q / settings.resolution) * settings.resolution
+        measured = self.position(q)
         if self._q is None or dt <= 0.0:
             self._qd = np.array(qd)
         else:

@@ -24,7 +24,7 @@ from adaptive_blf_control.parameters.yaml_file import (
     load_yaml,
     node_values,
 )
-from adaptive_blf_control.tools.log_pass import choose_spans, learn
+from adaptive_blf_control.tools.log_pass import choose_spans, learn, NO_TEST
 from adaptive_blf_control.tools.log_report import figures_of, table
 
 __all__ = ['REAL_ROBOT', 'main']
@@ -59,7 +59,8 @@ def _parser() -> argparse.ArgumentParser:
                         'first half of the log after five time constants of the filter')
     parser.add_argument('--test', metavar='T0:T1',
                         help='span to predict with θ̂ frozen [s]; default: the rest of the log '
-                        'after the training span')
+                        'after the training span; none to learn without one, e.g. with --train : '
+                        'from the whole log')
     parser.add_argument('--config', type=Path, metavar='FILE',
                         help='parameter file, e.g. config/panda_identification.yaml')
     parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',
@@ -109,7 +110,7 @@ def _identify(options: argparse.Namespace) -> tuple[dict[str, Any], Arm]:
         settings.time_constant + settings.state_order * settings.state_time_constant))
     result = learn(identifier, log, *spans)
     for name, fit in (('train', result.train), ('test', result.test)):
-        if fit.count == 0:
+        if fit.count == 0 and not (name == 'test' and options.test == NO_TEST):
             raise LogError(f'{options.log}: no sample of the {name} span can be used: the filter '
                            f'restarts at gaps of more than {settings.gap:g} s and settles for '
                            f'{settings.settle:g} time constants')

@@ -13,7 +13,9 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.tools.batch_fit import BatchFit
 
-__all__ = ['LogPass', 'Span', 'choose_spans', 'learn']
+__all__ = ['NO_TEST', 'LogPass', 'Span', 'choose_spans', 'learn']
+
+NO_TEST = 'none'
 
 
 class Span(NamedTuple):
@@ -45,7 +47,7 @@ def choose_spans(t: np.ndarray, train: str | None, test: str | None,
         t: Times of the log, increasing, shape (N,) [s].
         train: ``T0:T1`` [s], where an end that is left out is the log's; None takes the first
             half from ``settle`` after the start on.
-        test: Likewise; None takes what follows the training span.
+        test: Likewise; None takes what follows the training span, ``none`` leaves it empty.
         settle: How long a filter takes to forget its start [s].
 
     Raises:
@@ -57,9 +59,10 @@ def choose_spans(t: np.ndarray, train: str | None, test: str | None,
     middle = first + 0.5 * (last - first)
     learned = (Span(min(first + settle, middle), middle) if train is None
                else _parse('--train', train, first, last))
-    tested = Span(learned.end, last) if test is None else _parse('--test', test, first, last)
-    given = {'--train': train, '--test': test}
-    for (name, text), span in zip(given.items(), (learned, tested)):
+    tested = (Span(learned.end, learned.end if test == NO_TEST else last)
+              if test in (None, NO_TEST) else _parse('--test', test or '', first, last))
+    given = [('--train', train, learned), ('--test', test, tested)]
+    for name, text, span in given[:1] if test == NO_TEST else given:
         if not first <= span.start < span.end <= last:
             raise ParameterError(name, text, f'T0:T1 with T0 < T1 inside the log: {known}; '
                                  f'this is {span.start:.6g} to {span.end:.6g} s')

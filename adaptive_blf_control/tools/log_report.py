@@ -17,7 +17,7 @@ __all__ = ['figures_of', 'table']
 
 def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
                spans: tuple[Span, Span]) -> dict[str, Any]:
-    """Return the figures; lists are in the order of the joints, RMSE in N·m.
+    """Return the figures; lists are in the order of the joints, RMSE in N·m, None without a test.
 
     ``batch_test_rmse`` is what least squares over all pairs of the training span would have
     given, ``test_torque_rms`` the size of the filtered torque itself; ``us_per_sample`` the median
@@ -26,6 +26,10 @@ def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
     arm, stack, theta = identifier.arm, identifier.stack, identifier.theta
     microseconds = 1e6 * result.seconds
     train, test = result.train, result.test
+
+    def tested(model: np.ndarray) -> list[float | None]:
+        return test.rmse(model).tolist() if test.count else [None] * arm.n
+
     return {
         'joints': list(arm.joints),
         'columns': arm.m,
@@ -37,9 +41,9 @@ def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
         'train_samples': train.count,
         'test_samples': test.count,
         'train_rmse': train.rmse(theta).tolist(),
-        'test_rmse': test.rmse(theta).tolist(),
-        'test_torque_rms': test.rmse(np.zeros(arm.m)).tolist(),
-        'batch_test_rmse': test.rmse(least_squares(train)).tolist(),
+        'test_rmse': tested(theta),
+        'test_torque_rms': tested(np.zeros(arm.m)),
+        'batch_test_rmse': tested(least_squares(train)),
         'history_rank': stack.rank,
         'history_sigma_min': stack.sigma_min,
         'history_size': stack.size,
@@ -55,14 +59,15 @@ def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
 
 def table(figures: dict[str, Any], source: str) -> str:
     """Return the figures as a short table a person reads."""
-    columns = [np.array(figures[name]) for name in (
+    columns = [np.array(figures[name], dtype=float) for name in (
         'test_torque_rms', 'train_rmse', 'test_rmse', 'batch_test_rmse')]
     width = max([len(joint) for joint in figures['joints']] + [5])
     lines = [
         f'{source}: {len(figures["joints"])} joints, {figures["columns"]} parameters, '
         f'{figures["samples"]} samples, {1e6 / figures["period_us"]:.0f} Hz',
-        f'learned from {_seconds(figures["train_span"])} in one pass, tested on '
-        f'{_seconds(figures["test_span"])}',
+        f'learned from {_seconds(figures["train_span"])} in one pass, '
+        + (f'tested on {_seconds(figures["test_span"])}' if figures['test_samples'] else
+           'not tested'),
         '',
         f'{"RMSE of the filtered torque [N·m]":<{width}}',
         f'{"joint":<{width}}{"learned":>10}{"tested":>10}{"of torque":>12}'
@@ -72,7 +77,8 @@ def table(figures: dict[str, Any], source: str) -> str:
     rows = [*np.transpose(columns), np.mean(columns, axis=1)]
     for name, (torque, train, test, batch) in zip(names, rows):
         part = f'{test / torque:.1%}' if torque > 0.0 else '-'
-        lines.append(f'{name:<{width}}{train:>10.4f}{test:>10.4f}{part:>12}{batch:>22.4f}')
+        lines.append(f'{name:<{width}}{train:>10.4f}{_or_none(test):>10}{part:>12}'
+                     f'{_or_none(batch):>22}')
     period, median = figures['period_us'], figures['us_per_sample']
     full = figures['history_rank'] == figures['columns']
     lines += [
@@ -93,3 +99,7 @@ def table(figures: dict[str, Any], source: str) -> str:
 
 def _seconds(span: list[float]) -> str:
     return f'{span[0]:.2f} .. {span[1]:.2f} s'
+
+
+def _or_none(value: float) -> str:
+    return '-' if np.isnan(value) else f'{value:.4f}'
