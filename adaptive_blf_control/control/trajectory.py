@@ -30,6 +30,18 @@ def _quintic(duration: float, start: ReferencePoint, end: ReferencePoint) -> np.
                      (-15.0 * dy + 7.0 * dv - da) / t**4, (6.0 * dy - 3.0 * dv + 0.5 * da) / t**5])
 
 
+def _beyond_numbers() -> ParameterError:
+    return ParameterError('joint_trajectory.points', 'values too large or too small',
+                          'positions, velocities, accelerations and times of a usual size')
+
+
+def _roots(coefficients: np.ndarray) -> np.ndarray:
+    try:
+        return np.roots(coefficients)
+    except np.linalg.LinAlgError:  # one is so small that dividing by it overflows
+        raise _beyond_numbers() from None
+
+
 class PointReference:
     """Quintic segments through points, C²; the last point is held at rest."""
 
@@ -37,7 +49,8 @@ class PointReference:
         """Take K ≥ 2 points at strictly ascending ``times`` [s], the first at 0.
 
         Raises:
-            ParameterError: times not ascending, values not finite, or the end not at rest.
+            ParameterError: times not ascending, values not finite or beyond what can be computed
+                with, or the end not at rest.
         """
         self._times = np.array(times, dtype=float)
         if self._times.size < 2 or not np.all(np.diff(self._times) > 0.0):
@@ -51,6 +64,8 @@ class PointReference:
                                  points[-1].velocity.tolist(), 'zeros: the end at rest')
         self._segments = [_quintic(float(t1 - t0), p0, p1) for t0, t1, p0, p1 in zip(
             self._times, self._times[1:], points, points[1:])]
+        if not np.isfinite(self._segments).all():
+            raise _beyond_numbers()
         self._last = points[-1]
 
     def at(self, t: float) -> ReferencePoint:
@@ -66,12 +81,16 @@ class PointReference:
             2.0 * c2 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5)))
 
     def range(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the exact range of every joint: ends and stationary points of each segment."""
+        """Return the exact range of every joint: ends and stationary points of each segment.
+
+        Raises:
+            ParameterError: the numbers are too large or too small for that.
+        """
         lower, upper = self._last.position.copy(), self._last.position.copy()
         for c, length in zip(self._segments, np.diff(self._times)):
             for i in range(lower.size):
                 rate = c[1:, i] * np.arange(1, 6)
-                roots = np.roots(rate[::-1])
+                roots = _roots(rate[::-1])
                 inside = roots[np.isreal(roots)].real
                 inside = inside[(inside > 0.0) & (inside < length)]
                 values = np.polynomial.polynomial.polyval(

@@ -62,6 +62,7 @@ class ArmDriver(ManagedNode):
         self.missed = 0
         self.round_trip = Histogram()
         super().__init__('arm_driver', context=context, **options)
+        self.statistics.histograms.append(self.round_trip)
         if self.wants_activation:
             self.activate_by_itself()
 
@@ -91,7 +92,10 @@ class ArmDriver(ManagedNode):
 
     def deactivate(self) -> None:
         """Begin to bring the torque to zero; the brakes follow."""
-        self._ramp = (self.plant.torque, time.monotonic_ns())
+        if self._lockstep is not None:  # its time stands still meanwhile
+            self.plant.brake()
+        elif self.started:
+            self._ramp = (self.plant.torque, time.monotonic_ns())
 
     def cleanup(self) -> None:
         """Take the topics down."""

@@ -49,6 +49,7 @@ class ArmLockstep:
                                      f'of {", ".join(ANSWERS)}')
         self._time_topic = driver.create_publisher(Clock, '/clock', 10)
         self._commanded = False
+        self._awaited_ns = 0
         self._torque = np.zeros(driver.arm.n)
         self._heard = dict.fromkeys(names, 0)
         self._inputs = {name: driver.data_subscription(
@@ -56,7 +57,8 @@ class ArmLockstep:
 
     def _hears(self, name: str) -> Callable[[bytes, dict[str, int]], None]:
         def hear(data: bytes, info: dict[str, int]) -> None:
-            self._heard[name] = stamp_of(data) or 0
+            if stamp_of(data) == self._awaited_ns:  # what else is said does not undo an answer
+                self._heard[name] = self._awaited_ns
         return hear
 
     def on_command(self, torque: np.ndarray) -> None:
@@ -94,7 +96,7 @@ class ArmLockstep:
             self._pace((stamp_ns - EPOCH_NS) * 1e-9, begin)
 
     def _send(self, stamp_ns: int, interval: float) -> None:
-        self._commanded = False
+        self._commanded, self._awaited_ns = False, stamp_ns
         self._time_topic.publish(
             Clock(clock=Time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)))
         self._driver.send_state(stamp_ns, self._driver.plant.torque, interval)

@@ -32,6 +32,7 @@ from adaptive_blf_control.control.controller import (
     sampling_model,
     sampling_number,
 )
+from adaptive_blf_control.control.reference import settled
 from adaptive_blf_control.errors import BagError, BlfError, ParameterError
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
 from adaptive_blf_control.nodes.data_node import TOO_LATE
@@ -57,7 +58,7 @@ __all__ = ['ControllerNode', 'main']
 
 HEAD_START = 0.1  # s from a trajectory's arrival to its beginning
 RAMP_STEP = 1e-3  # s between the torques of a ramp
-LAST_WORDS = Duration(seconds=1)
+LAST_WORDS = Duration(seconds=0.1)  # sent is not delivered yet
 
 
 class ControllerNode(ManagedNode):
@@ -191,6 +192,8 @@ class ControllerNode(ManagedNode):
                 performance=parts.performance if 'performance' in groups else None,
                 reference=parts.reference if 'reference' in groups else None,
                 blend_time=values['reference.resume_time'])
+            if groups & {'k1', 'performance', 'reference'}:
+                self.monitors.begin()  # V(0) of Theorem 2 was that of another motion
         if trial is not None and limit is not None:
             self._estimate_limit = limit
             if 'k2' in changed:
@@ -233,9 +236,10 @@ class ControllerNode(ManagedNode):
             if controller is None or last_ns is None:
                 self.drop('trajectory before the motion has begun', 'send it again then')
                 return
-            t = (last_ns - self._start_ns) * 1e-9 + HEAD_START
+            t = (last_ns - self._start_ns) * 1e-9
             try:
-                controller.reference = reference_through(message, controller, t)
+                controller.reference = settled(
+                    reference_through(message, controller, t + HEAD_START), t)
             except BlfError as error:
                 self.drop('unusable trajectory', str(error))
 

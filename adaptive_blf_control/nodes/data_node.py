@@ -43,7 +43,7 @@ __all__ = ['DEPTH', 'TOO_LATE', 'DataNode', 'Handler']
 LONGEST_WAIT = 0.05  # s
 DEPTH = 100
 TOO_LATE = 2**31 * 10**9  # ns, the first time that header.stamp cannot hold
-LAST_WORDS = 1.0  # s to deliver the last messages at the end
+LAST_WORDS = 0.3  # s to deliver the last messages at the end
 SAY_AGAIN = 1.0  # s between two log lines about the same reason
 SWITCH = 2e-4  # s the loop waits at most for a thread that computes diagnostics
 
@@ -198,6 +198,7 @@ class DataNode(Node):
         """Count one sample of the node's work, measured at ``stamp_ns``."""
         self.statistics.sample(time.monotonic_ns(), stamp_ns)
         if self.lockstep:
+            stamp_ns = min(max(stamp_ns, 0), TOO_LATE - 1)  # rclpy knows no other times
             self._ros_clock.set_ros_time_override(
                 ROSTime(nanoseconds=stamp_ns, clock_type=ClockType.ROS_TIME))
             if stamp_ns // 10**9 != self._second:
@@ -220,6 +221,12 @@ class DataNode(Node):
                     self.superseded += taken - 1
         if handled:
             self.statistics.callback.add(time.monotonic_ns() - begin)
+
+    def drain(self) -> None:
+        """Handle what waits on the topics that do not wake the loop; call it in a handler."""
+        for topic in self._topics:
+            if not topic.wake:
+                topic.channel.take(topic.handler, topic.newest_only)
 
     def _new_wait(self) -> DirectWait | PlainWait:
         if self._direct:
@@ -280,10 +287,10 @@ class DataNode(Node):
             self.get_logger().warning(f'{reason}: running as usual')
 
     def _deliver(self) -> None:
-        """Wait until every reliable subscriber has the last messages: sent is not delivered.
+        """Stay a moment until the last messages have arrived: sent is not delivered.
 
-        DDS sends behind our back; a process that ended at once would take the final zero torque
-        with it.
+        A process that ended at once would take the final zero torque with it. Whether it arrived
+        is only known once the middleware asks, which may take seconds (Fast DDS: 3 s).
         """
         give_up = time.monotonic() + LAST_WORDS
         for publisher in self._data_publishers if self.context.ok() else ():

@@ -60,9 +60,7 @@ class IdentifierNode(DataNode):
         self.arm = arm_of(self)
         self.identifier = build_identifier(self.values, self.arm, self._where_it_was())
         self.identifier.warm_up()
-        warning = rank_warning(self.identifier.settings, self.arm.n, self.arm.m)
-        if warning:
-            self.get_logger().warning(warning)
+        self._check_rank()
         self._changes = 0
         # A few, because a backlog of states needs the terms of their own times.
         self._terms: deque[tuple[int, np.ndarray]] = deque(maxlen=DEPTH)
@@ -88,6 +86,11 @@ class IdentifierNode(DataNode):
         self._saved_samples = 0
         self._saver: Timer | None = None
         self._set_saver(self.values['estimate_period'])
+
+    def _check_rank(self) -> None:
+        warning = rank_warning(self.identifier.settings, self.arm.n, self.arm.m)
+        if warning:
+            self.get_logger().warning(warning)
 
     def _where_it_was(self) -> np.ndarray | None:
         """Return the estimate of an identifier that ended a moment ago, None to start afresh."""
@@ -139,6 +142,7 @@ class IdentifierNode(DataNode):
         # θ̂(0) is history; its file may be gone or hold another arm's by now.
         self.identifier.retune(identifier_settings(values, self.arm,
                                                    self.identifier.settings.initial_estimate))
+        self._check_rank()
         if 'estimate_period' in changed:
             self._set_saver(values['estimate_period'])
 
@@ -167,6 +171,7 @@ class IdentifierNode(DataNode):
         if self.lockstep and self._must_wait():
             self._unanswered = (data, info)
             return
+        self.drain()  # of a backlog every state needs the term that was sent before it
         self._last_ns = stamp
         self.aged(info)
         if self._reset_requested:
@@ -176,7 +181,6 @@ class IdentifierNode(DataNode):
             self._zero_ns = stamp  # seconds since 1970 as a double would cost 2e-7 s of precision
         theta = self.identifier.update((stamp - self._zero_ns) * 1e-9, q, qd, tau,
                                        self._held_term(stamp))
-        self._theta.publish(self._theta_codec.encode(stamp, theta))
         stack = self.identifier.stack
         if self._news.due(stack.insertions):
             self._rank.publish(encode_int32(stack.rank))
@@ -184,6 +188,8 @@ class IdentifierNode(DataNode):
             excitation = self.identifier.excitation
             if excitation is not None:
                 self._excitation.publish(encode_float64(excitation))
+        # Last: it is the answer, and in lockstep it ends the sample.
+        self._theta.publish(self._theta_codec.encode(stamp, theta))
         self.sampled(stamp)
         if self.identifier.monitor.changes != self._changes:
             self._changes = self.identifier.monitor.changes

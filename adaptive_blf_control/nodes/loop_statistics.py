@@ -7,23 +7,26 @@ from array import array
 
 import numpy as np
 
-__all__ = ['Histogram', 'LoopStatistics']
+__all__ = ['Histogram', 'LoopStatistics', 'SETTLE']
 
 BIN_NS = 2_000
 BINS = 25_000  # 50 ms; what is longer counts in the last bin and in the largest value
+SETTLE = 2.0  # s after a node's first sample; discovery and first requests are over by then
+NEVER = 2**63  # ns
 
 
 class Histogram:
     """Durations, counted in bins of 2 µs, so that adding one costs no memory and little time.
 
     Attributes:
-        largest_ns: The largest duration so far [ns].
+        largest_ns: The largest duration so far, since :meth:`forget` where that was called [ns].
     """
 
     def __init__(self) -> None:
         """Start empty."""
         self._bins = array('q', bytes(8 * BINS))
         self._before = np.zeros(BINS, dtype=np.int64)
+        self._forgotten = np.zeros(BINS, dtype=np.int64)
         self.largest_ns = 0
 
     def add(self, duration_ns: int) -> None:
@@ -32,6 +35,12 @@ class Histogram:
         self._bins[number if 0 <= number < BINS else (0 if number < 0 else BINS - 1)] += 1
         if duration_ns > self.largest_ns:
             self.largest_ns = duration_ns
+
+    def forget(self) -> None:
+        """Leave what was counted so far out of quantiles and largest value."""
+        # The bins stay: another thread may be computing the quantiles.
+        self._forgotten = np.array(self._bins, dtype=np.int64)
+        self.largest_ns = 0
 
     def quantiles(self, parts: tuple[float, ...], recent: bool = False) -> tuple[float, ...]:
         """Return quantiles [ms], exact to a bin; NaN where nothing was counted.
@@ -43,6 +52,8 @@ class Histogram:
         counts = np.array(self._bins, dtype=np.int64)
         if recent:
             counts, self._before = counts - self._before, counts
+        else:
+            counts = counts - self._forgotten
         total = np.cumsum(counts)
         if total[-1] == 0:
             return tuple(float('nan') for _ in parts)
@@ -58,6 +69,8 @@ class LoopStatistics:
         missed: Samples that were due by their stamps and not worked on.
         callback: Time spent on a sample.
         age: Time from a message's publication to its being handled.
+        histograms: Those that forget what was before :data:`SETTLE`, so that the start of the
+            graph does not hide what the loop holds.
     """
 
     def __init__(self) -> None:
@@ -66,6 +79,8 @@ class LoopStatistics:
         self.missed = 0
         self.callback = Histogram()
         self.age = Histogram()
+        self.histograms = [self.callback, self.age]
+        self._settled_ns = 0
         self._stamp_ns = 0
         self._interval_ns = 0.0
         self._at_ns = 0
@@ -81,10 +96,20 @@ class LoopStatistics:
             sums[1] += period
             sums[2] += period * period
         self._at_ns = now_ns
+        if now_ns >= self._settled_ns:
+            self._settle(now_ns)
         if stamp_ns:
             if self._stamp_ns:
                 self._count_missed(stamp_ns - self._stamp_ns)
             self._stamp_ns = stamp_ns
+
+    def _settle(self, now_ns: int) -> None:
+        if not self._settled_ns:
+            self._settled_ns = now_ns + int(SETTLE * 1e9)
+            return
+        self._settled_ns = NEVER
+        for histogram in self.histograms:
+            histogram.forget()
 
     def _count_missed(self, interval_ns: int) -> None:
         if self._interval_ns > 0.0 and interval_ns > 1.5 * self._interval_ns:
@@ -112,4 +137,8 @@ class LoopStatistics:
             if middle == middle:  # not NaN: something was counted
                 figures[f'{name} p50, p99, largest so far [ms]'] = (
                     f'{middle:.3f}, {tail:.3f}, {histogram.largest_ns * 1e-6:.3f}')
+        parts = self.callback.quantiles((0.5, 0.99, 0.999))
+        if parts[0] == parts[0]:
+            figures['callback so far p50, p99, p99.9, largest [ms]'] = ', '.join(
+                f'{value:.3f}' for value in (*parts, self.callback.largest_ns * 1e-6))
         return figures

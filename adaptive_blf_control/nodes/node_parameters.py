@@ -39,6 +39,7 @@ ROS_TYPES = {
     'double_array': ParameterType.PARAMETER_DOUBLE_ARRAY,
     'string_array': ParameterType.PARAMETER_STRING_ARRAY,
 }
+SIM_TIME = 'use_sim_time'  # rclpy's own, and writable there
 LARGEST = 1.7976931348623157e308
 
 
@@ -119,6 +120,10 @@ def on_change(node: Node, kind: str, values: dict[str, Any],
 
     def changed(parameters: Sequence[RosParameter]) -> SetParametersResult:
         new = {p.name: _plain(p.value) for p in parameters if p.name in table}
+        if any(p.name == SIM_TIME and p.value != node.get_parameter(SIM_TIME).value
+               for p in parameters):
+            return SetParametersResult(successful=False, reason=(
+                f'{SIM_TIME} is read-only while the node runs: start it with the other value'))
         if not new:
             return SetParametersResult(successful=True)
         try:

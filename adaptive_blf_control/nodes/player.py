@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-import signal
 import threading
 import time
 from typing import Any
@@ -22,7 +21,8 @@ from rosgraph_msgs.msg import Clock
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.errors import BagError, ParameterError
 from adaptive_blf_control.nodes.answers import message_class
-from adaptive_blf_control.nodes.lockstep import choose_topics, Lockstep
+from adaptive_blf_control.nodes.player_lockstep import choose_topics, Lockstep
+from adaptive_blf_control.nodes.process import on_signals
 from adaptive_blf_control.topics import THETA_HAT
 
 __all__ = ['Player', 'PlaySettings', 'account', 'play', 'qos_of']
@@ -275,13 +275,12 @@ def play(path: str, settings: PlaySettings, ros_arguments: Sequence[str]) -> Pla
     asked = threading.Event()
     players: list[Player] = []
 
-    def end(number: int, frame: object) -> None:
+    def end(number: int) -> None:
         asked.set()
         for player in players:
             player.stop.set()
 
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, end)
+    on_signals(end)
     rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
     try:
         player = Player(path, settings)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 import importlib
 import sys
 import time
@@ -26,6 +25,7 @@ from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.nodes.answers import stamp_of
 from adaptive_blf_control.nodes.data_node import DataNode
 from adaptive_blf_control.nodes.process import run_node
+from adaptive_blf_control.nodes.sample_dates import has_sample_time, SampleDates
 from adaptive_blf_control.parameters.yaml_file import PARAMETERS_KEY
 from adaptive_blf_control.topics import JOINT_STATES, TOPICS
 
@@ -37,7 +37,7 @@ LOOK_AROUND = 0.25  # s between looks at the graph
 BATCH = 0.02  # s
 SHARED = ('/diagnostics', '/parameter_events', '/rosout')
 DEPTH = 5000
-REMEMBERED = 10**9  # ns of states kept to date what has no stamp
+LATEST = 2**63 - 2  # ns; a message with a wild time is one message, not the end of the recording
 
 
 class _Heard(NamedTuple):
@@ -79,7 +79,8 @@ class Recorder(DataNode):
         self._askers: dict[str, AsyncParameterClient] = {}
         self._remember(self.get_fully_qualified_name(), dict(self.values))
         self._states = self.resolve_topic_name(JOINT_STATES)
-        self._samples: deque[tuple[int, int]] = deque()  # received, stamp of states [ns]
+        self._dates = SampleDates()
+        self._stamped: set[str] = set()  # topics whose messages have the time of their sample
         self._looked_at = self._flushed_at = time.monotonic()
         self._subscribe_known()
         self.create_timer(LOOK_AROUND, self._ask_for_parameters)
@@ -102,6 +103,8 @@ class Recorder(DataNode):
                                     f'the topic is not recorded')
             return
         self.received[topic] = self.lost[topic] = 0
+        if has_sample_time(message_type):
+            self._stamped.add(topic)
         self._hear(topic, type_name, message_type)
 
     def _hear(self, topic: str, type_name: str, message_type: type) -> None:
@@ -133,35 +136,38 @@ class Recorder(DataNode):
 
     def _record(self, topic: str, type_name: str, data: bytes, info: dict[str, int]) -> None:
         self.received[topic] += 1
-        self.sampled()
         self._count_gap(topic, info)
+        sent = info['source_timestamp']
+        if not self.lockstep:
+            self.sampled()
+            self._write(topic, type_name, data, info['received_timestamp'], sent)
+            return
+        stamp = stamp_of(data) if topic in self._stamped else None
+        if not stamp:  # the time of its sample is not known yet
+            self._dates.add(sent, topic, type_name, data)
+            return
+        if topic == self._states:
+            self._dates.state(sent, stamp)
+            self.sampled(stamp)
+        self._write(topic, type_name, data, stamp, stamp)
+
+    def _write(self, topic: str, type_name: str, data: bytes, log_ns: int,
+               publish_ns: int) -> None:
         if self._failure is not None:
             self.drops['disk'] = self.drops.get('disk', 0) + 1
             return
         try:
             if topic not in self.bag.counts:
                 self.bag.add_topic(topic, type_name, qos=self._offered_qos(topic))
-            self.bag.write(topic, data, *self._times(topic, data, info))
+            self.bag.write(topic, data, *(min(max(t, 0), LATEST) for t in (log_ns, publish_ns)))
         except BagError as error:
             self._fail(str(error))
 
-    def _times(self, topic: str, data: bytes, info: dict[str, int]) -> tuple[int, int]:
-        """Return log and publish time [ns]; under ``use_sim_time`` the time of the sample.
-
-        A message without a stamp there belongs to the newest state that came before it.
-        """
-        received = info['received_timestamp']
-        if not self.lockstep:
-            return received, info['source_timestamp']
-        if topic == self._states:
-            stamp = stamp_of(data) or 0
-            self._samples.append((received, stamp))
-            return stamp, stamp
-        while len(self._samples) > 1 and self._samples[0][0] < received - REMEMBERED:
-            self._samples.popleft()
-        stamp = next((stamp for at, stamp in reversed(self._samples) if at <= received),
-                     self._samples[0][1] if self._samples else 0)
-        return stamp, stamp
+    def _write_dated(self, now_ns: int | None = None) -> None:
+        """Write what is dated by now under ``use_sim_time``; all that is left without a time."""
+        for message in self._dates.take(now_ns):
+            self._write(message.topic, message.type_name, message.data, message.stamp_ns,
+                        message.stamp_ns)
 
     def _count_gap(self, topic: str, info: dict[str, int]) -> None:
         number = info.get('publication_sequence_number')
@@ -192,6 +198,7 @@ class Recorder(DataNode):
 
     def idle(self) -> None:
         """Flush and look for topics and publishers that were not known yet."""
+        self._write_dated(time.time_ns())
         now = time.monotonic()
         if now - self._flushed_at >= self.values['flush_period']:
             self._flushed_at = now
@@ -252,6 +259,7 @@ class Recorder(DataNode):
         """Drain what has arrived, then close file, index and metadata."""
         if self.context.ok():
             self.spin_data(0.0)
+        self._write_dated()
         try:
             self._keep_settings()
         except BagError as error:
@@ -267,10 +275,10 @@ class Recorder(DataNode):
                                    f'{counts.get(topic, 0)}, lost {self.lost[topic]}')
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
-        """Report counts per topic."""
+        """Report counts per topic; in lockstep they would say how fast the machine is."""
         counts = self.bag.counts
         values: dict[str, object] = {}
-        for topic, received in list(self.received.items()):
+        for topic, received in () if self.lockstep else list(self.received.items()):
             values[f'{topic} received'] = received
             values[f'{topic} written'] = counts.get(topic, 0)
             values[f'{topic} lost'] = self.lost[topic]

@@ -18,8 +18,10 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.compiled import COMPILED
+from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.parameters.yaml_file import load_yaml
 from adaptive_blf_control.simulation.closed_loop import build_closed_loop
+from adaptive_blf_control.tools import rates
 from adaptive_blf_control.tools.simulate import run_of_trace
 from adaptive_blf_control.tools.summary import summarise
 
@@ -123,8 +125,14 @@ def _measured(options: argparse.Namespace) -> None:
               f'{figures["us_per_sample"]:.0f} |', flush=True)
 
 
+def _rates(options: argparse.Namespace) -> None:
+    print('\n## Rate and latency (`bench rates`)\n')
+    _machine()
+    rates.run(options)
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
-    'scenarios': _scenarios, 'processes': _processes, 'measured': _measured}
+    'scenarios': _scenarios, 'processes': _processes, 'measured': _measured, 'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -135,12 +143,17 @@ def main(args: list[str] | None = None) -> int:
                         help='folder of the scenarios')
     parser.add_argument('--logs', type=Path, default=Path('../shared/realdata'), metavar='DIR',
                         help='folder of the measured logs')
+    rates.add_options(parser)
     options = parser.parse_args(args)
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:
         parser.error(f'no part {unknown[0]!r}: expected of {", ".join(PARTS)}')
-    for part in options.parts or PARTS:
-        PARTS[part](options)
+    try:
+        for part in options.parts or PARTS:
+            PARTS[part](options)
+    except BlfError as error:
+        print(f'bench: {error}', file=sys.stderr)
+        return 1
     return 0
 
 

@@ -21,8 +21,6 @@ from adaptive_blf_control.tools.summary import summarise, table
 
 __all__ = ['main']
 
-PATIENCE = 90.0  # s until the arm has to move: the first run compiles the laws
-
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='demo', description=__doc__)
@@ -37,29 +35,20 @@ def _parser() -> argparse.ArgumentParser:
 
 def _progress(nodes: NodeProcesses, duration: float) -> list[str]:
     """Show a bar until the driver has ended; return the nodes that failed meanwhile."""
-    driver = nodes.processes['arm_driver']
-    moving: float | None = None
-    begin = time.monotonic()
     show = sys.stderr.isatty()
-    while driver.poll() is None:
-        bad = nodes.failed()
-        now = time.monotonic()
-        if bad or now - begin > PATIENCE + 1.5 * duration:
-            return bad or ['arm_driver']
-        if moving is None and (nodes.text('controller').find('motion begins') >= 0):
-            moving = now
-        done = 0.0 if moving is None else min((now - moving) / duration, 1.0)
+
+    def look(moving: float | None) -> None:
         if show:
-            label = 'nodes are starting ' if moving is None else f'{done * duration:5.1f} s of ' \
-                f'{duration:g} s'
+            done = min((moving or 0.0) / duration, 1.0)
+            label = ('nodes are starting ' if moving is None else
+                     f'{done * duration:5.1f} s of {duration:g} s')
             bar = '#' * int(40 * done)
             print(f'\r[{bar:<40}] {label:<22}', end='', file=sys.stderr, flush=True)
-        time.sleep(0.2)
+
+    failed = nodes.until_done(look, 0.2)
     if show:
         print(file=sys.stderr)
-    return nodes.failed()
-
-
+    return failed
 
 
 def _run(config: Path, duration: float, output: Path) -> list[str]:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """``soak``: the four processes for an hour; does memory grow, latency drift, a message vanish?
 
+Every minute a line, and the figures so far in ``soak.json`` of the run's folder.
+
 Exit status: 0 every check holds, 1 one does not, 2 it could not be run.
 """
 
@@ -9,14 +11,17 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from importlib import util
+import json
 import os
 from pathlib import Path
 import shutil
 import sys
 import time
+from typing import Any, NamedTuple
 
 from adaptive_blf_control.errors import BlfError, MissingExtra
 from adaptive_blf_control.tools.processes import NodeProcesses, NODES, scenario
+from adaptive_blf_control.tools.soak_bag import read_run, RunFigures
 from adaptive_blf_control.tools.soak_figures import (
     Account,
     account_of,
@@ -24,16 +29,17 @@ from adaptive_blf_control.tools.soak_figures import (
     growth_of,
     Latency,
     latency_of,
-    read_run,
 )
 
 __all__ = ['main']
 
 PERIOD = 1.0  # s between looks at the memory
-PATIENCE = 90.0  # s until the arm has to move: the first run compiles the laws
+MINUTE = 60.0  # s between two lines
 SETTLE = 60.0  # s that are not judged, at most half of the run
 BYTES_PER_SECOND = 1_500_000  # a two-joint run at 1 kHz with everything recorded
 MEMORY_LIMIT = 1.0  # percent
+FIGURES = 'soak.json'
+TRIP = 'round trip p50, p99, p99.9, largest so far [ms]'
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -45,7 +51,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--output', type=Path, default=None, metavar='DIR',
                         help='new folder for the run (default: runs/soak_TIME)')
     parser.add_argument('--keep', action='store_true',
-                        help='keep the bag: two_link writes about 4 GB an hour')
+                        help='keep the bag, 4 GB an hour with two_link; else it is deleted at '
+                             'the end\nwhere every check holds')
     return parser
 
 
@@ -58,78 +65,134 @@ def _resident(pid: int) -> int | None:
     return int(pages) * os.sysconf('SC_PAGE_SIZE')
 
 
-class _Samples:
-    """Resident memory of each process over the time in which the arm moves."""
+def _processor_time(pid: int) -> float | None:
+    """Return what a process has used of the processor [s], None where it has ended."""
+    try:
+        fields = Path(f'/proc/{pid}/stat').read_text(encoding='utf-8').rpartition(')')[2].split()
+    except OSError:
+        return None
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
-    def __init__(self) -> None:
+
+class _Watch:
+    """Memory and processor time of each process over the time in which the arm moves."""
+
+    def __init__(self, nodes: NodeProcesses, output: Path) -> None:
+        self._nodes, self._output = nodes, output
+        self._minutes: list[dict[str, Any]] = []
         self.t: dict[str, list[float]] = {name: [] for name in NODES}
         self.rss: dict[str, list[int]] = {name: [] for name in NODES}
+        self.used: dict[str, list[float]] = {name: [] for name in NODES}
 
-    def take(self, nodes: NodeProcesses, t: float) -> None:
-        for name, process in nodes.processes.items():
-            size = _resident(process.pid)
-            if size:  # a process that has just ended has none
-                self.t[name].append(t)
+    def look(self, moving: float | None) -> None:
+        """Take a sample; every minute print and keep the figures so far."""
+        if moving is None:
+            return
+        for name, process in self._nodes.processes.items():
+            size, used = _resident(process.pid), _processor_time(process.pid)
+            if size and used is not None:  # a process that has just ended has no memory
+                self.t[name].append(moving)
                 self.rss[name].append(size)
+                self.used[name].append(used)
+        if moving >= MINUTE * (len(self._minutes) + 1):
+            self._report(moving)
+
+    def share(self, name: str) -> float:
+        """Return the part of one core that a node used while the arm moved; NaN if unknown."""
+        t, used = self.t[name], self.used[name]
+        return (used[-1] - used[0]) / (t[-1] - t[0]) if len(t) > 1 else float('nan')
+
+    def _report(self, moving: float) -> None:
+        memory = {name: round(self.rss[name][-1] / 1e6, 2) for name in NODES if self.rss[name]}
+        self._minutes.append({'t_s': round(moving, 1), 'memory_mb': memory,
+                              'cores': {name: round(self.share(name), 3) for name in NODES}})
+        print(f'{moving / 60.0:.0f} min: ' + ', '.join(
+            f'{name} {size:.1f} MB' for name, size in memory.items()) + '; together '
+            f'{sum(self.share(name) for name in NODES):.2f} cores', flush=True)
+        self.write({})
+
+    def write(self, figures: Mapping[str, Any]) -> None:
+        """Write ``soak.json``, which is whole at any moment."""
+        file = self._output / FIGURES
+        text = json.dumps({**figures, 'minutes': self._minutes}, indent=1)
+        file.with_suffix('.part').write_text(text + '\n', encoding='utf-8')
+        file.with_suffix('.part').replace(file)
 
 
-def _drive(nodes: NodeProcesses, duration: float) -> tuple[_Samples, list[str]]:
-    """Sample until the driver has ended; return the samples and the nodes that failed."""
-    samples = _Samples()
-    driver = nodes.processes['arm_driver']
-    begin = time.monotonic()
-    moving: float | None = None
-    while driver.poll() is None:
-        now = time.monotonic()
-        bad = nodes.failed()
-        if bad or now - begin > PATIENCE + 1.1 * duration:
-            return samples, bad or ['arm_driver']
-        if moving is None and 'motion begins' in nodes.text('controller'):
-            moving = now
-        if moving is not None:
-            samples.take(nodes, now - moving)
-        time.sleep(min(PERIOD, duration / 60.0))
-    return samples, nodes.failed()
+class _Figures(NamedTuple):
+    """All that is judged."""
+
+    growths: dict[str, Growth]
+    cores: dict[str, float]
+    missed: dict[str, int]
+    trip: str
+    latency: Latency
+    account: list[Account]
+    settle: float
+
+    def table(self) -> str:
+        """Return the figures as Markdown."""
+        lines = [f'\n| process | memory after {self.settle:g} s [MB] | at the end [MB] | growth | '
+                 'processor [cores] | missed periods |', '|---|---|---|---|---|---|']
+        lines += [f'| {name} | {growth.first / 1e6:.1f} | {growth.last / 1e6:.1f} | '
+                  f'{growth.percent:+.2f} % | {self.cores[name]:.2f} | '
+                  f'{self.missed.get(name, "-")} |' for name, growth in self.growths.items()]
+        lines += ['', '| state to answer, as sent [ms] | p50 | p99 | largest | answered |',
+                  '|---|---|---|---|---|']
+        lines += [f'| {name} | {part.p50:.3f} | {part.p99:.3f} | {part.largest:.3f} | '
+                  f'{part.answers} |' for name, part in (('first third', self.latency.first),
+                                                         ('last third', self.latency.last))]
+        lines += [f'\nthe driver: {TRIP}: {self.trip}\n',
+                  '| topic | received | written | in the bag | dropped | lost on the way |',
+                  '|---|---|---|---|---|---|']
+        lines += [f'| {row.topic} | {row.received} | {row.written} | {row.in_bag} | '
+                  f'{row.dropped} | {row.lost} |' for row in self.account]
+        return '\n'.join(lines)
+
+    def wrong(self) -> list[str]:
+        """Return what does not hold."""
+        first, last = self.latency
+        wrong = [f'{name} grew by {growth.percent:.2f} %: expected under {MEMORY_LIMIT:g} %'
+                 for name, growth in self.growths.items() if growth.percent >= MEMORY_LIMIT]
+        if self.latency.drifts:
+            wrong.append(f'latency drifts: median {first.p50:.3f} ms in the first third, '
+                         f'{last.p50:.3f} ms in the last')
+        wrong += [f'{row.topic}: received {row.received}, written {row.written}, dropped '
+                  f'{row.dropped}, in the bag {row.in_bag}' for row in self.account
+                  if not row.complete]
+        return wrong
+
+    def plain(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        return {
+            'settle_s': self.settle,
+            'memory_bytes': {name: {**growth._asdict(), 'percent': growth.percent}
+                             for name, growth in self.growths.items()},
+            'cores': self.cores, 'missed_periods': self.missed,
+            'driver_' + TRIP: self.trip,
+            'latency_ms': {name: part._asdict() for name, part in self.latency._asdict().items()},
+            'topics': {row.topic: {**row._asdict(), 'complete': row.complete}
+                       for row in self.account}}
 
 
-def _table(growths: Mapping[str, Growth], latency: Latency, account: Sequence[Account],
-           settle: float) -> str:
-    lines = [f'| process | memory after {settle:g} s [MB] | at the end [MB] | growth |',
-             '|---|---|---|---|']
-    lines += [f'| {name} | {growth.first / 1e6:.1f} | {growth.last / 1e6:.1f} | '
-              f'{growth.percent:+.2f} % |' for name, growth in growths.items()]
-    lines += ['', '| state to answer, as sent [ms] | p50 | p99 | largest | answered |',
-              '|---|---|---|---|---|']
-    lines += [f'| {name} | {part.p50:.3f} | {part.p99:.3f} | {part.largest:.3f} | {part.answers} |'
-              for name, part in (('first third', latency.first), ('last third', latency.last))]
-    lines += ['', '| topic | received | written | in the bag | dropped | lost on the way |',
-              '|---|---|---|---|---|---|']
-    lines += [f'| {row.topic} | {row.received} | {row.written} | {row.in_bag} | {row.dropped} | '
-              f'{row.lost} |' for row in account]
-    return '\n'.join(lines)
+def _figures(watch: _Watch, run: RunFigures, log: str, settle: float) -> _Figures:
+    reported = {name: run.diagnostics.get(name, {}) for name in NODES}
+    missed = {name: int(reported[name]['missed periods']) for name in NODES
+              if name != 'recorder' and 'missed periods' in reported[name]}
+    return _Figures(
+        {name: growth_of(watch.t[name], watch.rss[name], settle) for name in NODES},
+        {name: watch.share(name) for name in NODES}, missed,
+        reported['arm_driver'].get(TRIP, 'not reported'),
+        latency_of(run.sent, run.latency, settle), account_of(log, run.counts), settle)
 
 
-def _verdict(growths: Mapping[str, Growth], latency: Latency,
-             account: Sequence[Account]) -> list[str]:
-    """Return what does not hold."""
-    wrong = [f'{name} grew by {growth.percent:.2f} %: expected under {MEMORY_LIMIT:g} %'
-             for name, growth in growths.items() if growth.percent >= MEMORY_LIMIT]
-    if latency.drifts:
-        wrong.append(f'latency drifts: median {latency.first.p50:.3f} ms in the first third, '
-                     f'{latency.last.p50:.3f} ms in the last')
-    wrong += [f'{row.topic}: received {row.received}, written {row.written}, dropped '
-              f'{row.dropped}, in the bag {row.in_bag}' for row in account if not row.complete]
-    return wrong
-
-
-def _judge(output: Path, samples: _Samples, log: str, settle: float) -> list[str]:
-    """Print the table and return what does not hold."""
-    growths = {name: growth_of(samples.t[name], samples.rss[name], settle) for name in NODES}
-    run = read_run(output / 'bag')
-    latency = latency_of(run.sent, run.latency, settle)
-    account = account_of(log, run.counts)
-    print(_table(growths, latency, account, settle))
-    return _verdict(growths, latency, account)
+def _check_space(output: Path, duration: float) -> None:
+    """Refuse a run that the disk cannot hold; nothing is made before."""
+    folder = next(path for path in (output, *output.resolve().parents) if path.exists())
+    free, needed = shutil.disk_usage(folder).free, duration * BYTES_PER_SECOND
+    if free < needed:
+        raise BlfError(f'{output}: {free / 1e9:.1f} GB are free: expected {needed / 1e9:.1f} GB '
+                       f'for {duration / 60.0:g} min')
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -138,30 +201,49 @@ def _run(options: argparse.Namespace) -> int:
         raise BlfError(f'--minutes is {options.minutes:g}: expected more than 0')
     if util.find_spec('rclpy') is None:
         raise MissingExtra('rclpy', 'ros', 'the four nodes')
-    output = options.output or Path('runs') / time.strftime('soak_%Y%m%d_%H%M%S')
+    output: Path = options.output or Path('runs') / time.strftime('soak_%Y%m%d_%H%M%S')
+    _check_space(output, duration)
     output.mkdir(parents=True)
-    free = shutil.disk_usage(output).free
-    if free < duration * BYTES_PER_SECOND:
-        raise BlfError(f'{output}: {free / 1e9:.1f} GB are free: expected '
-                       f'{duration * BYTES_PER_SECOND / 1e9:.1f} GB for {options.minutes:g} min')
     config = options.config or scenario('two_link.yaml')
     print(f'four processes, {config}, {options.minutes:g} min, {os.cpu_count()} cores, load '
-          f'{os.getloadavg()[0]:.1f}\n', flush=True)
-    with NodeProcesses(config.resolve(), duration, output.resolve()) as nodes:
-        samples, bad = _drive(nodes, duration)
-        bad = list(dict.fromkeys(bad + nodes.end()))
-        for name in bad:
-            print(f'{name} did not end well:\n{nodes.text(name)}', file=sys.stderr)
-        log = nodes.text('recorder')
+          f'{os.getloadavg()[0]:.1f}', flush=True)
+    watch, log, bad = _drive(config, duration, output)
     wrong = [f'{name} did not end well' for name in bad]
-    wrong += _judge(output, samples, log, min(SETTLE, 0.5 * duration))
+    wrong += _judge(output, watch, log, min(SETTLE, 0.5 * duration))
+    print('\n' + ('\n'.join(f'FAILED {text}' for text in wrong) or 'every check holds'))
     if not (options.keep or wrong):
         shutil.rmtree(output / 'bag')
-    print('\n' + ('\n'.join(f'FAILED {text}' for text in wrong) or 'every check holds'))
+    else:
+        print(f'the bag is kept: {output / "bag"}')
     return 1 if wrong else 0
 
 
-def main(args: list[str] | None = None) -> int:
+def _drive(config: Path, duration: float, output: Path) -> tuple[_Watch, str, list[str]]:
+    """Run the nodes; return what was watched, the recorder's words and who did not end well."""
+    with NodeProcesses(config.resolve(), duration, output.resolve()) as nodes:
+        watch = _Watch(nodes, output)
+        bad = nodes.until_done(watch.look, min(PERIOD, duration / 60.0))
+        bad = list(dict.fromkeys(bad + nodes.end()))
+        for name in bad:
+            print(f'{name} did not end well:\n{nodes.text(name)}', file=sys.stderr)
+        return watch, nodes.text('recorder'), bad
+
+
+def _judge(output: Path, watch: _Watch, log: str, settle: float) -> list[str]:
+    """Print the table, write the figures and return what does not hold."""
+    begin = time.monotonic()
+    run = read_run(output / 'bag')
+    size = sum(file.stat().st_size for file in (output / 'bag').iterdir())
+    figures = _figures(watch, run, log, settle)
+    print(figures.table())
+    print(f'\n{size / 1e6:.0f} MB, {sum(run.counts.values())} messages, read in '
+          f'{time.monotonic() - begin:.1f} s')
+    wrong = figures.wrong()
+    watch.write({**figures.plain(), 'bag_bytes': size, 'failed': wrong})
+    return wrong
+
+
+def main(args: Sequence[str] | None = None) -> int:
     """Run the command; see the module for the exit status."""
     options = _parser().parse_args(args)
     try:

@@ -3,26 +3,16 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 import re
-import struct
 from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.bags.mcap_file import McapFile
-from adaptive_blf_control.bags.reader import storage_files
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.topics import ADAPTATION_TERM, JOINT_STATES
 
-__all__ = ['Account', 'Growth', 'Latency', 'Part', 'RunFigures', 'account_of', 'growth_of',
-           'latency_of', 'read_run']
+__all__ = ['Account', 'Growth', 'Latency', 'Part', 'account_of', 'growth_of', 'latency_of']
 
-# CDR: four bytes of encapsulation, then header.stamp.
-_STAMP = struct.Struct('<iI')
-_KEPT = 20_000  # unanswered states that are remembered
 _REPORT = re.compile(r'(/\S+): received (\d+), written (\d+)(?:, dropped (\d+))?'
                      r'(?:, lost (\d+))?')
 
@@ -133,74 +123,3 @@ def account_of(log: str, in_bag: Mapping[str, int]) -> list[Account]:
     if missing:
         raise BagError(f'the recorder did not report {", ".join(missing)}: did it end by itself?')
     return list(rows.values())
-
-
-class RunFigures(NamedTuple):
-    """What one pass over the bag gives.
-
-    Attributes:
-        counts: Messages by topic.
-        sent: When the answered states were sent, shape (N,) [s].
-        latency: From there until their adaptation term was sent, which the controller does
-            right after the command (that has no stamp to match by), shape (N,) [s].
-    """
-
-    counts: dict[str, int]
-    sent: np.ndarray
-    latency: np.ndarray
-
-
-def read_run(bag: Path) -> RunFigures:
-    """Count the messages of a bag folder and match states with answers, in one pass.
-
-    Raises:
-        BagError: the bag cannot be read, breaks off, or has not the two topics.
-    """
-    counts: dict[str, int] = {}
-    matcher = _Matcher()
-    for path in storage_files(bag):
-        file = McapFile(path)
-        for channel, _, sent_ns, data in file.timed_messages():
-            topic = file.channels[channel].topic
-            counts[topic] = counts.get(topic, 0) + 1
-            if topic.endswith('/' + JOINT_STATES):
-                matcher.state(data, sent_ns)
-            elif topic.endswith('/' + ADAPTATION_TERM):
-                matcher.answer(data, sent_ns)
-        if file.problem:
-            raise BagError(file.problem)
-    sent = np.frombuffer(matcher.sent, dtype=np.int64)
-    order = np.argsort(sent, kind='stable')
-    latency = np.frombuffer(matcher.latency, dtype=np.int64)
-    return RunFigures(counts, 1e-9 * (sent[order] - sent[:1]), 1e-9 * latency[order])
-
-
-class _Matcher:
-    """Pairs states and answers by stamp, in whatever order the recorder took them."""
-
-    def __init__(self) -> None:
-        self.sent, self.latency = array('q'), array('q')
-        self._states: dict[tuple[int, int], int] = {}
-        self._answers: dict[tuple[int, int], int] = {}
-
-    def state(self, data: bytes, sent_ns: int) -> None:
-        stamp = _STAMP.unpack_from(data, 4)
-        answered = self._answers.pop(stamp, None)
-        if answered is not None:
-            self._add(sent_ns, answered)
-            return
-        self._states[stamp] = sent_ns
-        if len(self._states) > _KEPT:  # the controller answers the newest state only
-            del self._states[next(iter(self._states))]
-
-    def answer(self, data: bytes, sent_ns: int) -> None:
-        stamp = _STAMP.unpack_from(data, 4)
-        state = self._states.pop(stamp, None)
-        if state is not None:
-            self._add(state, sent_ns)
-        else:
-            self._answers[stamp] = sent_ns
-
-    def _add(self, state_ns: int, answer_ns: int) -> None:
-        self.sent.append(state_ns)
-        self.latency.append(answer_ns - state_ns)

@@ -239,7 +239,9 @@ def test_noise_can_be_switched_on_while_rank_lacks_and_off_again():
 
 def test_noise_is_not_switched_on_where_rank_is_full(record):
     samples = record(steps=300)
-    subject, without = (learn(identifier(), samples[:200]) for _ in range(2))
+    subject, without = (learn(identifier(settle=5.0), samples[:200]) for _ in range(2))
+    for each in (subject, without):
+        each.restart()  # so that the history alone teaches for a while
     retune(subject, noise=0.1)
     for sample in samples[200:]:
         subject.update(*sample)

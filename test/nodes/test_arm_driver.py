@@ -84,6 +84,9 @@ class _HandClock:
     def monotonic(self) -> float:
         return self.now_ns * 1e-9
 
+    def time_ns(self) -> int:
+        return self.now_ns
+
 
 @pytest.fixture
 def by_hand(graph, wait_until, monkeypatch):
@@ -190,9 +193,116 @@ def test_without_commands_the_torque_goes_to_zero_until_the_next_one(by_hand) ->
     np.testing.assert_array_equal(_arrays(state_at(110.0))[2], (0.0, 0.0))
     assert driver.timed_out
     assert 'zero torque' in driver.status()[1]
+    assert driver.last_fault == 'no command for 0.1 s: zero torque'
     command_at(115.0, 6.0, 2.0)
     np.testing.assert_allclose(_arrays(state_at(120.0))[2], (3.0, 1.0), rtol=1e-12)
     assert not driver.timed_out
+
+
+def test_timeout_action_damping_brakes_the_motion_until_the_next_command(by_hand) -> None:
+    driver, state_at, command_at, _ = by_hand
+    driver.values.update(timeout_action='damping', damping=[4.0, 0.5])
+    state_at(0.0)
+    command_at(0.0, 10.0, -4.0)
+    for ms in range(10, 101, 10):
+        q, qd, _ = _arrays(state_at(ms))
+    energy = []
+    for ms in range(110, 301, 10):
+        torque = np.array([-4.0, -0.5]) * qd  # of the state before, held over the interval
+        expected = _advanced(q, qd, (torque, 10.0))
+        q, qd, effort = _arrays(state_at(ms))
+        np.testing.assert_allclose(effort, torque, rtol=1e-12)
+        np.testing.assert_allclose([q, qd], expected, rtol=0.0, atol=1e-12)
+        energy.append(0.5 * qd @ TwoLinkArm().Y1(q, qd) @ THETA)
+    assert (np.diff(energy) < 0.0).all()
+    assert driver.timed_out
+    assert driver.last_fault == 'no command for 0.1 s: damping torque'
+    assert 'damping torque' in driver.status()[1]
+    command_at(300.0, 6.0, 2.0)
+    np.testing.assert_allclose(_arrays(state_at(310.0))[2], (6.0, 2.0), rtol=1e-12)
+    assert not driver.timed_out
+
+
+def test_one_publisher_of_commands_is_obeyed_until_it_has_been_silent(by_hand) -> None:
+    driver, state_at, _, _ = by_hand
+    a, b = (10.0, -4.0), (-30.0, 8.0)
+
+    def command(number: int, torque) -> None:
+        driver.on_command(_command(*torque), {'publication_sequence_number': number})
+
+    state_at(0.0)
+    command(500, a)
+    state_at(10.0)
+    for number in (1, 2, 3, 499, 500, 601, 9000):  # not what follows 500
+        command(number, b)
+    np.testing.assert_allclose(_arrays(state_at(20.0))[2], a, rtol=1e-12)
+    refused = 'command of a second publisher'
+    assert driver.drops == {refused: 7}
+    assert driver.last_fault == 'commands of a second publisher refused'
+    command(600, (1.0, 2.0))  # 99 were lost on the way
+    np.testing.assert_allclose(_arrays(state_at(30.0))[2], (1.0, 2.0), rtol=1e-12)
+    state_at(110.0)
+    command(4, b)  # 600 was 90 ms ago: not silent for command_timeout
+    assert driver.drops == {refused: 8}
+    state_at(130.0)
+    command(5, b)  # the second one takes over, and is the one now
+    command(601, a)
+    np.testing.assert_allclose(_arrays(state_at(140.0))[2], b, rtol=1e-12)
+    assert driver.drops == {refused: 9}
+
+
+def test_a_second_real_publisher_does_not_move_the_arm(rig, graph, wait_until) -> None:
+    driver, states, send = rig(rate=100.0, command_timeout=30.0)
+    graph.run(driver)
+    for _ in range(30):
+        send(3.0, -2.0)
+    wait_until(lambda: len(states) and np.allclose(states[-1].effort, (3.0, -2.0)))
+    second = graph.peer().create_publisher(Float64MultiArray, 'effort_controller/commands', 10)
+    wait_until(lambda: second.get_subscription_count() == 1)
+    for _ in range(5):
+        second.publish(Float64MultiArray(data=[50.0, 50.0]))
+    wait_until(lambda: driver.drops == {'command of a second publisher': 5}, what='five drops')
+    wait_until(lambda: driver.status()[1].startswith('several publishers of commands: /peer'))
+    send(4.0, -1.0)
+    wait_until(lambda: np.allclose(states[-1].effort, (4.0, -1.0)))
+    assert all(np.isnan(states[i].effort[0]) or states[i].effort[0] <= 4.0
+               for i in range(len(states)))
+
+
+def test_a_command_while_inactive_is_dropped(by_hand) -> None:
+    driver, state_at, command_at, _ = by_hand
+    state_at(0.0)
+    driver.trigger_deactivate()
+    command_at(4.0, 10.0, -4.0)
+    assert driver.drops == {'command while inactive': 1}
+    state = state_at(10.0)
+    assert (list(state.position), driver.started) == (START['initial_position'], False)
+    assert np.isnan(state.effort).all()
+    assert driver.status()[1] == 'inactive: brakes on'
+    driver.trigger_activate()
+    command_at(15.0, 10.0, -4.0)
+    np.testing.assert_allclose(_arrays(state_at(20.0))[2], (10.0, -4.0), rtol=1e-12)
+
+
+def test_deactivated_the_torque_goes_to_zero_over_the_ramp_and_the_brakes_hold(by_hand) -> None:
+    driver, state_at, command_at, _ = by_hand
+    driver.values['ramp_time'] = 0.05
+    state_at(0.0)
+    command_at(0.0, 10.0, -4.0)
+    state_at(10.0)
+    driver.trigger_deactivate()
+    efforts = []
+    for ms in range(20, 61, 10):
+        command_at(ms - 5.0, 10.0, -4.0)  # the controller has not noticed yet
+        efforts.append(_arrays(state_at(ms))[2])
+    np.testing.assert_allclose(efforts, np.outer([0.8, 0.6, 0.4, 0.2, 0.0], (10.0, -4.0)),
+                               atol=1e-12)
+    assert not driver.started
+    held = state_at(70.0)
+    later = state_at(170.0)
+    np.testing.assert_array_equal(later.position, held.position)
+    np.testing.assert_array_equal(later.velocity, 0.0)
+    assert np.isnan(later.effort).all()
 
 
 def test_the_drives_saturate(by_hand) -> None:

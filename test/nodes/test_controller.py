@@ -19,7 +19,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.bags.cdr import decode_float64_array
 from adaptive_blf_control.control.barrier import barrier
-from adaptive_blf_control.errors import SetViolation
+from adaptive_blf_control.errors import ParameterError, SetViolation
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.parameters.build import build_controller
 from adaptive_blf_control.topics import (
@@ -41,6 +41,7 @@ TASK = {
     'reference__joint1__amplitude': [1.0], 'reference__joint1__frequency': [0.5],
     'reference__joint2__amplitude': [2.0], 'reference__joint2__frequency': [0.5],
     'reference__joint2__phase': [math.pi / 2.0],
+    'reference__smooth_start': 0.0, 'torque_rate_limit': [1e6],
 }
 Q, QD = [0.01, 1.98], [0.4, -0.1]
 PARAMETERS = TwoLinkArm().parameters
@@ -69,16 +70,42 @@ class _Rig:
             topic: self.peer.listen(kind, f'{namespace}/{topic}') for topic, kind in (
                 (COMMANDS, Float64MultiArray), (ADAPTATION_TERM, JointState),
                 (REFERENCE, JointState), (TRACKING_ERROR, JointState), (BARRIER, JointState))}
-        wait_until(lambda: all(self.node.count_subscribers(topic) for topic in self.sent)
-                   and self.node._commands.get_subscription_count() == 1, what='the match')
+        heard = {f'{namespace}/{topic}' for topic in self.sent}
+        wait_until(lambda: self.node.count_subscribers(COMMANDS) and all(
+            publisher.get_subscription_count() for publisher in self.node._data_publishers
+            if publisher.topic_name in heard), what='the match')
         self._answers = 0
 
     def answer(self, state: JointState) -> np.ndarray:
-        """Hand over a state and return the torque that was sent."""
-        self.node.on_joint_states(serialize_message(state), {})
+        """Hand over a state and return the torque that was sent.
+
+        The first one again and again: the node activates itself on it, and then waits for the
+        match of the publisher it has made.
+        """
+        node, data = self.node, serialize_message(state)
+        samples = node.statistics.samples
+
+        def answered() -> bool:
+            node.on_joint_states(data, {})
+            return node.statistics.samples > samples
+
+        if node.output is None:
+            self._wait_until(answered, what='the first answer')
+        else:
+            assert answered(), node.drops
         self._answers += 1
         self._wait_until(lambda: len(self.sent[COMMANDS]) == self._answers, what='the torque')
         return self.torques[-1]
+
+    def answered_over_dds(self, states, state: JointState) -> None:
+        """Publish a state until the node, running in its thread, has answered it."""
+        samples = self.node.statistics.samples
+
+        def answered() -> bool:
+            states.publish(state)
+            return self.node.statistics.samples > samples
+
+        self._wait_until(answered, what='the answer')
 
     @property
     def torques(self) -> list[np.ndarray]:
@@ -87,11 +114,11 @@ class _Rig:
     def ignores(self, state: JointState | bytes, reason: str) -> None:
         """Check that a message is dropped for ``reason``, unanswered, and leaves no trace."""
         node, data = self.node, state if isinstance(state, bytes) else serialize_message(state)
-        before = (node.output, node.theta, node._last_ns, node._heard_at, node._samples_seen)
+        before = (node.output, node.theta, node._last_ns, node._heard_at, node.statistics.samples)
         drops = dict(node.drops)
         node.on_joint_states(data, {})
         assert node.drops == {**drops, reason: drops.get(reason, 0) + 1}
-        after = (node.output, node.theta, node._last_ns, node._heard_at, node._samples_seen)
+        after = (node.output, node.theta, node._last_ns, node._heard_at, node.statistics.samples)
         assert all(a is b or a == b for a, b in zip(before, after))
 
 
@@ -119,7 +146,7 @@ def test_the_torque_is_that_of_the_law_for_the_state_and_the_time_since_the_star
 
 
 def test_what_the_user_sees_is_reference_errors_and_margins_by_name(rig, wait_until) -> None:
-    rig = rig(state_timeout=1.0)
+    rig = rig(state_timeout=1.0, monitor_decimation=1)
     rig.answer(_state(0.0))
     rig.answer(_state(500.0, [0.3, 1.9], [0.4, -0.4]))
     wait_until(lambda: len(rig.sent[BARRIER]) == 2)
@@ -238,8 +265,8 @@ def test_no_bytes_on_any_topic_give_a_non_finite_torque(rig) -> None:
         assert np.isfinite(node.theta).all()
 
     any_bytes()
-    assert node._samples_seen > 500
-    assert len(node.drops) == 4, node.drops
+    assert node.statistics.samples > 500
+    assert len(node.drops) == 5, node.drops
     for torque in rig.torques:
         assert np.isfinite(torque).all()
 
@@ -282,6 +309,27 @@ def test_an_estimate_that_cannot_be_used_leaves_the_last_one(rig) -> None:
     assert rig.node.drops == {'non-finite estimate': 2, 'unusable estimate': 3}
 
 
+@pytest.mark.parametrize(('limit', 'believed', 'absurd', 'named'), [
+    ([1000.0], [999.0] * 5, [1000.5, 0.0, 0.0, 0.0, 0.0], f'{PARAMETERS[0]} = 1000 '),
+    ([10.0, 1.0, 1.0, 10.0, 10.0], [9.0, 0.9, -0.9, 9.0, 9.0], [9.0, 0.9, -1.1, 9.0, 9.0],
+     f'{PARAMETERS[2]} = -1.1 is beyond estimate_limit 1:'),
+])
+def test_an_estimate_beyond_the_limit_is_refused_and_the_last_good_one_kept(
+        rig, capfd, limit, believed, absurd, named) -> None:
+    rig = rig(estimate_limit=limit)
+    rig.node.on_theta_hat(_estimate(believed), {})
+    rig.node.on_theta_hat(_estimate(absurd), {})
+    np.testing.assert_array_equal(rig.node.theta, believed)
+    assert rig.node.drops == {'absurd estimate': 1}
+    assert named in capfd.readouterr().err
+    assert named in rig.node.last_fault
+
+
+def test_an_estimate_limit_of_another_length_is_refused(graph) -> None:
+    with pytest.raises(ParameterError, match=r'estimate_limit.*length 1 or 5'):
+        graph.make(ControllerNode, **TASK, estimate_limit=[1.0, 2.0])
+
+
 def test_with_known_parameters_nothing_is_learned(rig) -> None:
     theta = [3.473, 0.196, 0.242, 5.3, 1.1]
     rig = rig(model='known', known_parameters=theta)
@@ -309,7 +357,7 @@ def test_a_start_outside_a_set_ends_the_node_without_any_torque(
         runner.join()
     assert error.value.value == pytest.approx(value)
     assert error.value.bound == pytest.approx(bound)
-    assert rig.node._commands.get_subscription_count() == 1
+    assert rig.node._commands is None
     assert rig.torques == []
 
 
@@ -334,6 +382,15 @@ def test_a_process_whose_arm_starts_outside_a_set_says_so_and_fails(
     assert commands == []
 
 
+def test_a_smooth_start_may_begin_anywhere_inside_the_safety_set_and_nowhere_else(rig) -> None:
+    rig = rig(reference__smooth_start=1.0)
+    with pytest.raises(SetViolation, match="'joint2': start position outside the safety set: 2.3"):
+        for _ in range(500):
+            rig.node.on_joint_states(serialize_message(_state(0.0, [0.0, 2.3])), {})
+            time.sleep(0.01)
+    assert (rig.node.active, rig.node._commands, rig.torques) == (False, None, [])
+
+
 def test_a_performance_set_that_pokes_out_of_the_safety_set_is_refused(graph) -> None:
     with pytest.raises(SetViolation, match="joint 'joint2': .*pokes out.*above: 2.25 .* 2.2 rad"):
         graph.make(ControllerNode, **{**TASK, 'performance__upper': [0.2, 0.25]})
@@ -350,11 +407,15 @@ def test_a_smooth_start_takes_the_posture_it_finds(rig) -> None:
 def test_nothing_is_answered_before_somebody_listens(graph, wait_until) -> None:
     node = graph.make(ControllerNode, **TASK)
     node.on_joint_states(serialize_message(_state(0.0)), {})
-    assert node.output is None
-    rig = graph.peer()
-    heard = rig.listen(Float64MultiArray, COMMANDS)
-    wait_until(lambda: node._commands.get_subscription_count() == 1)
-    node.on_joint_states(serialize_message(_state(700.0)), {})
+    assert (node.output, node.active, node.count_publishers(COMMANDS)) == (None, False, 0)
+    heard = graph.peer().listen(Float64MultiArray, COMMANDS)
+
+    def answered() -> bool:
+        node.on_joint_states(serialize_message(_state(700.0)), {})
+        return node.output is not None
+
+    wait_until(answered)
+    assert node.active
     wait_until(lambda: len(heard) == 1)
     np.testing.assert_allclose(node.output.reference.position, [0.0, 2.0], atol=1e-12)
 
@@ -364,10 +425,12 @@ def test_the_first_answer_does_not_wait_for_the_logger(rig, monkeypatch) -> None
     monkeypatch.setattr(inspect, 'modulesbyfile', {})
     monkeypatch.setattr(inspect, '_filesbymodname', {})
     rig = rig()
-    data = serialize_message(_state(0.0))
-    begin = time.perf_counter()
-    rig.node.on_joint_states(data, {})
-    assert time.perf_counter() - begin < 0.03
+    data, times = serialize_message(_state(0.0)), []
+    while rig.node.output is None:
+        begin = time.perf_counter()
+        rig.node.on_joint_states(data, {})
+        times.append(time.perf_counter() - begin)
+    assert max(times) < 0.03
 
 
 def test_a_running_node_ends_with_a_zero_torque(graph, wait_until) -> None:
@@ -375,7 +438,7 @@ def test_a_running_node_ends_with_a_zero_torque(graph, wait_until) -> None:
     states = rig.peer.create_publisher(JointState, JOINT_STATES, 10)
     wait_until(lambda: states.get_subscription_count() == 1)
     runner = graph.run(rig.node)
-    states.publish(_state(0.0))
+    rig.answered_over_dds(states, _state(0.0))
     wait_until(lambda: len(rig.torques) == 1)
     assert rig.torques[0].any()
     assert runner.end() == 0
@@ -396,11 +459,12 @@ def test_when_states_stop_one_zero_torque_is_sent_and_the_next_state_resumes(gra
     states = rig.peer.create_publisher(JointState, JOINT_STATES, 10)
     wait_until(lambda: states.get_subscription_count() == 1)
     graph.run(rig.node)
-    states.publish(_state(0.0))
+    rig.answered_over_dds(states, _state(0.0))
     wait_until(lambda: len(rig.torques) == 2)
     assert rig.torques[0].any()
     np.testing.assert_array_equal(rig.torques[1], 0.0)
     assert 'lost' in rig.node.status()[1]
+    assert rig.node.last_fault == 'no joint state for 0.2 s: zero torque'
     states.publish(_state(1.0))
     wait_until(lambda: len(rig.torques) == 4)
     assert rig.torques[2].any()
@@ -411,6 +475,7 @@ def test_when_states_stop_one_zero_torque_is_sent_and_the_next_state_resumes(gra
 
 def test_of_a_backlog_only_the_newest_state_is_answered(rig, wait_until) -> None:
     rig = rig()
+    rig.answer(_state(-1.0))
     peer = rig.peer
     echo = peer.listen(JointState, JOINT_STATES)
     states = peer.create_publisher(JointState, JOINT_STATES, 50)
@@ -420,10 +485,10 @@ def test_of_a_backlog_only_the_newest_state_is_answered(rig, wait_until) -> None
         states.publish(_state(k))
     wait_until(lambda: len(echo) == 9)
     rig.node.spin_data(1.0)
-    assert rig.node._samples_seen == 1
+    assert rig.node.statistics.samples == 2
     assert rig.node._last_ns == 10**12 + 8_000_000
     assert rig.node.superseded == 8
-    wait_until(lambda: len(rig.torques) == 1)
+    wait_until(lambda: len(rig.torques) == 2)
 
 
 def test_gains_set_while_running_act_on_the_next_state(rig) -> None:
@@ -447,27 +512,83 @@ def test_one_reason_for_drops_does_not_silence_another(rig, capfd) -> None:
     assert "non-finite joint state: joint 'joint1' (1 so far)" in log
 
 
-def test_after_lost_states_the_motion_begins_anew_from_where_the_arm_is(rig) -> None:
+@pytest.mark.parametrize('ms', [3000.0, 50.0, 0.0, -5e5], ids=[
+    'long after', 'within the timeout', 'the same stamp', 'a clock that was set back'])
+def test_after_lost_states_the_motion_begins_anew_from_where_the_arm_is(rig, ms) -> None:
     rig = rig()
     rig.answer(_state(0.0))
     rig.node._lost = True  # what the watchdog sets
     posture = [-0.6, 0.4]
-    rig.ignores(_state(3000.0, posture, [0.0, 0.0]), 'stamp jumps ahead')
-    torque = rig.answer(_state(3001.0, posture, [0.0, 0.0]))
+    torque = rig.answer(_state(ms, posture, [0.0, 0.0]))
     np.testing.assert_allclose(rig.node.output.reference.position, posture, atol=1e-12)
     np.testing.assert_allclose(rig.node.output.e1, 0.0, atol=1e-12)
     assert np.abs(torque).max() < 1.0
     assert not rig.node._lost
+    rig.answer(_state(ms + 1.0, posture, [0.0, 0.0]))  # and goes on, on the clock it began on
+    rig.ignores(_state(ms - 1.0, posture, [0.0, 0.0]), 'joint state out of order')
+    assert list(rig.node.drops) == ['joint state out of order']
+
+
+def test_a_clock_that_is_set_back_while_states_come_is_followed_once_they_count_as_lost(
+        graph, wait_until) -> None:
+    rig = _Rig(graph, wait_until, state_timeout=0.1)
+    states = rig.peer.create_publisher(JointState, JOINT_STATES, 10)
+    wait_until(lambda: states.get_subscription_count() == 1)
+    graph.run(rig.node)
+    rig.answered_over_dds(states, _state(0.0))
+    stamps = iter(range(-500_000, 0))  # 500 s back, and time goes on from there
+    samples = rig.node.statistics.samples
+
+    def followed() -> bool:
+        states.publish(_state(next(stamps), [-0.6, 0.4], [0.1, 0.0]))
+        return rig.node.statistics.samples > samples + 3
+
+    wait_until(followed)
+    assert rig.node.drops['joint state out of order'] > 0
+    assert 'no joint state for 0.1 s' in rig.node.last_fault
+    np.testing.assert_allclose(rig.node.output.reference.position, [-0.6, 0.4], atol=1e-3)
+    assert sum(not torque.any() for torque in rig.torques) == 1
 
 
 def test_a_motion_is_not_resumed_from_outside_the_safety_set(rig) -> None:
     rig = rig()
     rig.answer(_state(0.0))
     rig.node._lost = True
-    rig.ignores(_state(3000.0, [0.0, 2.3]), 'stamp jumps ahead')
     with pytest.raises(SetViolation, match="'joint2'"):
-        rig.node.on_joint_states(serialize_message(_state(3001.0, [0.0, 2.3])), {})
+        rig.node.on_joint_states(serialize_message(_state(3000.0, [0.0, 2.3])), {})
     assert len(rig.torques) == 1
+
+
+def test_the_torque_rises_no_faster_than_its_limit_the_first_interval_counting_1_ms(rig) -> None:
+    rig = rig(torque_rate_limit=[10000.0, 2000.0], k2=[5000.0, 5000.0])
+    rate = np.array([10000.0, 2000.0])
+    first = rig.answer(_state(0.0, qd=[0.6, -0.6]))
+    np.testing.assert_allclose(np.abs(first), rate * 1e-3, rtol=1e-12)
+    assert rig.node.output.saturated.all()
+    second = rig.answer(_state(2.5, qd=[0.6, -0.6]))
+    np.testing.assert_allclose(np.abs(second - first), rate * 2.5e-3, rtol=1e-12)
+    third = rig.answer(_state(3.5, qd=[-0.6, 0.6]))
+    np.testing.assert_allclose(np.abs(third - second), rate * 1e-3, rtol=1e-12)
+
+
+def test_on_violation_stop_brings_the_torque_to_zero_over_the_ramp_and_deactivates(
+        rig, wait_until) -> None:
+    rig = rig(on_violation='stop', ramp_time=0.05)
+    rig.answer(_state(0.0))
+    outside = _state(1.0, [0.25, 1.98])
+    rig.node.on_joint_states(serialize_message(outside), {})
+    wait_until(lambda: len(rig.torques) > 2 and not rig.torques[-1].any(), what='the ramp')
+    ramp = np.array(rig.torques[1:])
+    np.testing.assert_allclose(ramp, np.outer(np.linspace(1.0, 0.0, 51), ramp[0]), atol=1e-9)
+    times = [info['source_timestamp'] for _, info in rig.sent[COMMANDS]]
+    assert times[-1] - times[1] >= 0.045e9
+    assert (rig.node.active, rig.node._commands, rig.node.wants_activation) == (
+        False, None, False)
+    wait_until(lambda: rig.node.count_publishers(COMMANDS) == 0, what='the topic given back')
+    rig.node.on_joint_states(serialize_message(_state(2.0)), {})
+    assert rig.node.statistics.samples == 2
+    assert "'joint1' has left its performance set" in rig.node.last_fault
+    assert rig.node.status()[:2] == (b'\x01', 'inactive')
 
 
 def test_a_set_that_was_left_for_one_sample_stays_in_the_diagnostics(rig) -> None:
@@ -479,6 +600,8 @@ def test_a_set_that_was_left_for_one_sample_stays_in_the_diagnostics(rig) -> Non
     assert level == b'\x02'
     assert all(part in text for part in ("'joint1'", 'performance', '0.2 rad'))
     assert values['samples outside a set'] == 1
+    assert rig.node.active
+    assert "'joint1' has left its performance set: 0.24" in rig.node.last_fault
 
 
 def test_a_gain_set_while_the_motion_has_not_begun_is_used_from_its_first_sample(rig) -> None:
@@ -492,10 +615,9 @@ def test_a_recorder_that_listens_does_not_begin_the_motion(graph, wait_until) ->
     node = graph.make(ControllerNode, **TASK)
     recorder = graph.add(Node('recorder', context=graph.context))
     recorder.create_subscription(Float64MultiArray, COMMANDS, lambda _: None, 10)
-    wait_until(lambda: node._commands.get_subscription_count() == 1
-               and node.get_subscriptions_info_by_topic(COMMANDS))
+    wait_until(lambda: node.get_subscriptions_info_by_topic(COMMANDS))
     node.on_joint_states(serialize_message(_state(0.0)), {})
-    assert node.output is None
+    assert (node.output, node.active, node._commands) == (None, False, None)
 
 
 def test_theorem_2_is_stated_at_the_start_from_bounds(rig, wait_until) -> None:

@@ -17,13 +17,16 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
+from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.bags.cdr import decode_float64_array
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.errors import ArmError
+from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.nodes import robot_description
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
-from adaptive_blf_control.nodes.data_node import DataNode, run_node
+from adaptive_blf_control.nodes.data_node import DataNode
+from adaptive_blf_control.nodes.process import run_node
 from adaptive_blf_control.parameters.yaml_file import load_yaml, node_values
 from adaptive_blf_control.tools.bag_run import bag_parameters
 from adaptive_blf_control.topics import (
@@ -118,9 +121,14 @@ def test_the_bag_of_the_demo_has_the_run_from_brakes_to_zero_torque(demo, reposi
     assert np.diff(acting.astype(int)).tolist().count(-1) == 1  # once zero, it stays zero
     config = load_yaml(repository / 'config' / 'two_link.yaml')
     recorded = bag_parameters(bag)
-    for name in ('identifier', 'controller'):
-        assert node_values(recorded, name) == node_values(config, name)
+    learned = output / 'theta_hat.yaml'
+    assert node_values(recorded, 'identifier') == {**node_values(config, 'identifier'),
+                                                   'estimate_file': str(learned)}
+    assert node_values(recorded, 'controller') == node_values(config, 'controller')
     assert node_values(recorded, 'arm_driver')['duration'] == 4.0
+    np.testing.assert_allclose(  # written at the end, not only every few seconds
+        read_estimate(learned, TwoLinkArm().parameters),
+        bag.joint_states('/identifier/theta_hat').position[-1], rtol=1e-9)
 
 
 def test_the_demo_refuses_a_folder_that_exists_before_it_starts_anything(tmp_path) -> None:

@@ -15,7 +15,7 @@ from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, SetParametersAtomically
 import rclpy
 from rclpy.context import Context
-from rclpy.node import Node
+from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
 
 from adaptive_blf_control.errors import ParameterError
@@ -74,7 +74,7 @@ def test_every_parameter_of_the_table_is_declared_with_text_type_and_access(
 
 
 def test_no_attribute_of_ours_takes_the_place_of_one_of_rclpy(graph, repository: Path) -> None:
-    theirs = set(vars(graph.add(Node('plain', context=graph.context))))
+    theirs = set(vars(graph.add(LifecycleNode('plain', context=graph.context))))
     for source in (repository / 'adaptive_blf_control' / 'nodes').glob('*.py'):
         ours = {target.attr for node in ast.walk(ast.parse(source.read_text(encoding='utf-8')))
                 if isinstance(node, (ast.Assign, ast.AnnAssign))
@@ -260,7 +260,7 @@ def test_gains_may_change_while_the_node_runs(graph) -> None:
     ({'k1': [50.0], 'k2': [float('nan')]}, ['k2', 'NaN']),
     ({'k1': [50.0], 'k2': [float('inf')]}, ['k2', 'inf']),
     ({'k1': [50.0], 'k2': [30, 30]}, ['Wrong parameter type', 'DOUBLE_ARRAY']),
-    ({'k1': [50.0], 'state_timeout': 0.2}, ['read-only', 'state_timeout']),
+    ({'k1': [50.0], 'model': 'known'}, ['read-only', 'model']),
     ({'k1': [50.0], 'joints': ['a', 'b']}, ['read-only', 'joints']),
 ], ids=['range', 'choice', 'length', 'nan', 'inf', 'type', 'read-only', 'read-only joints'])
 def test_a_request_with_one_bad_value_changes_nothing(graph, values, words) -> None:
@@ -288,7 +288,7 @@ def test_parameters_are_described_and_set_by_service_while_the_node_runs(graph) 
     graph.run(node)
     peer = graph.peer()
     answer = peer.call(DescribeParameters, '/left/controller/describe_parameters',
-                       DescribeParameters.Request(names=['k2', 'state_timeout']))
+                       DescribeParameters.Request(names=['k2', 'model']))
     assert answer.descriptors[0].description.endswith('[N*m*s/rad]')
     assert answer.descriptors[1].read_only
     request = SetParametersAtomically.Request(parameters=[
@@ -301,8 +301,3 @@ def test_parameters_are_described_and_set_by_service_while_the_node_runs(graph) 
     result = peer.call(SetParametersAtomically, '/left/controller/set_parameters_atomically',
                        request).result
     assert (result.successful, node.values['k1'], node.values['k2']) == (True, [1.0, 2.0], [5.0])
-
-
-def test_simulated_time_is_refused_rather_than_half_supported(graph) -> None:
-    with pytest.raises(ParameterError, match='real time'):
-        graph.make(ControllerNode, use_sim_time=True)

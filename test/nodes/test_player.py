@@ -197,7 +197,10 @@ def test_the_process_plays_to_the_end_and_ends_cleanly_on_ctrl_c(
     endless = processes.start('play', str(bag), '--loop', '--wait', '0', '--clock', '0')
     bad = processes.start('play', str(tmp_path / 'nothing'))
     assert once.wait() == 0
-    assert re.search(r'\b20 messages on 1 topics, 2 ticks', once.text)
+    assert re.search(r'^playing .*bag: 20 messages on 1 topics, at 1 x its pace$', once.text,
+                     re.MULTILINE)
+    assert re.search(r'\b20 messages on 1 topics, 2 ticks of the clock: 0.0 s of the bag in 0.',
+                     once.text)
     wait_until(lambda: 'playing' in endless.text)
     assert endless.signal(signal.SIGINT) == 0
     assert 'Traceback' not in endless.text

@@ -15,7 +15,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
 import numpy as np
 import pytest
+from rcl_interfaces.msg import ParameterEvent, SetParametersResult
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.duration import Duration
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -35,6 +38,7 @@ from adaptive_blf_control.topics import JOINT_TRAJECTORY, TOPICS
 TYPES = {'sensor_msgs/msg/JointState': JointState, 'std_msgs/msg/Int32': Int32,
          'std_msgs/msg/Float64': Float64, 'std_msgs/msg/Float64MultiArray': Float64MultiArray,
          'diagnostic_msgs/msg/DiagnosticArray': DiagnosticArray}
+EVENTS = '/parameter_events'
 
 
 def _metadata(bag: Path) -> dict:
@@ -59,13 +63,14 @@ def recorded(graph, wait_until, tmp_path):
     peer = graph.peer()
     heard = {topic if topic[0] == '/' else f'/{topic}': peer.listen(
         TYPES[kind], topic, QoSProfile(depth=5000)) for topic, kind in TOPICS.items()
-        if topic != JOINT_TRAJECTORY}  # a planner's, and there is none here
+        if topic not in (JOINT_TRAJECTORY, EVENTS)}  # a planner's; and sent before anyone hears
     wait_until(lambda: all(peer.count_subscribers(topic) >= 2 for topic in heard)
                and len(peer.get_publishers_info_by_topic('/diagnostics')) == 4)
-    hashes = {topic: str(peer.get_publishers_info_by_topic(topic)[0].topic_type_hash)
-              for topic in heard}
     runners = {name: graph.run(node) for name, node in nodes.items()}
     assert runners['arm_driver'].join(60.0) == 0
+    # Now, because the commands have a publisher only once the controller is active.
+    hashes = {topic: str(peer.get_publishers_info_by_topic(topic)[0].topic_type_hash)
+              for topic in (*heard, EVENTS)}
     wait_until(lambda: len(nodes['recorder']._settings) == 4, what="the nodes' parameters")
     for name in ('controller', 'identifier'):
         assert runners[name].end() == 0
@@ -102,7 +107,8 @@ def _check_with_rosbags(bag: Path, heard) -> None:
     with rosbags.AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         found: dict[str, list] = {topic: [] for topic in heard}
         for connection, _, raw in reader.messages():
-            found[connection.topic].append((raw, reader.deserialize(raw, connection.msgtype)))
+            found.setdefault(connection.topic, []).append(
+                (raw, reader.deserialize(raw, connection.msgtype)))
     for topic, messages in heard.items():
         if topic == '/diagnostics':
             continue
@@ -147,7 +153,7 @@ def _check_metadata(bag: Path, heard, hashes) -> None:
     assert metadata['version'] == 9
     topics = {item['topic_metadata']['name']: item
               for item in metadata['topics_with_message_count']}
-    assert set(topics) == {topic for topic, messages in heard.items() if messages}
+    assert set(topics) - {EVENTS} == {topic for topic, messages in heard.items() if messages}
     for topic, item in topics.items():
         assert item['topic_metadata']['type_description_hash'] == hashes[topic]
         assert item['topic_metadata']['type'] == TOPICS[topic if topic in TOPICS else topic[1:]]
@@ -161,6 +167,38 @@ def _check_parameters(bag: Path, nodes) -> None:
     assert set(data) == {f'/{name}' for name in nodes}
     for name, node in nodes.items():
         assert node_values(data, name) == node.values
+
+
+def _set(peer, node: str, **values: float) -> SetParametersResult:
+    """Set parameters of a node in one request, as rqt does."""
+    request = SetParametersAtomically.Request(parameters=[
+        Parameter(name, value=value).to_parameter_msg() for name, value in values.items()])
+    return peer.call(SetParametersAtomically, f'{node}/set_parameters_atomically', request).result
+
+
+def test_a_live_change_is_in_the_bag_with_its_time_and_new_value(
+        graph, wait_until, tmp_path) -> None:
+    recorder = graph.make(Recorder, bag=str(tmp_path / 'bag'), topics=[EVENTS])
+    runner = graph.run(recorder)
+    wait_until(lambda: recorder.count_publishers(EVENTS) == 1, what="the recorder's own events")
+    graph.run(graph.make(IdentifierNode))
+    peer = graph.peer()
+    wait_until(lambda: recorder.count_publishers(EVENTS) == 3, what='all three')
+    before = recorder.received[EVENTS]
+    began = time.time_ns()
+    assert not _set(peer, '/identifier', kt=41.0, kh=-1.0).successful
+    assert _set(peer, '/identifier', kt=42.0, gamma=[2.0]).successful
+    ended = time.time_ns()
+    wait_until(lambda: recorder.received[EVENTS] > before, what='the event')
+    assert runner.end() == 0
+    changes = [(event, message.log_time_ns) for message in read_bag(tmp_path / 'bag')
+               for event in [deserialize_message(message.data, ParameterEvent)]
+               if event.node == '/identifier' and event.changed_parameters]
+    ((event, at),) = changes  # what was refused is no event
+    assert {item.name: parameter_value_to_python(item.value)
+            for item in event.changed_parameters} == {'kt': 42.0, 'gamma': [2.0]}
+    assert began <= at <= ended + 10**9
+    assert recorder.lost[EVENTS] == 0  # publishers that number on their own are no gap
 
 
 def test_an_existing_folder_is_refused_and_left_alone(graph, tmp_path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from rclpy.node import Node
 
 from adaptive_blf_control.executables import NODES
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
@@ -19,6 +20,10 @@ from adaptive_blf_control.topics import JOINT_TRAJECTORY, TOPICS
 KINDS = {'arm_driver': ArmDriver, 'controller': ControllerNode, 'identifier': IdentifierNode,
          'recorder': Recorder}
 COMMON = {'/rosout', '/parameter_events'}
+MANAGED = {'/arm_driver/transition_event', '/controller/transition_event'}
+# What the driver uses under use_sim_time only; the others use no less there.
+LOCKSTEP = {'publish': {'/clock'},
+            'subscribe': {'/controller/adaptation_term', '/identifier/theta_hat'}}
 Granted = dict[str, dict[str, set[str]]]
 
 
@@ -57,9 +62,10 @@ def test_policy_grants_every_topic_of_ours_once_to_publish_and_nothing_foreign(
     published = [topic for rules in policy.values() for topic in rules['publish'] - COMMON
                  if topic != '/diagnostics']
     # A trajectory comes from a planner, which is not one of ours.
-    assert sorted(published) == sorted(ours - {'/diagnostics', f'/{JOINT_TRAJECTORY}'})
+    assert sorted(published) == sorted(
+        (ours | MANAGED | {'/clock'}) - COMMON - {'/diagnostics', f'/{JOINT_TRAJECTORY}'})
     heard = set().union(*(rules['subscribe'] for rules in policy.values()))
-    assert heard == ours == policy['recorder']['subscribe']
+    assert heard == ours | {'/clock'} == policy['recorder']['subscribe']
     for rules in policy.values():
         assert {'/diagnostics', *COMMON} <= rules['publish']
 
@@ -72,26 +78,34 @@ def test_only_the_controller_may_command_and_only_the_driver_listens(policy: Gra
         'arm_driver', 'recorder'}
 
 
-@pytest.mark.parametrize('kind', NODES)
+@pytest.mark.parametrize('lockstep', [False, True])
 def test_everything_a_running_node_uses_is_granted_and_the_other_way_round(
-        graph, wait_until: Callable, tmp_path: Path, policy: Granted, kind: str) -> None:
-    nodes = [kind] if kind != 'recorder' else list(KINDS)
-    made = {name: graph.make(KINDS[name], **(
-        {'bag': str(tmp_path / 'bag')} if name == 'recorder' else {})) for name in nodes}
-    node = made[kind]
-    if kind == 'recorder':  # asks each of the others for its parameters, once it hears it
-        others = {f'/{name}' for name in KINDS} - {'/recorder'}
+        graph, wait_until: Callable, tmp_path: Path, policy: Granted, lockstep: bool) -> None:
+    made = {name: graph.make(kind, use_sim_time=lockstep, **(
+        {'bag': str(tmp_path / 'bag')} if name == 'recorder' else {'initial_estimate': [1.0]}
+        if name in ('controller', 'identifier') else {})) for name, kind in KINDS.items()}
+    for node in made.values():
         graph.run(node)
-        wait_until(lambda: others <= set(node._askers), what='clients of the recorder')
+    wait_until(lambda: made['controller'].output, what='the controller, which has the arm now')
+    # The recorder asks each of the others for its parameters, once it hears it.
+    others = {f'/{name}' for name in KINDS} - {'/recorder'}
+    wait_until(lambda: others <= set(made['recorder']._askers), what='clients of the recorder')
+    for name, node in made.items():
+        granted = {use: set(names) for use, names in policy[name].items()}
+        granted['subscribe'] -= {'/clock'}  # heard at most while a node is being made
+        for use in LOCKSTEP if name == 'arm_driver' and not lockstep else ():
+            granted[use] -= LOCKSTEP[use]
+        assert _used(node) == granted, 'config/sros2_policy.xml has to follow the nodes'
 
-    def used(query: Callable) -> set[str]:
-        return {name for name, _ in query(kind, '/')}
 
-    found = {'publish': used(node.get_publisher_names_and_types_by_node),
-             'subscribe': used(node.get_subscriber_names_and_types_by_node),
-             'reply': used(node.get_service_names_and_types_by_node),
-             'request': used(node.get_client_names_and_types_by_node)}
-    assert found == policy[kind], 'config/sros2_policy.xml has to follow the nodes'
+def _used(node: Node) -> dict[str, set[str]]:
+    """Return what a node has in the graph: full names by publish, subscribe, reply, request."""
+    queries = {'publish': node.get_publisher_names_and_types_by_node,
+               'subscribe': node.get_subscriber_names_and_types_by_node,
+               'reply': node.get_service_names_and_types_by_node,
+               'request': node.get_client_names_and_types_by_node}
+    return {use: {name for name, _ in query(node.get_name(), '/')}
+            for use, query in queries.items()}
 
 
 def test_a_node_without_its_keys_refuses_to_start_where_security_is_enforced(

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 import pytest
 
@@ -81,7 +83,7 @@ def test_gains_of_pd_are_the_linearisation_of_our_law(scenario):
     for i, unit in enumerate(np.eye(arm.n)):
         for what, position, velocity in ((gains.stiffness, small * unit, 0.0 * unit),
                                          (gains.damping, 0.0 * unit, small * unit)):
-            slopes = [-controller.update(0.0, point.position + sign * position,
+            slopes = [-copy(controller).update(0.0, point.position + sign * position,
                                          point.velocity + sign * velocity,
                                          np.zeros(arm.m)).torque[i] / (sign * small)
                       for sign in (1.0, -1.0)]

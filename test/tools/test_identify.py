@@ -280,6 +280,20 @@ def test_open_ended_spans_reach_to_the_ends_of_the_log(capsys, files):
     assert result['test_samples'] == 501
 
 
+def test_without_a_test_the_whole_log_is_learned_from(capsys, files, arm):
+    arguments = [*files, '--train', ':', '--test', 'none']
+    result = figures(capsys, arguments)
+    assert result['train_span'] == [0.0, 6.0]
+    assert result['train_samples'] == 2951  # of 3001: the filter settles for 0.1 s
+    assert result['test_samples'] == 0
+    assert result['test_rmse'] == result['batch_test_rmse'] == [None, None]
+    np.testing.assert_allclose(list(result['theta_hat'].values()), arm.nominal, atol=0.01)
+    assert main(arguments) == 0
+    text = capsys.readouterr().out
+    assert 'learned from 0.00 .. 6.00 s in one pass, not tested' in text
+    assert 'nan' not in text
+
+
 def real_arguments(robot, realdata, repository, tmp_path):
     log, urdf, *_ = ROBOTS[robot]
     return [str(realdata / log), '--urdf', str(realdata / urdf), '--config',

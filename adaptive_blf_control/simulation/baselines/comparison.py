@@ -24,7 +24,7 @@ from adaptive_blf_control.simulation.baselines.integral_cl import IntegralConcur
 from adaptive_blf_control.simulation.baselines.law import Law
 from adaptive_blf_control.simulation.baselines.ours import Ours
 from adaptive_blf_control.simulation.baselines.slotine_li import SlotineLi
-from adaptive_blf_control.simulation.closed_loop import build_closed_loop, ClosedLoop
+from adaptive_blf_control.simulation.closed_loop import build_closed_loop, ClosedLoop, sample_time
 
 __all__ = ['FIXED', 'LAWS', 'LawRun', 'VARIANTS', 'drive', 'run_law', 'window_samples']
 
@@ -167,7 +167,7 @@ def drive(loop: ClosedLoop, law: Law, duration: float) -> Iterator[tuple[float, 
     """
     plant = loop.plant
     for k in range(int(round(duration / loop.period)) + 1):
-        t = k * loop.period
+        t = sample_time(k, loop.period)
         torque = law.update(t, plant.measure(plant.torque, loop.period if k else 0.0))
         yield t, torque
         plant.apply(torque)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag played in lockstep: no state before the one in front of it has been answered.
 
-Nothing tells when other messages, e.g. the adaptation term, are at the identifier: with
-``use_sim_time`` it waits for the term in front of a state by itself, else it may use the one before.
+Nothing tells when other messages, e.g. the adaptation term, are at the identifier. With
+``use_sim_time`` it waits for the term in front of a state; else it may use the one before.
 """
 
 from __future__ import annotations
