@@ -2,6 +2,9 @@
 """Start the simulated two-link arm, its identifier, its controller and a recorder.
 
 ``ros2 launch adaptive_blf_control two_link.launch.py bag:=/tmp/first_run namespace:=left_arm``
+
+``use_sim_time:=true`` runs them in lockstep; with ``autostart:=false`` driver and controller wait
+for ``ros2 lifecycle set``.
 """
 
 from datetime import datetime
@@ -21,6 +24,8 @@ def generate_launch_description() -> LaunchDescription:
     params_file = LaunchConfiguration('params_file')
     namespace = LaunchConfiguration('namespace')
     bag = ParameterValue(LaunchConfiguration('bag'), value_type=str)
+    clock = {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)}
+    start = {'autostart': ParameterValue(LaunchConfiguration('autostart'), value_type=bool)}
     return LaunchDescription([
         DeclareLaunchArgument(
             'params_file',
@@ -34,13 +39,19 @@ def generate_launch_description() -> LaunchDescription:
             description='Folder the recorder writes; must not exist yet.'),
         DeclareLaunchArgument(
             'namespace', default_value='', description='Namespace of all four nodes.'),
+        DeclareLaunchArgument(
+            'use_sim_time', default_value='false',
+            description='Lockstep: the driver gives the time and waits for every answer.'),
+        DeclareLaunchArgument(
+            'autostart', default_value='true',
+            description='Whether driver and controller configure and activate themselves.'),
         Node(package=PACKAGE, executable='recorder', name='recorder', namespace=namespace,
-             output='screen', parameters=[params_file, {'bag': bag}]),
+             output='screen', parameters=[params_file, clock, {'bag': bag}]),
         Node(package=PACKAGE, executable='identifier', name='identifier', namespace=namespace,
-             output='screen', parameters=[params_file]),
+             output='screen', parameters=[params_file, clock]),
         # An arm without its controller, or the reverse, ends the launch.
         Node(package=PACKAGE, executable='controller', name='controller', namespace=namespace,
-             output='screen', parameters=[params_file], on_exit=Shutdown()),
+             output='screen', parameters=[params_file, clock, start], on_exit=Shutdown()),
         Node(package=PACKAGE, executable='arm_driver', name='arm_driver', namespace=namespace,
-             output='screen', parameters=[params_file], on_exit=Shutdown()),
+             output='screen', parameters=[params_file, clock, start], on_exit=Shutdown()),
     ])

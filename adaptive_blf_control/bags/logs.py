@@ -92,7 +92,7 @@ def _load_bag(bag: Bag, topic: str, joints: Sequence[str] | None) -> MeasuredLog
     keep = _usable(clock, values)
     _check_rows(where, int(keep.sum()), len(keep))
     # Subtracted as integers: seconds since 1970 as a double would be good to 0.2 µs only.
-    t = (clock[keep] - clock[keep][0]) * 1e-9
+    t = (clock[keep] - clock[keep][0]) / 1e9
     return _log(series.names, t, values[keep], series.skipped + int((~keep).sum()), bag.problem)
 
 

@@ -23,6 +23,7 @@ from adaptive_blf_control.bags.metadata import (
     save_metadata,
     TopicMetadata,
 )
+from adaptive_blf_control.bags.spooled_index import spool_chunk_index
 from adaptive_blf_control.errors import BagError
 
 __all__ = ['CHUNK_SIZE', 'BagWriter']
@@ -74,6 +75,7 @@ class BagWriter:
         self._writer = Writer(self._stream, chunk_size=CHUNK_SIZE,
                               compression=CompressionType.NONE)
         try:
+            self._guard(lambda: spool_chunk_index(self._writer, self.path))
             self._guard(self._begin)
         except BagError:
             self._stream.close()

@@ -60,6 +60,7 @@ class ArmDriver(ManagedNode):
         self.started = False
         self.timed_out = False
         self.missed = 0
+        self._ready = False
         self.round_trip = Histogram()
         super().__init__('arm_driver', context=context, **options)
         self.statistics.histograms.append(self.round_trip)
@@ -85,6 +86,7 @@ class ArmDriver(ManagedNode):
         self._command_input = self.data_subscription(Float64MultiArray, COMMANDS,
                                                      self.on_command, reliable=True)
         self._lockstep = ArmLockstep(self) if self.lockstep else None
+        self._ready = True
 
     def activate(self) -> None:
         """Let the next command release the brakes."""
@@ -98,9 +100,12 @@ class ArmDriver(ManagedNode):
             self._ramp = (self.plant.torque, time.monotonic_ns())
 
     def cleanup(self) -> None:
-        """Take the topics down."""
+        """Take the topics down; the loop waits for another :meth:`configure`."""
+        self._ready = False
         self.end_data_subscription(self._command_input)
         self.end_data_publisher(self._states)
+        if self._lockstep is not None:
+            self._lockstep.close()
         self._due_ns = NEVER
         self.started = False
 
@@ -132,18 +137,23 @@ class ArmDriver(ManagedNode):
             return
         now = time.monotonic_ns()
         silent = now - self._command_ns > self.values['command_timeout'] * 1e9
-        if not self._source.obeys(info.get('publication_sequence_number'), silent):
+        number = info.get('publication_sequence_number')
+        # A controller that was activated anew has a new publisher and the topic for itself.
+        if not (self._source.obeys(number, silent)
+                or (self._command_input.get_publisher_count() == 1
+                    and self._source.obeys(number, True))):
             self.last_fault = 'commands of a second publisher refused'
             self.drop('command of a second publisher', 'one controller at a time: it is refused')
+            return
+        if self._lockstep is not None:
+            self._command_ns = now
+            self._lockstep.on_command(torque)
             return
         if not self.active:
             self.drop('command while inactive', 'activate the driver first')
             return
         self._count_round_trip(info)
         self._command_ns = now
-        if self._lockstep is not None:
-            self._lockstep.on_command(torque)
-            return
         self._catch_up(now)  # a state that is due before the command does not see it
         if not self.started:
             self.started = True
@@ -171,18 +181,33 @@ class ArmDriver(ManagedNode):
             self._impulse = self._impulse + self.plant.torque * (ahead_ns * 1e-9)
             self._moved_ns = now_ns
 
+    @property
+    def serves(self) -> bool:
+        """Whether the node is configured and nobody has asked it to stop."""
+        return self._ready and self.up
+
     def loop(self) -> None:
-        """Publish a state every period, take commands in between."""
-        while self.state_id == 1 and self.up:  # unconfigured: requests come through the executor
-            self.spin_data(0.01)
-        wait_for = self.values['wait_for_subscribers']
-        while self.up and self._states.get_subscription_count() < wait_for:
-            self.spin_data(0.01)
-        if self._lockstep is not None:
-            self._lockstep.loop()
-            return
-        self._start_clock()
+        """Publish states from each configuration to its end, or until the duration is over."""
         while self.up:
+            if not self._ready:  # requests come through the executor
+                self.spin_data(0.01)
+                continue
+            wait_for = self.values['wait_for_subscribers']
+            while self.serves and not self._heard_by(wait_for):
+                self.spin_data(0.01)
+            if (self._real_time if self._lockstep is None else self._lockstep.loop)():
+                return
+
+    def _heard_by(self, count: int) -> bool:
+        with self.between_samples:
+            return not self._ready or self._states.get_subscription_count() >= count
+
+    def _real_time(self) -> bool:
+        """Publish a state every period, take commands in between; True once duration is over."""
+        with self.between_samples:
+            if self._ready:
+                self._start_clock()
+        while self.serves and self._due_ns != NEVER:  # else configured anew meanwhile
             wait_ns = self._due_ns - time.monotonic_ns()
             if wait_ns > 0:
                 self.spin_data(wait_ns * 1e-9)
@@ -196,7 +221,8 @@ class ArmDriver(ManagedNode):
                     self._last_state_ns - self._begin_ns >= duration * 1e9):
                 self.get_logger().info(f'duration of {duration:g} s is over, '
                                        f'{self.missed} periods missed')
-                return
+                return True
+        return False
 
     def _start_clock(self) -> None:
         """Lay the grid of the states."""

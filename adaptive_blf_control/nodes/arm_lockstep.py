@@ -48,6 +48,7 @@ class ArmLockstep:
                 raise ParameterError('arm_driver.lockstep.answers', name,
                                      f'of {", ".join(ANSWERS)}')
         self._time_topic = driver.create_publisher(Clock, '/clock', 10)
+        self._open = True
         self._commanded = False
         self._awaited_ns = 0
         self._torque = np.zeros(driver.arm.n)
@@ -65,17 +66,34 @@ class ArmLockstep:
         """Keep the torque until the arm steps."""
         self._torque, self._commanded = torque, True
 
-    def loop(self) -> None:
-        """Run until the duration is over or the node is to stop; LockstepTimeout names a node."""
+    def close(self) -> None:
+        """Take the topics down and end the loop."""
+        self._open = False
+        for subscription in self._inputs.values():
+            self._driver.end_data_subscription(subscription)
+        self._driver.destroy_publisher(self._time_topic)
+
+    @property
+    def _goes_on(self) -> bool:
+        return self._open and self._driver.serves
+
+    def loop(self) -> bool:
+        """Run until the duration is over (True) or the driver does not serve any longer.
+
+        Raises:
+            LockstepTimeout: a node does not answer; names it.
+        """
         driver = self._driver
         self._wait(self._missing_publishers, 'is not there')
         begin = time.monotonic()
         stamp_ns = first_ns = EPOCH_NS
         k, period_ns, interval = 0, driver.period_ns, 0.0
-        while driver.up:
-            while driver.up and not driver.active:
+        while self._goes_on:
+            while self._goes_on and not driver.active:
                 driver.spin_data(0.01)
             with driver.between_samples:
+                if not self._goes_on:
+                    break
                 if driver.period_ns != period_ns:  # a live rate begins a new grid
                     k, period_ns, first_ns = 0, driver.period_ns, stamp_ns
                 self._send(stamp_ns, interval)
@@ -83,17 +101,19 @@ class ArmLockstep:
                        f'has not answered the state of {stamp_ns * 1e-9:.6f} s')
             interval = 1.0 / driver.values['rate']
             with driver.between_samples:
-                driver.started = True
-                driver.plant.apply(self._torque)
-                driver.plant.advance(interval)
+                if driver.active:  # else the brakes hold
+                    driver.started = True
+                    driver.plant.apply(self._torque)
+                    driver.plant.advance(interval)
             t = (stamp_ns - EPOCH_NS) * 1e-9
             if 0.0 < driver.values['duration'] <= t + 0.5 * interval:
                 driver.get_logger().info(f'duration of {driver.values["duration"]:g} s is over, '
                                          f'in {time.monotonic() - begin:.1f} s of real time')
-                return
+                return True
             k += 1
             stamp_ns = first_ns + round(k * interval * 1e9)
             self._pace((stamp_ns - EPOCH_NS) * 1e-9, begin)
+        return False
 
     def _send(self, stamp_ns: int, interval: float) -> None:
         self._commanded, self._awaited_ns = False, stamp_ns
@@ -123,7 +143,7 @@ class ArmLockstep:
         driver = self._driver
         timeout = driver.values['lockstep.timeout']
         give_up = time.monotonic() + timeout
-        while driver.up and (names := missing()):
+        while self._goes_on and (names := missing()):
             if time.monotonic() > give_up:
                 raise LockstepTimeout(f'{", ".join(names)} {what} within {timeout:g} s: '
                                       f'does it run with use_sim_time: true?')

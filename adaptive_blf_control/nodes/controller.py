@@ -75,6 +75,7 @@ class ControllerNode(ManagedNode):
         self.output: ControlOutput | None = None
         self._controller: Controller | None = None
         self._commands: Publisher | None = None
+        self._pushes = False  # the torque sent last was not the zero one
         super().__init__('controller', context=context, **options)
 
     def configure(self) -> None:
@@ -161,7 +162,7 @@ class ControllerNode(ManagedNode):
         commands, last = self._commands, self.output
         if commands is None:
             return
-        if last is not None and self._controller is not None and not self._lost:
+        if last is not None and self._pushes:
             steps = 0 if self.lockstep else int(self.values['ramp_time'] / RAMP_STEP)
             for left in range(steps - 1, 0, -1):
                 commands.publish(self._torque_codec.encode(last.torque * (left / steps)))
@@ -174,6 +175,7 @@ class ControllerNode(ManagedNode):
     def _send_zero(self) -> None:
         if self._commands is not None and self.context.ok():
             self._commands.publish(self._torque_codec.encode(np.zeros(self.arm.n)))
+            self._pushes = False
 
     def retune(self, values: dict[str, Any], changed: set[str]) -> None:
         """Change gains, limits, sets and reference between two samples, or refuse with numbers."""
@@ -343,6 +345,7 @@ class ControllerNode(ManagedNode):
             return
         t = (stamp - self._start_ns) * 1e-9
         output = controller.update(t, q, qd, self.theta)
+        self._pushes = True
         commands.publish(self._torque_codec.encode(output.torque))
         self._term.publish(self.monitors.codecs.adaptation_term(stamp, output))
         self.output = output
@@ -359,15 +362,15 @@ class ControllerNode(ManagedNode):
                 self.on_joint_states(*waiting)
             return
         timeout = self.values['state_timeout']
-        if (self.active and self._controller is not None and self._heard_at is not None
-                and not self._lost and time.monotonic() - self._heard_at > timeout):
+        if (self.active and self._pushes and self._heard_at is not None
+                and time.monotonic() - self._heard_at > timeout):
             self._lost = True
             self._send_zero()
             self.fault('lost', f'no joint state for {timeout:g} s: zero torque')
 
     def finish(self) -> None:
         """Zero torque is the last thing sent; where nothing was sent the brakes stay on."""
-        if self._controller is not None:
+        if self._pushes:
             self._send_zero()
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:

@@ -11,8 +11,7 @@ import threading
 import time
 from typing import Any, NamedTuple
 
-from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
@@ -24,11 +23,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.time import Time as ROSTime
 
+from adaptive_blf_control.bags.diagnostics import encode_diagnostics
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.nodes.direct_wait import (
     DIRECT,
     DirectChannel,
     DirectWait,
+    HandleGone,
     PlainChannel,
     PlainWait,
     take_over_clock,
@@ -42,6 +43,7 @@ __all__ = ['DEPTH', 'TOO_LATE', 'DataNode', 'Handler']
 # A wait on data alone does not see a stop request: it ends at least this often to look.
 LONGEST_WAIT = 0.05  # s
 DEPTH = 100
+KEPT = 1000  # messages that a publisher keeps for a reliable reader that falls behind
 TOO_LATE = 2**31 * 10**9  # ns, the first time that header.stamp cannot hold
 LAST_WORDS = 0.3  # s to deliver the last messages at the end
 SAY_AGAIN = 1.0  # s between two log lines about the same reason
@@ -126,7 +128,7 @@ class DataNode(Node):
 
     def data_publisher(self, message_type: type, topic: str) -> Publisher:
         """Return a reliable publisher; ``publish(bytes)`` sends CDR as it is."""
-        publisher = self.create_publisher(message_type, topic, DEPTH)
+        publisher = self.create_publisher(message_type, topic, KEPT)
         self._data_publishers.append(publisher)
         return publisher
 
@@ -325,6 +327,8 @@ class DataNode(Node):
                 executor.spin_once(timeout_sec=LONGEST_WAIT)
             except ExternalShutdownException:
                 self.stop.set()
+            except HandleGone:  # the loop has just given back what the wait was to hold
+                continue
             except Exception as error:  # one bad request must not take all services away
                 if self.context.ok():
                     self.drop('failed request', f'{type(error).__name__}: {error}')
@@ -340,15 +344,11 @@ class DataNode(Node):
             values = {**self._measured(), **values}
         values.update({f'dropped: {reason}': count for reason, count in dict(self.drops).items()})
         values['last fault'] = self.last_fault or 'none'
-        array = DiagnosticArray()
-        array.header.stamp = (Time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9) if stamp_ns
-                              else self.get_clock().now().to_msg())
-        array.status = [DiagnosticStatus(
-            level=level, name=f'{self.get_name()}: {self.kind}', message=text,
-            hardware_id=self.get_namespace().strip('/') or 'arm',
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])]
         if self.context.ok():
-            self._diagnostics.publish(array)
+            self._diagnostics.publish(encode_diagnostics(
+                stamp_ns or self.get_clock().now().nanoseconds, level,
+                f'{self.get_name()}: {self.kind}', text,
+                self.get_namespace().strip('/') or 'arm', values))
 
     def _measured(self) -> dict[str, object]:
         now, samples = time.monotonic(), self.statistics.samples

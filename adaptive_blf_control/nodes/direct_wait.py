@@ -25,11 +25,12 @@ from rclpy.subscription import Subscription
 try:
     from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
     DIRECT = hasattr(_rclpy, 'WaitSet')
+    HandleGone: type[Exception] = getattr(_rclpy, 'InvalidHandle', RuntimeError)
 except ImportError:
-    DIRECT = False
+    DIRECT, HandleGone = False, RuntimeError
 
-__all__ = ['DIRECT', 'DataGroup', 'DirectChannel', 'DirectWait', 'PlainChannel', 'PlainWait',
-           'take_all', 'take_over_clock']
+__all__ = ['DIRECT', 'DataGroup', 'DirectChannel', 'DirectWait', 'HandleGone', 'PlainChannel',
+           'PlainWait', 'take_all', 'take_over_clock']
 
 Handler = Callable[[bytes, dict[str, int]], None]
 

@@ -25,13 +25,15 @@ def on_signals(end: Callable[[int], None]) -> None:
         signal.signal(number, lambda number, _: end(number))
 
 
-def run_node(kind: str, make: Callable[[], DataNode], args: list[str] | None) -> int:
+def run_node(kind: str, make: Callable[[], DataNode], args: list[str] | None, *,
+             interruptible: bool = True) -> int:
     """Run a node as a process: signals, clear errors, clean shutdown.
 
     Args:
         kind: Name of the node, for messages.
         make: Makes the node.
         args: ROS arguments; those of the process where None.
+        interruptible: Whether a signal may end the making; else it takes effect after it.
 
     Returns:
         The exit status: 2 where the node cannot be made, or ends with an error of ours.
@@ -41,9 +43,10 @@ def run_node(kind: str, make: Callable[[], DataNode], args: list[str] | None) ->
 
     def end(number: int) -> None:
         asked.append(number)
-        if not made:  # nothing to wind down yet, and making a node may take long
+        if made:
+            made[0].stop.set()
+        elif interruptible:  # nothing to wind down yet, and making a node may take long
             raise SystemExit(128 + number)
-        made[0].stop.set()
 
     on_signals(end)
     try:

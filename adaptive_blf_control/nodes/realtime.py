@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Real-time priority and locked memory where the system permits it, a reason where it does not."""
+"""Who goes first: real-time priority and locked memory where permitted, a reason where not."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 import sys
 
-__all__ = ['as_usual', 'lock_memory', 'raise_priority']
+__all__ = ['as_usual', 'lock_memory', 'raise_priority', 'step_back']
 
 MCL_CURRENT_AND_FUTURE = 3
 HOW = 'allow it with rtprio and memlock in /etc/security/limits.d, or run without'
@@ -32,6 +32,16 @@ def raise_priority(priority: int) -> str | None:
         as_usual()
         return f'real-time priority {priority}: {getattr(error, "strerror", error)}; {HOW}'
     return None
+
+
+def step_back(niceness: int) -> None:
+    """Let others go before the calling thread: raise its nice value, which is always permitted.
+
+    On Linux threads are nice one by one. The middleware's are not among them: they have to empty
+    what others fill.
+    """
+    if sys.platform == 'linux' and niceness:
+        os.setpriority(os.PRIO_PROCESS, 0, niceness)
 
 
 def as_usual() -> None:

@@ -25,6 +25,7 @@ from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.nodes.answers import stamp_of
 from adaptive_blf_control.nodes.data_node import DataNode
 from adaptive_blf_control.nodes.process import run_node
+from adaptive_blf_control.nodes.realtime import step_back
 from adaptive_blf_control.nodes.sample_dates import has_sample_time, SampleDates
 from adaptive_blf_control.parameters.yaml_file import PARAMETERS_KEY
 from adaptive_blf_control.topics import JOINT_STATES, TOPICS
@@ -34,7 +35,7 @@ __all__ = ['Recorder', 'main']
 LOOK_AROUND = 0.25  # s between looks at the graph
 # The middleware stamps and keeps what arrives; fetching it in batches leaves the processor to
 # those that have to answer within a millisecond.
-BATCH = 0.02  # s
+BATCH = 0.01  # s
 SHARED = ('/diagnostics', '/parameter_events', '/rosout')
 DEPTH = 5000
 LATEST = 2**63 - 2  # ns; a message with a wild time is one message, not the end of the recording
@@ -192,6 +193,11 @@ class Recorder(DataNode):
             self.exit_code = 1
             self.get_logger().error(f'recording stopped, what was written is kept: {reason}')
 
+    def run(self) -> int:
+        """Record until the end; see :meth:`DataNode.run`."""
+        step_back(self.values['niceness'])
+        return super().run()
+
     def spin_data(self, timeout: float = BATCH) -> None:
         """Take what has arrived within the last ``timeout`` [s]."""
         super().spin_data(timeout)
@@ -289,7 +295,7 @@ class Recorder(DataNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node('recorder', Recorder, args)
+    return run_node('recorder', Recorder, args, interruptible=False)  # a bag begun is closed
 
 
 if __name__ == '__main__':

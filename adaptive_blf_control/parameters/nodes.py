@@ -264,6 +264,8 @@ CONTROLLER: Table = ARM + MANAGED + (
 RECORDER: Table = RUNTIME + (
     Parameter('bag', 'string', 'bag', 'Folder of the bag; must not exist.'),
     Parameter('topics', 'string_array', list(TOPICS), 'Topics to record.'),
+    Parameter('niceness', 'int', 10,
+              'Nice value of the process: recording must not delay control.', '', 0, 19),
     Parameter('flush_period', 'double', 0.5, 'A chunk reaches the disk at least this often.', 's',
               0.01, 1.0),
 )

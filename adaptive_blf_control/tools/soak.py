@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 from adaptive_blf_control.errors import BlfError, MissingExtra
 from adaptive_blf_control.tools.processes import NodeProcesses, NODES, scenario
+from adaptive_blf_control.tools.rate_figures import usage_of
 from adaptive_blf_control.tools.soak_bag import read_run, RunFigures
 from adaptive_blf_control.tools.soak_figures import (
     Account,
@@ -56,24 +57,6 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _resident(pid: int) -> int | None:
-    """Return the resident memory of a process [bytes], None where it has ended."""
-    try:
-        pages = Path(f'/proc/{pid}/statm').read_text(encoding='ascii').split()[1]
-    except (OSError, IndexError):
-        return None
-    return int(pages) * os.sysconf('SC_PAGE_SIZE')
-
-
-def _processor_time(pid: int) -> float | None:
-    """Return what a process has used of the processor [s], None where it has ended."""
-    try:
-        fields = Path(f'/proc/{pid}/stat').read_text(encoding='utf-8').rpartition(')')[2].split()
-    except OSError:
-        return None
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-
-
 class _Watch:
     """Memory and processor time of each process over the time in which the arm moves."""
 
@@ -81,7 +64,7 @@ class _Watch:
         self._nodes, self._output = nodes, output
         self._minutes: list[dict[str, Any]] = []
         self.t: dict[str, list[float]] = {name: [] for name in NODES}
-        self.rss: dict[str, list[int]] = {name: [] for name in NODES}
+        self.memory: dict[str, list[float]] = {name: [] for name in NODES}  # MB
         self.used: dict[str, list[float]] = {name: [] for name in NODES}
 
     def look(self, moving: float | None) -> None:
@@ -89,11 +72,11 @@ class _Watch:
         if moving is None:
             return
         for name, process in self._nodes.processes.items():
-            size, used = _resident(process.pid), _processor_time(process.pid)
-            if size and used is not None:  # a process that has just ended has no memory
+            usage = usage_of(process.pid)
+            if usage is not None:
                 self.t[name].append(moving)
-                self.rss[name].append(size)
-                self.used[name].append(used)
+                self.used[name].append(usage[0])
+                self.memory[name].append(usage[1])
         if moving >= MINUTE * (len(self._minutes) + 1):
             self._report(moving)
 
@@ -103,7 +86,7 @@ class _Watch:
         return (used[-1] - used[0]) / (t[-1] - t[0]) if len(t) > 1 else float('nan')
 
     def _report(self, moving: float) -> None:
-        memory = {name: round(self.rss[name][-1] / 1e6, 2) for name in NODES if self.rss[name]}
+        memory = {name: round(self.memory[name][-1], 2) for name in NODES if self.memory[name]}
         self._minutes.append({'t_s': round(moving, 1), 'memory_mb': memory,
                               'cores': {name: round(self.share(name), 3) for name in NODES}})
         print(f'{moving / 60.0:.0f} min: ' + ', '.join(
@@ -134,7 +117,7 @@ class _Figures(NamedTuple):
         """Return the figures as Markdown."""
         lines = [f'\n| process | memory after {self.settle:g} s [MB] | at the end [MB] | growth | '
                  'processor [cores] | missed periods |', '|---|---|---|---|---|---|']
-        lines += [f'| {name} | {growth.first / 1e6:.1f} | {growth.last / 1e6:.1f} | '
+        lines += [f'| {name} | {growth.first:.1f} | {growth.last:.1f} | '
                   f'{growth.percent:+.2f} % | {self.cores[name]:.2f} | '
                   f'{self.missed.get(name, "-")} |' for name, growth in self.growths.items()]
         lines += ['', '| state to answer, as sent [ms] | p50 | p99 | largest | answered |',
@@ -166,7 +149,7 @@ class _Figures(NamedTuple):
         """Return the figures for JSON."""
         return {
             'settle_s': self.settle,
-            'memory_bytes': {name: {**growth._asdict(), 'percent': growth.percent}
+            'memory_mb': {name: {**growth._asdict(), 'percent': growth.percent}
                              for name, growth in self.growths.items()},
             'cores': self.cores, 'missed_periods': self.missed,
             'driver_' + TRIP: self.trip,
@@ -180,7 +163,7 @@ def _figures(watch: _Watch, run: RunFigures, log: str, settle: float) -> _Figure
     missed = {name: int(reported[name]['missed periods']) for name in NODES
               if name != 'recorder' and 'missed periods' in reported[name]}
     return _Figures(
-        {name: growth_of(watch.t[name], watch.rss[name], settle) for name in NODES},
+        {name: growth_of(watch.t[name], watch.memory[name], settle) for name in NODES},
         {name: watch.share(name) for name in NODES}, missed,
         reported['arm_driver'].get(TRIP, 'not reported'),
         latency_of(run.sent, run.latency, settle), account_of(log, run.counts), settle)
@@ -208,6 +191,8 @@ def _run(options: argparse.Namespace) -> int:
     print(f'four processes, {config}, {options.minutes:g} min, {os.cpu_count()} cores, load '
           f'{os.getloadavg()[0]:.1f}', flush=True)
     watch, log, bad = _drive(config, duration, output)
+    if not (output / 'bag').exists():
+        raise BlfError(f'nothing was recorded: {", ".join(bad)} did not end well')
     wrong = [f'{name} did not end well' for name in bad]
     wrong += _judge(output, watch, log, min(SETTLE, 0.5 * duration))
     print('\n' + ('\n'.join(f'FAILED {text}' for text in wrong) or 'every check holds'))

@@ -18,7 +18,7 @@ _REPORT = re.compile(r'(/\S+): received (\d+), written (\d+)(?:, dropped (\d+))?
 
 
 class Growth(NamedTuple):
-    """Resident memory of one process [bytes], after settling and at the end."""
+    """Resident memory of one process [MB], after settling and at the end."""
 
     first: float
     last: float
@@ -29,18 +29,18 @@ class Growth(NamedTuple):
         return 100.0 * (self.last - self.first) / self.first
 
 
-def growth_of(t: Sequence[float], rss: Sequence[int], settle: float) -> Growth:
+def growth_of(t: Sequence[float], memory: Sequence[float], settle: float) -> Growth:
     """Compare medians: the tenth of the samples that follows ``settle`` with the last tenth.
 
     Args:
         t: Times of the samples [s].
-        rss: Resident memory [bytes].
+        memory: Resident memory [MB].
         settle: When counting begins [s].
 
     Raises:
         BagError: fewer than two samples after ``settle``.
     """
-    kept = np.asarray(rss, dtype=float)[np.asarray(t) >= settle]
+    kept = np.asarray(memory, dtype=float)[np.asarray(t) >= settle]
     if kept.size < 2:
         raise BagError(f'{kept.size} samples of the memory after {settle:g} s: expected 2 or more')
     share = max(kept.size // 10, 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -265,3 +266,31 @@ def test_full_disk_is_reported_with_the_path_and_leaves_a_readable_bag(tmp_path)
     bag = read_bag(tmp_path / 'run')
     assert not bag.complete
     assert bag.topics['/a'].count >= 35
+
+
+def test_a_long_recording_does_not_grow_and_has_the_index_of_every_chunk(tmp_path):
+    mcap_reader = pytest.importorskip('mcap.reader')
+    chunks = 600
+    with BagWriter(tmp_path / 'long') as writer:
+        for topic, type_name in TOPICS.items():
+            writer.add_topic(topic, type_name)
+        tracemalloc.start()
+        try:
+            for i in range(chunks):
+                if i == 100:
+                    settled = tracemalloc.get_traced_memory()[0]
+                for topic in TOPICS:
+                    writer.write(topic, encode_int32(i), START + i)
+                writer.flush()
+            grown = tracemalloc.get_traced_memory()[0] - settled
+        finally:
+            tracemalloc.stop()
+    assert grown < 20_000  # the library's own list: 1 kB for each chunk
+    with writer.file.open('rb') as stream:
+        reader = mcap_reader.make_reader(stream)
+        index = reader.get_summary().chunk_indexes
+        ranks = [message.data for _, _, message in reader.iter_messages(['/rank'])]
+    assert [(chunk.message_start_time, len(chunk.message_index_offsets)) for chunk in index] == [
+        (START + i, len(TOPICS)) for i in range(chunks)]
+    assert ranks == [encode_int32(i) for i in range(chunks)]
+    assert sorted(path.name for path in writer.path.iterdir()) == ['long_0.mcap', 'metadata.yaml']

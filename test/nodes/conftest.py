@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 import os
 from pathlib import Path
-import random
 import resource
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -25,6 +24,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+
+from adaptive_blf_control.tools.domain import own_domain
 
 POLL = 0.002  # s between looks of wait_until
 ANNOUNCE = """<?xml version="1.0" encoding="UTF-8" ?>
@@ -51,18 +52,6 @@ def _wait_until(condition: Callable[[], Any], timeout: float = 20.0, what: str =
         if time.monotonic() > give_up:
             pytest.fail(f'not within {timeout:g} s: {what or condition}')
         time.sleep(POLL)
-
-
-def _free_domain() -> int:
-    """Return a domain in which no participant of this machine listens."""
-    for domain in random.sample(range(1, 102), 101):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(('', 7410 + 250 * domain))  # first participant's discovery port
-            except OSError:
-                continue
-        return domain
-    pytest.fail('no DDS domain is free')
 
 
 class Peer(Node):
@@ -102,7 +91,8 @@ class Graph:
     def __init__(self, domain: int | None = None) -> None:
         """Start a context in ``domain``, else in one of its own."""
         self.context = Context()
-        self.context.init(domain_id=domain or _free_domain())
+        self._domain = ExitStack()
+        self.context.init(domain_id=domain or self._domain.enter_context(own_domain()))
         self._nodes: list[Node] = []
         self._threads: list[tuple[threading.Event, threading.Thread]] = []
 
@@ -161,6 +151,7 @@ class Graph:
             for node in self._nodes:
                 node.destroy_node()
         self.context.try_shutdown()
+        self._domain.close()
         assert not hanging, f'{len(hanging)} node threads did not end'
 
 
@@ -244,7 +235,8 @@ class Processes:
     def __init__(self, folder: Path) -> None:
         """Choose the domain; files go to ``folder``."""
         self.folder = folder
-        self.domain = _free_domain()
+        self._claim = ExitStack()
+        self.domain = self._claim.enter_context(own_domain())
         profile = folder / 'announce.xml'
         profile.write_text(ANNOUNCE, encoding='utf-8')
         self.environment = {**os.environ, 'ROS_DOMAIN_ID': str(self.domain),
@@ -263,9 +255,10 @@ class Processes:
         """Kill what still runs."""
         for process in self._started:
             process.kill()
+        self._claim.close()
 
 
-@pytest.fixture
+@pytest.fixture(scope='session')
 def wait_until() -> Callable[..., Any]:
     """Return ``wait_until(condition, timeout=20.0, what='')``: the deadline instead of a sleep."""
     return _wait_until
@@ -274,6 +267,14 @@ def wait_until() -> Callable[..., Any]:
 @pytest.fixture
 def graph() -> Iterator[Graph]:
     """Return a private graph for nodes in threads."""
+    graph = Graph()
+    yield graph
+    graph.close()
+
+
+@pytest.fixture(scope='module')
+def graph_of_all() -> Iterator[Graph]:
+    """Return a private graph that the tests of a module share."""
     graph = Graph()
     yield graph
     graph.close()

@@ -18,6 +18,7 @@ from builtin_interfaces.msg import Duration
 import numpy as np
 import pytest
 from rclpy.duration import Duration as Wait
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
@@ -36,7 +37,7 @@ from adaptive_blf_control.nodes.recorder import Recorder
 from adaptive_blf_control.topics import COMMANDS, JOINT_STATES, JOINT_TRAJECTORY, THETA_HAT
 
 hypothesis = pytest.importorskip('hypothesis')
-from hypothesis import Phase, strategies as st
+st = hypothesis.strategies
 
 LEAST = 10_000
 BATCH = 50
@@ -140,7 +141,7 @@ def _feed(make: Callable[[_Drawn], Any], handle: Callable[[Any, dict], None]) ->
     """Hand at least 10,000 messages, each with its info, to ``handle``."""
     fed = 0
 
-    @hypothesis.settings(max_examples=LEAST // BATCH, phases=[Phase.generate])
+    @hypothesis.settings(max_examples=LEAST // BATCH, phases=[hypothesis.Phase.generate])
     @hypothesis.given(drawn)
     def any_messages(drawn: _Drawn) -> None:
         nonlocal fed
@@ -297,7 +298,7 @@ def test_bytes_that_are_no_trajectory_do_not_end_the_thread_that_serves_requests
     graph.run(node)
     good = serialize_message(JointTrajectory(joint_names=['nobody']))
 
-    @hypothesis.settings(max_examples=200, phases=[Phase.generate])
+    @hypothesis.settings(max_examples=200, phases=[hypothesis.Phase.generate])
     @hypothesis.given(drawn)
     def any_bytes(drawn: _Drawn) -> None:
         publisher.publish(drawn.spoiled(good))
@@ -420,7 +421,8 @@ def test_commands_and_answers_of_the_driver_in_lockstep(graph) -> None:
 def test_answers_that_a_player_waits_for(graph, wait_until) -> None:
     peer = graph.peer()
     publisher = peer.create_publisher(JointState, THETA_HAT, 100)
-    answers = Answers(graph.add(_bare(graph)), [f'/{THETA_HAT}'], threading.Event())
+    player = graph.add(Node('player', context=graph.context))
+    answers = Answers(player, [f'/{THETA_HAT}'], threading.Event())
     answers.discover(20.0)
     wait_until(lambda: publisher.get_subscription_count() == 1)
     heard = 0
@@ -436,11 +438,6 @@ def test_answers_that_a_player_waits_for(graph, wait_until) -> None:
     _feed(_vectors(PARAMETERS), handle)
     publisher.publish(_good(PARAMETERS, 2 * 10**18))
     assert answers.wait(2 * 10**18, 20.0) == []
-
-
-def _bare(graph):
-    from rclpy.node import Node
-    return Node('player', context=graph.context)
 
 
 @pytest.mark.parametrize('use_sim_time', [False, True])
@@ -470,7 +467,7 @@ def test_any_value_of_a_parameter_is_taken_or_refused_with_a_reason(moving) -> N
     node, good, _ = moving
     names = [name for name in node.values if '.' not in name or name.startswith('safety')]
 
-    @hypothesis.settings(max_examples=300, phases=[Phase.generate])
+    @hypothesis.settings(max_examples=300, phases=[hypothesis.Phase.generate])
     @hypothesis.given(st.sampled_from(names), doubles | st.lists(doubles, min_size=1, max_size=3)
                       | st.integers(-5, 5) | st.booleans() | st.text(max_size=3))
     def any_value(name: str, value: Any) -> None:

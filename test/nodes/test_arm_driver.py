@@ -6,6 +6,7 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -249,6 +250,23 @@ def test_one_publisher_of_commands_is_obeyed_until_it_has_been_silent(by_hand) -
     command(601, a)
     np.testing.assert_allclose(_arrays(state_at(140.0))[2], b, rtol=1e-12)
     assert driver.drops == {refused: 9}
+
+
+def test_a_new_rate_counts_from_the_last_state_on(by_hand) -> None:
+    driver, state_at, command_at, states = by_hand
+    state_at(0.0)
+    command_at(0.0, 10.0, -4.0)
+    q, qd, _ = _arrays(state_at(10.0))
+    assert driver.set_parameters([Parameter('rate', value=250.0)])[0].successful
+    at_14 = _arrays(state_at(14.0))
+    np.testing.assert_allclose(at_14[:2], _advanced(q, qd, ((10.0, -4.0), 4.0)), rtol=0.0,
+                               atol=1e-12)
+    np.testing.assert_allclose(at_14[2], (10.0, -4.0), rtol=1e-12)
+    assert driver.set_parameters([Parameter('rate', value=20.0)])[0].successful
+    driver._catch_up(5_063_999_999)
+    state_at(64.0)
+    assert np.diff(states.stamps).tolist() == [10_000_000, 4_000_000, 50_000_000]
+    assert driver.missed == 0
 
 
 def test_a_second_real_publisher_does_not_move_the_arm(rig, graph, wait_until) -> None:

@@ -53,7 +53,7 @@ def test_missed_periods_of_a_bag_come_from_the_stamps(tmp_path: Path) -> None:
     kept = {'joint_states': states[states % 10 != 5],
             'controller/adaptation_term': np.arange(0, 2001, 2),
             # Out of order, and some twice: a second estimate does not serve a second period.
-            'identifier/theta_hat': np.concatenate([states, states[:1000]])[::-1]}
+            'identifier/theta_hat': np.concatenate([states, states[-1000:]])[::-1]}
     with BagWriter(tmp_path / 'bag') as writer:
         for topic, numbers in kept.items():
             writer.add_topic(f'/{topic}', 'sensor_msgs/msg/JointState')

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 import re
 
@@ -13,12 +14,8 @@ from adaptive_blf_control.bags.cdr import JointStateCodec
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.tools import soak
-from adaptive_blf_control.tools.soak_figures import (
-    account_of,
-    growth_of,
-    latency_of,
-    read_run,
-)
+from adaptive_blf_control.tools.soak_bag import read_run
+from adaptive_blf_control.tools.soak_figures import account_of, growth_of, latency_of
 
 LOG = """[INFO] [1.0] [recorder]: /joint_states: received 12, written 12, lost 3
 [INFO] [1.0] [recorder]: /other: received 7, written 5, dropped 2, lost 0
@@ -27,13 +24,13 @@ LOG = """[INFO] [1.0] [recorder]: /joint_states: received 12, written 12, lost 3
 
 def test_growth_leaves_out_the_start_and_compares_medians() -> None:
     t = np.arange(200.0)
-    rss = np.where(t < 60, 50e6 + 1e6 * t, 110e6 + 1e4 * (t - 60))
-    rss[[70, 199]] = 1e12  # one wild sample moves no median
-    growth = growth_of(list(t), list(rss), 60.0)
-    assert growth.first == pytest.approx(110.065e6, rel=1e-4)
+    memory = np.where(t < 60, 50.0 + t, 110.0 + 0.01 * (t - 60))
+    memory[[70, 199]] = 1e6  # one wild sample moves no median
+    growth = growth_of(list(t), list(memory), 60.0)
+    assert growth.first == pytest.approx(110.065, rel=1e-4)
     assert growth.percent == pytest.approx(100 * 1.26 / 110.065, rel=2e-2)
     with pytest.raises(BagError, match='1 samples of the memory after 199 s'):
-        growth_of(list(t), list(rss), 199.0)
+        growth_of(list(t), list(memory), 199.0)
 
 
 def test_latency_compares_the_first_and_the_last_third_after_settling() -> None:
@@ -85,9 +82,45 @@ def test_states_and_answers_are_matched_by_stamp_in_any_order(tmp_path: Path) ->
     np.testing.assert_allclose(run.latency, 1e-6 * (answered + 1), atol=1e-12)
 
 
+def test_what_the_nodes_reported_last_is_taken_from_the_bag(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'run') as writer:
+        writer.add_topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray')
+        for second, (node, missed) in enumerate((('a', 1), ('b', 7), ('a', 3))):
+            writer.write('/diagnostics', _diagnostics(node, {'missed periods': str(missed)}),
+                         10**9 * (second + 1))
+    run = read_run(tmp_path / 'run')
+    assert run.diagnostics == {'a': {'missed periods': '3'}, 'b': {'missed periods': '7'}}
+    assert run.latency.size == 0
+
+
+def _diagnostics(node: str, values: dict[str, str]) -> bytes:
+    """A DiagnosticArray of one status as CDR."""
+    data = bytearray(b'\0\1\0\0' + bytes(8))
+
+    def word(number: int) -> None:
+        data.extend(bytes(-len(data) % 4) + number.to_bytes(4, 'little'))
+
+    def text(value: str) -> None:
+        word(len(value) + 1)
+        data.extend(value.encode() + b'\0')
+
+    text('')
+    word(1)
+    data.append(0)
+    for value in (f'{node}: kind', 'running', 'arm'):
+        text(value)
+    word(len(values))
+    for pair in values.items():
+        for value in pair:
+            text(value)
+    return bytes(data)
+
+
 def test_a_short_run_of_four_processes_accounts_for_every_message(
-        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        tmp_path: Path, capsys: pytest.CaptureFixture[str],
+        monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip('rclpy', reason='no ROS 2 here: the nodes cannot run')
+    monkeypatch.setattr(soak, 'MINUTE', 3.0)
     status = soak.main(['--minutes', '0.15', '--output', str(tmp_path / 'run')])
     output = capsys.readouterr()
     assert status in (0, 1), output.err  # a busy machine may well drift
@@ -100,9 +133,19 @@ def test_a_short_run_of_four_processes_accounts_for_every_message(
     assert states is not None
     assert int(states[1]) > 1000
     for name in soak.NODES:
-        assert re.search(rf'^\| {name} (\| \d{{2,3}}\.\d ){{2}}\| [+-]', output.out, re.M)
+        assert re.search(rf'^\| {name} (\| \d{{2,3}}\.\d ){{2}}\| [+-]\d+\.\d+ % '
+                         r'\| \d\.\d\d \| (\d+|-) \|$', output.out, re.M)
     assert re.search(r'^\| last third \| \d+\.\d+', output.out, re.M)
     assert 'FAILED /' not in output.out
+    assert (tmp_path / 'run' / 'bag').exists() == (status == 1)  # kept to look for the reason
+    figures = json.loads((tmp_path / 'run' / 'soak.json').read_text(encoding='utf-8'))
+    assert figures['topics']['/joint_states']['written'] == int(states[1])
+    assert set(figures['cores']) == set(figures['memory_mb']) == set(soak.NODES)
+    assert set(figures['missed_periods']) == {'arm_driver', 'controller', 'identifier'}
+    assert len(figures['minutes']) >= 2
+    for minute in figures['minutes']:
+        assert 10.0 < minute['memory_mb']['controller'] < 1000.0
+    assert output.out.count(' cores\n') == len(figures['minutes'])
 
 
 def test_what_cannot_be_run_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -112,3 +155,4 @@ def test_what_cannot_be_run_is_said(tmp_path: Path, capsys: pytest.CaptureFixtur
     errors = capsys.readouterr().err
     assert 'expected more than 0' in errors
     assert 'GB are free: expected' in errors
+    assert not (tmp_path / 'long').exists()

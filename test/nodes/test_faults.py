@@ -1,0 +1,511 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What goes wrong is injected into the real nodes; docs/safety.md says which test proves what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import itertools
+import math
+from pathlib import Path
+import random
+import signal
+import threading
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+import yaml
+
+from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.bags.cdr import decode_float64_array, decode_joint_state
+from adaptive_blf_control.bags.reader import Bag, read_bag
+from adaptive_blf_control.errors import BagError, SetViolation
+from adaptive_blf_control.nodes.arm_driver import ArmDriver
+from adaptive_blf_control.nodes.controller import ControllerNode
+from adaptive_blf_control.nodes.identifier import IdentifierNode
+from adaptive_blf_control.topics import (
+    BARRIER,
+    COMMANDS,
+    JOINT_STATES,
+    REFERENCE,
+    THETA_HAT,
+    TRACKING_ERROR,
+)
+
+LIMIT = [200.0, 100.0]
+TASK = {
+    'k1': [1000.0, 800.0], 'k2': [60.0, 8.0], 'torque_limit': LIMIT,
+    'initial_estimate': [3.0, 0.2, 0.3, 5.0, 1.0],
+    'safety__lower': [-2.0, -2.0], 'safety__upper': [2.0, 2.0],
+    'performance__lower': [-0.17], 'performance__upper': [0.2],
+    'reference__joint1__amplitude': [0.5], 'reference__smooth_start': 0.0,
+    'state_timeout': 0.3, 'reference__resume_time': 0.5,
+}
+EPOCH = 1_700_000_000 * 10**9
+PARAMETERS = TwoLinkArm().parameters
+MAGIC = b'\x89MCAP0\r\n'
+
+
+def _torques(heard: list) -> np.ndarray:
+    return np.array([decode_float64_array(data) for data, _ in list(heard)])
+
+
+def _statuses(heard: list, node: str) -> list[DiagnosticStatus]:
+    found = (deserialize_message(data, DiagnosticArray).status[0] for data, _ in list(heard))
+    return [status for status in found if status.name.startswith(f'{node}:')]
+
+
+def _says(heard: list, node: str, level: bytes, *words: str) -> bool:
+    """Whether a diagnostic of ``node`` has this level and all of these words."""
+    return any(status.level == level and all(word in status.message for word in words)
+               for status in _statuses(heard, node))
+
+
+class _Arm:
+    """Joint states as a driver sends them, from what the test says; the torques that answer."""
+
+    def __init__(self, graph, wait_until, **parameters: Any) -> None:
+        self.node = graph.make(ControllerNode, **{**TASK, **parameters})
+        peer = graph.peer()
+        self.commands = peer.listen(Float64MultiArray, COMMANDS)
+        self.errors = peer.listen(JointState, TRACKING_ERROR)
+        self.references = peer.listen(JointState, REFERENCE)
+        self.diagnostics = peer.listen(DiagnosticArray, '/diagnostics')
+        self.stamp_ns = EPOCH
+        self._wait_until = wait_until
+        self._states = peer.create_publisher(JointState, JOINT_STATES, 10)
+        wait_until(lambda: self._states.get_subscription_count() == 1
+                   and self.node.count_subscribers(COMMANDS) == 1
+                   and self.node.count_subscribers(TRACKING_ERROR) == 1, what='the match')
+        self.runner = graph.run(self.node)
+
+    def publish(self, q, qd=(0.0, 0.0), ms: float = 5.0) -> None:
+        """Publish a state ``ms`` after the last one."""
+        self.stamp_ns += round(ms * 1e6)
+        message = JointState(name=['joint1', 'joint2'], position=[float(x) for x in q],
+                             velocity=[float(x) for x in qd])
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.stamp_ns, 10**9)
+        self._states.publish(message)
+
+    def step(self, q, qd=(0.0, 0.0), ms: float = 5.0) -> np.ndarray:
+        """Publish a state and return the torque that answers it."""
+        before = len(self.commands)
+        self.publish(q, qd, ms)
+        self._wait_until(lambda: len(self.commands) > before, what='an answer')
+        return self.last
+
+    def begin(self, q) -> None:
+        """Publish states until the first is answered."""
+        def answered() -> bool:
+            self.publish(q)
+            return bool(self.commands)
+
+        self._wait_until(answered, what='the first answer')
+
+    @property
+    def last(self) -> np.ndarray:
+        return decode_float64_array(self.commands[-1][0])
+
+    def until_zero(self) -> None:
+        """Wait until the torque sent last is zero."""
+        self._wait_until(lambda: not self.last.any(), what='a zero torque')
+
+
+@pytest.fixture
+def arm(graph, wait_until) -> Callable[..., _Arm]:
+    """Return ``arm(**parameters of the controller)``."""
+    return lambda **parameters: _Arm(graph, wait_until, **parameters)
+
+
+def test_after_a_clock_that_jumps_back_the_torque_is_zero_and_the_motion_begins_anew(
+        arm, wait_until) -> None:
+    arm = arm(reference__joint2__offset=0.4)
+    arm.begin([0.0, 0.4])
+    for _ in range(20):
+        arm.step([0.01, 0.41])
+    assert arm.last.any()
+    posture = [-0.9, -0.6]  # nowhere near the reference any more
+    arm.stamp_ns -= 3600 * 10**9
+    sent = len(arm.commands)
+
+    def begins_anew() -> bool:
+        arm.publish(posture)
+        return len(arm.commands) > sent + 3
+
+    wait_until(begins_anew, what='an answer on the new clock')
+    torques = _torques(arm.commands)[sent:]
+    assert not torques[0].any()  # the watchdog's, before anything on the new clock
+    assert np.abs(torques[1]).max() < 1.0
+    times = [info['source_timestamp'] for _, info in arm.commands[sent - 1:sent + 1]]
+    assert 0.2e9 < times[1] - times[0] < 1.5e9  # state_timeout, and what a busy machine adds
+    assert arm.node.drops['joint state out of order'] > 0
+    wait_until(lambda: decode_joint_state(arm.errors[-1][0]).stamp_ns < EPOCH - 10**12)
+    first = next(error for error in (decode_joint_state(data) for data, _ in arm.errors)
+                 if error.stamp_ns < EPOCH - 10**12)
+    np.testing.assert_allclose(first.position, 0.0, atol=1e-12)
+
+
+def test_after_a_clock_that_jumps_ahead_the_motion_begins_anew_with_the_second_state(
+        arm, wait_until) -> None:
+    arm = arm()
+    arm.begin([0.0, 0.0])
+    arm.publish([0.3, 0.1], ms=3.6e6)
+    first_ns = arm.stamp_ns
+    wait_until(lambda: arm.node.drops.get('stamp jumps ahead') == 1)
+    arm.publish([0.3, 0.1])
+    wait_until(lambda: decode_joint_state(arm.errors[-1][0]).stamp_ns == arm.stamp_ns)
+    np.testing.assert_allclose(decode_joint_state(arm.errors[-1][0]).position, 0.0, atol=1e-12)
+    assert first_ns not in [decode_joint_state(data).stamp_ns for data, _ in arm.errors]
+
+
+def test_a_motion_that_cannot_begin_anew_ends_with_a_zero_torque(arm, wait_until) -> None:
+    arm = arm(state_timeout=5.0)
+    arm.begin([0.0, 0.0])
+    assert arm.step([0.02, 0.1]).any()
+    for _ in range(2):  # another clock, and an arm beyond its safety set
+        arm.publish([2.5, 0.0], ms=2e4 if _ == 0 else 5.0)
+    with pytest.raises(SetViolation, match="'joint1'"):
+        arm.runner.join()
+    arm.until_zero()
+
+
+@pytest.mark.parametrize(('joint', 'sign', 'bound'), [(0, 1, 0.2), (0, -1, 0.17), (1, 1, 0.2)])
+def test_at_and_beyond_its_bound_an_error_is_pushed_back_and_named(
+        arm, wait_until, joint, sign, bound) -> None:
+    arm = arm(reference__joint1__amplitude=[0.0], state_timeout=5.0)
+    arm.begin([0.0, 0.0])
+    for part in (0.99, 1.0 - 1e-12, 1.0, 1.0 + 1e-12, 1.5, 9.0, 1e3, 1e200):
+        q = np.zeros(2)
+        q[joint] = sign * bound * part
+        for _ in range(5):  # the torque rises at 10 000 N·m/s at most
+            torque = arm.step(q, ms=10.0)
+            assert np.isfinite(torque).all()
+            assert (np.abs(torque) <= LIMIT).all()
+        assert sign * torque[joint] < -50.0, part
+    wait_until(lambda: _says(arm.diagnostics, 'controller', DiagnosticStatus.ERROR,
+                             f"joint 'joint{joint + 1}' has left", 'performance set', 'margin'))
+    q[joint] = 0.0
+    arm.step(q, ms=10.0)
+    torque = arm.step(q, ms=50.0)
+    assert np.abs(torque).max() < 1.0  # back inside: as if nothing had been
+
+
+def test_with_stop_a_set_that_is_left_deactivates_the_controller_at_zero_torque(
+        arm, wait_until) -> None:
+    arm = arm(on_violation='stop', ramp_time=0.05, state_timeout=5.0)
+    arm.begin([0.0, 0.0])
+    arm.publish([0.3, 0.0])
+    wait_until(lambda: not arm.node.active, what='deactivation')
+    arm.until_zero()
+    wait_until(lambda: _says(arm.diagnostics, 'controller', DiagnosticStatus.WARN, 'inactive'))
+    sent = len(arm.commands)
+    for _ in range(5):
+        arm.publish([0.0, 0.0])
+    wait_until(lambda: arm.node._heard_at is not None and arm.node._q[0] == 0.0)
+    assert len(arm.commands) == sent
+    assert 'joint1' in arm.node.last_fault
+
+
+def test_late_states_cost_the_torque_and_the_next_one_brings_it_back(arm, wait_until) -> None:
+    arm = arm()
+    arm.begin([0.0, 0.0])
+    assert arm.step([0.02, 0.1]).any()
+    arm.until_zero()
+    wait_until(lambda: _says(arm.diagnostics, 'controller', DiagnosticStatus.ERROR,
+                             'joint states lost'))
+    arm.step([0.02, 0.1])
+    assert arm.step([0.03, 0.12]).any()
+    np.testing.assert_allclose(arm.node.output.e1, [0.01, 0.02], atol=0.01)
+
+
+@pytest.fixture
+def loop(graph, wait_until) -> Iterator[tuple]:
+    """Run driver and controller at 200 Hz in threads; return both, a peer and what it hears."""
+    driver = graph.make(ArmDriver, rate=200.0, torque_limit=LIMIT, command_timeout=0.5)
+    controller = graph.make(ControllerNode, **{**TASK, 'state_timeout': 1.0})
+    peer = graph.peer()
+    states = peer.listen(JointState, JOINT_STATES, 5000)
+    diagnostics = peer.listen(DiagnosticArray, '/diagnostics')
+    for node in (controller, driver):
+        graph.run(node)
+    wait_until(lambda: driver.started and controller.statistics.samples > 20, what='the motion')
+    return driver, controller, peer, states, diagnostics
+
+
+def test_a_publisher_that_shouts_commands_is_refused_and_named(loop, wait_until) -> None:
+    driver, controller, peer, states, diagnostics = loop
+    wait_until(lambda: driver._source._number > 300, what='a lead over any newcomer')
+    stranger = peer.create_publisher(Float64MultiArray, COMMANDS, 100)
+    wait_until(lambda: stranger.get_subscription_count() == 1)
+    begin = len(states)
+    for _ in range(100):
+        stranger.publish(Float64MultiArray(data=[-77.0, 77.0]))
+    wait_until(lambda: driver.drops.get('command of a second publisher') == 100)
+    seen = len(states)
+    wait_until(lambda: len(states) > seen + 20)
+    effort = np.array([decode_joint_state(data).effort for data, _ in states[begin:]])
+    assert np.abs(effort[:, 1]).max() < 70.0
+    for node in ('arm_driver', 'controller'):
+        wait_until(lambda node=node: any(
+            status.level == DiagnosticStatus.ERROR for status in _statuses(diagnostics, node)))
+    assert any('/peer' in status.message for status in _statuses(diagnostics, 'arm_driver'))
+    assert controller.monitors.violations == 0
+
+
+def test_an_absurd_estimate_does_not_reach_the_torque(loop, wait_until) -> None:
+    driver, controller, peer, states, _ = loop
+    estimates = peer.create_publisher(JointState, THETA_HAT, 100)
+    wait_until(lambda: estimates.get_subscription_count() == 1)
+    kept = controller.theta
+    for bad in (1e9, math.nan, -math.inf, 1e300):
+        reasons = sum(controller.drops.values())
+        estimates.publish(JointState(name=list(PARAMETERS), position=[bad] * 5))
+        wait_until(lambda reasons=reasons: sum(controller.drops.values()) > reasons)
+    begin = len(states)
+    wait_until(lambda: len(states) > begin + 20)
+    assert controller.theta is kept
+    assert controller.monitors.violations == 0
+    assert {'absurd estimate', 'non-finite estimate'} == set(controller.drops)
+
+
+def test_a_full_disk_at_the_recorder_is_reported_and_does_not_disturb_the_motion(
+        processes, graph_of, wait_until, tmp_path) -> None:
+    graph = graph_of(processes.domain)
+    recorder = processes.start('recorder', '--ros-args', '-p', f'bag:={tmp_path / "bag"}', '-p',
+                               'flush_period:=0.05', largest_file=300_000)
+    driver = graph.make(ArmDriver, rate=200.0, torque_limit=LIMIT, wait_for_subscribers=2)
+    controller = graph.make(ControllerNode, **TASK)
+    diagnostics = graph.peer().listen(DiagnosticArray, '/diagnostics')
+    for node in (controller, driver):
+        graph.run(node)
+    wait_until(lambda: 'recording stopped, what was written is kept' in recorder.text, 60.0)
+    wait_until(lambda: _says(diagnostics, 'recorder', DiagnosticStatus.ERROR, 'cannot be written'))
+    samples = controller.statistics.samples
+    wait_until(lambda: controller.statistics.samples > samples + 100)
+    assert controller.monitors.violations == 0
+    assert 'lost' not in controller.last_fault
+    values = {value.key: value.value for value in _statuses(diagnostics, 'recorder')[-1].values}
+    for topic in ('/joint_states', f'/{COMMANDS}'):
+        assert int(values[f'{topic} received']) > int(values[f'{topic} written']) > 0
+    assert int(values['dropped: disk']) == sum(
+        int(values[f'{topic} received']) - int(values[f'{topic} written'])
+        for topic in (key[:-len(' received')] for key in values if key.endswith(' received')))
+    assert recorder.signal(signal.SIGTERM) == 1
+    assert read_bag(tmp_path / 'bag').topics['/joint_states'].count > 10
+
+
+def _moving_state(k: int) -> JointState:
+    t = 1e-3 * k
+    message = JointState(name=['joint1', 'joint2'], position=[math.sin(9 * t), math.cos(7 * t)],
+                         velocity=[9 * math.cos(9 * t), -7 * math.sin(7 * t)], effort=[1.0, 2.0])
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(EPOCH + k * 10**6, 10**9)
+    return message
+
+
+def test_an_estimate_that_cannot_be_written_is_a_fault_and_learning_goes_on(
+        graph, wait_until, tmp_path) -> None:
+    folder = tmp_path / 'folder'
+    folder.write_text('not a folder, so that root cannot write here either')
+    path = folder / 'theta_hat.yaml'
+    node = graph.make(IdentifierNode, estimate_file=str(path), estimate_period=0.05,
+                      filter__settle=0.0)
+    peer = graph.peer()
+    diagnostics = peer.listen(DiagnosticArray, '/diagnostics')
+    states = peer.create_publisher(JointState, JOINT_STATES, 100)
+    wait_until(lambda: states.get_subscription_count() == 1)
+    graph.run(node)
+    stamps = itertools.count()
+
+    def learns_until(condition: Callable[[], Any]) -> None:
+        def step() -> Any:
+            states.publish(_moving_state(next(stamps)))
+            return condition()
+        wait_until(step)
+
+    learns_until(lambda: 'estimate not written' in node.last_fault)
+    assert str(path) in node.last_fault
+    theta = node.identifier.theta
+    learns_until(lambda: not np.array_equal(node.identifier.theta, theta))
+    wait_until(lambda: any(value.key == 'last fault' and str(path) in value.value
+                           for status in _statuses(diagnostics, 'identifier')
+                           for value in status.values))
+    folder.unlink()
+    folder.mkdir()
+    learns_until(path.exists)
+    assert list(folder.iterdir()) == [path]
+
+
+TRUTH = [3.473, 0.196, 0.242, 5.3, 1.1]
+LOOP = {  # calm enough for a machine that is busy with other things
+    'k1': [200.0, 200.0], 'k2': [40.0, 6.0], 'torque_limit': LIMIT,
+    'initial_estimate': [3.0, 0.25, 0.3, 4.0, 0.8],
+    'safety.lower': [-3.0, -3.0], 'safety.upper': [3.0, 3.0],
+    'performance.lower': [-0.5, -0.5], 'performance.upper': [0.5, 0.5],
+    'reference.smooth_start': 1.0, 'reference.resume_time': 1.0,
+    'reference.joint1.amplitude': [0.7], 'reference.joint1.frequency': [1.5],
+    'reference.joint2.amplitude': [1.0], 'reference.joint2.frequency': [2.0],
+    'rate': 200.0, 'true_model': 'given', 'true_parameters': TRUTH,
+    'command_timeout': 0.1, 'state_timeout': 1.0,
+    'kt': 30.0, 'kh': 30.0, 'history.size': 7,
+    'estimate_period': 0.2, 'resume_within': 60.0,
+}
+
+
+@pytest.fixture
+def process_loop(processes, graph_of, tmp_path):
+    """Return ``start(kind, name=kind)``, a peer, and the commands it hears, for one closed loop.
+
+    The parameters are for nodes of any name; a section for each name would not fit a second one.
+    """
+    file = tmp_path / 'parameters.yaml'
+    settings = {**LOOP, 'estimate_file': str(tmp_path / 'theta_hat.yaml'),
+                'bag': str(tmp_path / 'bag')}
+    file.write_text(yaml.safe_dump({'/**': {'ros__parameters': settings}}), encoding='utf-8')
+    peer = graph_of(processes.domain).peer()
+
+    def start(kind: str, name: str = ''):
+        return processes.start(kind, '--ros-args', '--params-file', str(file), '-r',
+                               f'__node:={name or kind}')
+
+    return start, peer, peer.listen(Float64MultiArray, COMMANDS, 5000)
+
+
+def test_an_identifier_that_was_killed_goes_on_learning_where_it_was(
+        process_loop, wait_until, tmp_path) -> None:
+    start, peer, commands = process_loop
+    estimates = peer.listen(JointState, THETA_HAT, 5000)
+    identifier, controller, _ = map(start, ('identifier', 'controller', 'arm_driver'))
+
+    def error(message: tuple[bytes, dict]) -> float:
+        return float(np.linalg.norm(decode_joint_state(message[0]).position - TRUTH))
+
+    wait_until(lambda: estimates and error(estimates[-1]) < 0.2 * error(estimates[0]), 60.0,
+               'a good estimate')
+    known, file = error(estimates[-1]), tmp_path / 'theta_hat.yaml'
+    saved = file.stat().st_mtime_ns if file.exists() else 0
+    wait_until(lambda: file.exists() and file.stat().st_mtime_ns > saved, what='it is written')
+    assert identifier.signal(signal.SIGKILL) == -signal.SIGKILL
+    before, answered = len(estimates), len(commands)
+    wait_until(lambda: len(commands) > answered + 100, what='answers without an identifier')
+    again = start('identifier')
+    wait_until(lambda: len(estimates) > before + 50, 60.0, 'new estimates')
+    assert error(estimates[before]) < 1.5 * known
+    assert error(estimates[0]) > 3.0 * known  # what a start from nothing looks like
+    assert 'going on from the estimate in' in again.text
+    assert controller.signal(signal.SIGINT) == 0
+    wait_until(lambda: not decode_float64_array(commands[-1][0]).any())
+    assert _torques(commands)[1:-1].any(axis=1).all()  # the controller has never stopped
+    for process in (controller, again):
+        assert 'set left' not in process.text
+        assert 'Traceback' not in process.text
+
+
+def test_a_controller_that_was_killed_takes_the_arm_over_again_from_where_it_is(
+        process_loop, wait_until) -> None:
+    start, peer, commands = process_loop
+    states = peer.listen(JointState, JOINT_STATES, 5000)
+    barrier = peer.listen(JointState, BARRIER, 5000)
+    diagnostics = peer.listen(DiagnosticArray, '/diagnostics')
+    killed, _ = map(start, ('controller', 'arm_driver'))
+    wait_until(lambda: len(commands) > 200, 60.0, 'the motion')
+    killed.signal(signal.SIGKILL)
+    since = len(states)
+    wait_until(lambda: len(states) > since + 10 and not np.any(
+        decode_joint_state(states[-1][0]).effort), what='zero torque at the arm')
+    wait_until(lambda: _says(diagnostics, 'arm_driver', DiagnosticStatus.ERROR, 'no commands'))
+    sent, shown, at_zero = len(commands), len(barrier), len(states)
+    again = start('controller')
+    wait_until(lambda: len(commands) > sent + 300, 60.0, 'the motion again')
+    assert any(decode_joint_state(data).effort.any() for data, _ in states[at_zero:])
+    assert np.abs(_torques(commands)[sent]).max() < 20.0  # joined, not jumped, to the reference
+    margins = [decode_joint_state(data).position[:-1] for data, _ in barrier[shown:]]
+    assert np.min(margins) > 0.0
+    assert again.signal(signal.SIGINT) == 0
+
+
+def test_a_second_controller_ends_with_the_name_of_the_first_which_goes_on(
+        process_loop, wait_until) -> None:
+    start, _, commands = process_loop
+    first = start('controller', 'first')
+    start('arm_driver')
+    wait_until(lambda: len(commands) > 50, 60.0, 'the motion')
+    second = start('controller', 'second')
+    assert second.wait() == 2
+    assert '/first' in second.text
+    assert 'one controller at a time' in second.text
+    assert 'Traceback' not in second.text
+    sent = len(commands)
+    wait_until(lambda: len(commands) > sent + 50)
+    assert first.signal(signal.SIGINT) == 0
+    wait_until(lambda: not decode_float64_array(commands[-1][0]).any(), what='zero torque')
+    assert _torques(commands)[1:-1].any(axis=1).all()
+    numbers = [info['publication_sequence_number'] for _, info in commands]
+    assert numbers == sorted(set(numbers))  # one publisher's
+
+
+def _after(seconds: float) -> None:
+    threading.Event().wait(seconds)  # a moment that nothing marks
+
+
+@pytest.mark.parametrize('moment', ['start-up', 'run'])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_at_any_moment_leaves_zero_torque_and_a_bag_that_is_closed(
+        process_loop, wait_until, tmp_path, number, moment) -> None:
+    start, _, commands = process_loop
+    seed, bag = random.Random(f'{number} {moment}'), tmp_path / 'bag'
+    running = [start(kind) for kind in ('recorder', 'controller', 'arm_driver')]
+    if moment == 'run':
+        wait_until(lambda: len(commands) > 20, 60.0, 'the motion')
+        _after(seed.uniform(0.0, 0.3))
+    else:
+        _after(seed.uniform(0.5, 4.0))
+    for process in running:
+        process.popen.send_signal(number)
+    codes = [process.wait(30.0) for process in running]
+    assert set(codes) <= {0, 128 + number, -number}, codes  # -number: while Python was loading
+    if moment == 'run':
+        assert codes == [0, 0, 0]
+    if commands:
+        wait_until(lambda: not decode_float64_array(commands[-1][0]).any(), what='zero torque')
+    if bag.exists():
+        _check_closed(bag)
+    for process, code in zip(running, codes):
+        assert code == -number or 'Traceback' not in process.text
+
+
+class NoMessageYet(Exception):
+    """Nothing had been said when the recorder was told to end."""
+
+
+def _read(bag: Path) -> Bag:
+    try:
+        return read_bag(bag)
+    except BagError as error:
+        if 'it has no message' in str(error):
+            raise NoMessageYet from None
+        raise
+
+
+def _check_closed(bag: Path) -> None:
+    (file,) = bag.glob('*.mcap')
+    assert file.read_bytes().endswith(MAGIC)  # its footer
+    with contextlib.suppress(NoMessageYet):
+        assert _read(bag).complete
+
+
+def test_signals_in_a_burst_do_not_hang_a_node(process_loop, wait_until) -> None:
+    start, _, commands = process_loop
+    running = [start(kind) for kind in ('controller', 'arm_driver')]
+    wait_until(lambda: len(commands) > 20, 60.0, 'the motion')
+    for _ in range(20):
+        for process in running:
+            if process.popen.poll() is None:
+                for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                    process.popen.send_signal(number)
+    assert [process.wait(20.0) for process in running] == [0, 0]
+    wait_until(lambda: not decode_float64_array(commands[-1][0]).any(), what='zero torque')
