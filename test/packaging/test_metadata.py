@@ -38,7 +38,8 @@ MODULES = {
     'matplotlib': Declared('matplotlib', 'python3-matplotlib'),
     'plotly': Declared('plotly', None),  # rosdep has no key for it
     **{name: Declared(ROS[0], name)
-       for name in ('rclpy', 'rcl_interfaces', 'rosgraph_msgs', 'builtin_interfaces')},
+       for name in ('rclpy', 'rcl_interfaces', 'rosgraph_msgs', 'builtin_interfaces',
+                    'lifecycle_msgs')},
     **{name: Declared(ROS[1], name)
        for name in ('sensor_msgs', 'std_msgs', 'std_srvs', 'diagnostic_msgs', 'trajectory_msgs')},
 }
