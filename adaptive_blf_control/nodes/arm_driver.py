@@ -42,6 +42,8 @@ __all__ = ['ArmDriver', 'main']
 NEVER = 2**63  # ns, before the grid of the states is laid
 # A command cannot answer a state that is younger than this: decoding and the law take longer.
 SHORTEST_ANSWER = 50_000  # ns
+# Live parameters of the simulated arm itself, beside those under schedule and sensors.
+PLANT = {'true_parameters', 'payload', 'torque_limit', 'substeps', 'dead_time'}
 
 
 class ArmDriver(ManagedNode):
@@ -113,8 +115,8 @@ class ArmDriver(ManagedNode):
         """Change payload, friction, sensors, limits or rate between two samples."""
         if not hasattr(self, 'plant'):
             return
-        plant = build_plant(values, self.arm)
-        self.plant.adopt(plant)
+        if changed & PLANT or any(name.startswith(('schedule.', 'sensors.')) for name in changed):
+            self.plant.adopt(build_plant(values, self.arm))
         period_ns = int(round(1e9 / values['rate']))
         if period_ns != self.period_ns:
             if self._due_ns != NEVER:

@@ -352,7 +352,7 @@ class ControllerNode(ManagedNode):
         inside = self.monitors.watch(controller, t, stamp, q, output, self.theta)
         self.sampled(stamp)
         if not inside and self.values['on_violation'] == 'stop':
-            self.trigger_deactivate()
+            self.deactivate_by_itself()
 
     def idle(self) -> None:
         """Answer what waits in lockstep; command zero torque when the states stop coming."""

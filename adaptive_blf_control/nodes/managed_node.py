@@ -64,6 +64,13 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
             return True
         raise self._refused or BlfError(f'{self.kind} could not be activated')
 
+    def deactivate_by_itself(self) -> None:
+        """Deactivate, unless a request is changing the state at this very moment."""
+        try:
+            self.trigger_deactivate()
+        except RuntimeError as error:  # rcl: no such transition from there
+            self.get_logger().warning(f'not deactivated: {error}')
+
     @property
     def state_id(self) -> int:
         """Present state, a constant of lifecycle_msgs/State."""
