@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from adaptive_blf_control.control.reference import (
+    DEEPEST,
     full_range,
     hull,
     Reference,
@@ -119,9 +120,16 @@ class JoinedReference:
     """One reference until ``t`` [s], another, with its own time from 0, after it."""
 
     def __init__(self, before: Reference, t: float, after: Reference) -> None:
-        """Join the two; whoever makes ``after`` lets it begin where ``before`` is."""
+        """Join the two; whoever makes ``after`` lets it begin where ``before`` is.
+
+        Raises:
+            ParameterError: too many changes of the reference are under way at once.
+        """
         self._before, self._t, self._after = before, t, after
-        self._depth = getattr(before, '_depth', 0)
+        self._depth = 1 + getattr(before, '_depth', 0)
+        if self._depth > DEEPEST:
+            raise ParameterError('reference', f'{self._depth} changes on the way',
+                                 f'at most {DEEPEST}: wait until the last ones have begun')
 
     def at(self, t: float) -> ReferencePoint:
         """Evaluate at ``t`` [s]."""

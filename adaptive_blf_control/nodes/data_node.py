@@ -36,18 +36,26 @@ from adaptive_blf_control.nodes.direct_wait import (
 )
 from adaptive_blf_control.nodes.loop_statistics import LoopStatistics
 from adaptive_blf_control.nodes.node_parameters import declare, on_change, refuse_untyped
-from adaptive_blf_control.nodes.realtime import as_usual, lock_memory, raise_priority
+from adaptive_blf_control.nodes.realtime import (
+    cpus_of,
+    lock_memory,
+    raise_priority,
+    short_slices,
+    stay_on,
+)
 
 __all__ = ['DEPTH', 'TOO_LATE', 'DataNode', 'Handler']
 
 # A wait on data alone does not see a stop request: it ends at least this often to look.
 LONGEST_WAIT = 0.05  # s
+# Each pass of the executor builds a wait set, and the loop waits for the interpreter meanwhile.
+REQUESTS_WAIT = 1.0  # s
 DEPTH = 100
 KEPT = 1000  # messages that a publisher keeps for a reliable reader that falls behind
 TOO_LATE = 2**31 * 10**9  # ns, the first time that header.stamp cannot hold
 LAST_WORDS = 0.3  # s to deliver the last messages at the end
 SAY_AGAIN = 1.0  # s between two log lines about the same reason
-SWITCH = 2e-4  # s the loop waits at most for a thread that computes diagnostics
+SWITCH = 2e-5  # s the loop waits at most, each time, for a thread that computes diagnostics
 
 Handler = Callable[[bytes, dict[str, int]], None]
 
@@ -85,6 +93,7 @@ class DataNode(Node):
         self.kind = kind
         try:
             self.values = declare(self, kind)
+            cpus_of(self.values['realtime.cpus'])
         except BlfError:
             self.destroy_node()
             raise
@@ -261,8 +270,9 @@ class DataNode(Node):
             self.create_timer(1.0, self._publish_diagnostics,
                               clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._ask_for_real_time()
-        thread = threading.Thread(target=self._serve, daemon=True)
-        if self._direct:
+        executor = self._new_executor() if self._direct else None
+        thread = threading.Thread(target=self._serve, args=(executor,), daemon=True)
+        if executor is not None:
             thread.start()
         sys.setswitchinterval(SWITCH)
         gc.collect()
@@ -275,13 +285,16 @@ class DataNode(Node):
                 self._while_up(self._deliver)
             finally:
                 self.stop.set()
-                if self._direct:
+                if executor is not None:
+                    executor.wake()
                     thread.join(timeout=2.0)
                 if self._executor_alone is not None:
                     self._executor_alone.shutdown(timeout_sec=2.0)
         return self.exit_code
 
     def _ask_for_real_time(self) -> None:
+        stay_on(cpus_of(self.values['realtime.cpus']))
+        short_slices(self.values['realtime.slice'])
         priority = self.values['realtime.priority']
         refused = [raise_priority(priority) if priority else None,
                    lock_memory() if self.values['realtime.lock_memory'] else None]
@@ -318,13 +331,10 @@ class DataNode(Node):
         """Whether neither the node nor ROS has been asked to stop."""
         return not self.stop.is_set() and self.context.ok()
 
-    def _serve(self) -> None:
-        if self.values['realtime.priority']:
-            as_usual()
-        executor = self._new_executor()
+    def _serve(self, executor: SingleThreadedExecutor) -> None:
         while self.up:
             try:
-                executor.spin_once(timeout_sec=LONGEST_WAIT)
+                executor.spin_once(timeout_sec=REQUESTS_WAIT)
             except ExternalShutdownException:
                 self.stop.set()
             except HandleGone:  # the loop has just given back what the wait was to hold

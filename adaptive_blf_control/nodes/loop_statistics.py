@@ -39,7 +39,7 @@ class Histogram:
     def forget(self) -> None:
         """Leave what was counted so far out of quantiles and largest value."""
         # The bins stay: another thread may be computing the quantiles.
-        self._forgotten = np.array(self._bins, dtype=np.int64)
+        self._forgotten = np.frombuffer(self._bins, dtype=np.int64).copy()
         self.largest_ns = 0
 
     def quantiles(self, parts: tuple[float, ...], recent: bool = False) -> tuple[float, ...]:
@@ -49,7 +49,7 @@ class Histogram:
             parts: Each in 0..1.
             recent: Only what was counted since the last call with ``recent``.
         """
-        counts = np.array(self._bins, dtype=np.int64)
+        counts = np.frombuffer(self._bins, dtype=np.int64).copy()
         if recent:
             counts, self._before = counts - self._before, counts
         else:

@@ -6,11 +6,17 @@ from __future__ import annotations
 import ctypes
 import os
 from pathlib import Path
+import platform
+import struct
 import sys
 
-__all__ = ['as_usual', 'lock_memory', 'raise_priority', 'step_back']
+from adaptive_blf_control.errors import ParameterError
+
+__all__ = ['cpus_of', 'lock_memory', 'raise_priority', 'short_slices',
+           'stay_on', 'step_back']
 
 MCL_CURRENT_AND_FUTURE = 3
+SCHED_SETATTR = {'x86_64': 314, 'aarch64': 274}  # system call, by machine
 HOW = 'allow it with rtprio and memlock in /etc/security/limits.d, or run without'
 
 
@@ -29,7 +35,6 @@ def raise_priority(priority: int) -> str | None:
         for task in Path('/proc/self/task').iterdir():
             os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(priority))
     except (OSError, ValueError) as error:
-        as_usual()
         return f'real-time priority {priority}: {getattr(error, "strerror", error)}; {HOW}'
     return None
 
@@ -41,13 +46,51 @@ def step_back(niceness: int) -> None:
     what others fill.
     """
     if sys.platform == 'linux' and niceness:
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # wakes without pushing in
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
 
 
-def as_usual() -> None:
-    """Give the calling thread the ordinary scheduling back: services do not race the loop."""
-    if sys.platform == 'linux':
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+def cpus_of(text: str) -> set[int]:
+    """Return the processors that ``text`` names, e.g. ``0,2-3``; the empty set for ''.
+
+    Raises:
+        ParameterError: it cannot be read, or names one that this process may not use.
+    """
+    cpus: set[int] = set()
+    try:
+        for part in filter(None, text.split(',')):
+            first, _, last = part.partition('-')
+            cpus.update(range(int(first), int(last or first) + 1))
+    except ValueError:
+        raise ParameterError('realtime.cpus', text, "numbers and ranges like '0,2-3'") from None
+    if sys.platform == 'linux' and not cpus <= os.sched_getaffinity(0):
+        there = ', '.join(map(str, sorted(os.sched_getaffinity(0))))
+        raise ParameterError('realtime.cpus', text, f'of the processors {there}')
+    return cpus
+
+
+def stay_on(cpus: set[int]) -> None:
+    """Keep every thread of this process on these processors; no privilege is needed for it."""
+    if sys.platform == 'linux' and cpus:
+        for task in Path('/proc/self/task').iterdir():
+            os.sched_setaffinity(int(task.name), cpus)
+
+
+def short_slices(seconds: float) -> None:
+    """Ask the ordinary scheduler for short turns that come soon; no privilege is needed.
+
+    For every thread of this process. From Linux 6.12 on a thread that wakes with a shorter slice goes before one that is in the
+    middle of a longer one; before that, and elsewhere, nothing happens. The C library has no call
+    for it.
+    """
+    number = SCHED_SETATTR.get(platform.machine())
+    if sys.platform != 'linux' or number is None or seconds <= 0.0:
+        return
+    attributes = struct.pack('=IIQiIQQQ', 48, os.SCHED_OTHER, 0, 0, 0, int(seconds * 1e9), 0, 0)
+    library = ctypes.CDLL(None)
+    for task in Path('/proc/self/task').iterdir():
+        if os.sched_getscheduler(int(task.name)) == os.SCHED_OTHER:
+            library.syscall(number, int(task.name), attributes, 0)
 
 
 def lock_memory() -> str | None:

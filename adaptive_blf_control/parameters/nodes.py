@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from adaptive_blf_control.control.controller import COUPLINGS
 from adaptive_blf_control.identification.update_law import UPDATE_LAWS
 from adaptive_blf_control.parameters.table import Parameter, Table
@@ -34,6 +36,11 @@ RUNTIME: Table = (
     Parameter('realtime.priority', 'int', 0,
               'SCHED_FIFO priority of the process where the system permits it; 0 runs as usual.',
               '', 0, 99),
+    Parameter('realtime.cpus', 'string', '',
+              "Processors the process keeps to, e.g. '0,2-3'; empty: all."),
+    Parameter('realtime.slice', 'double', 0.0001,
+              'Length of a turn asked of the ordinary scheduler: a short one comes sooner (Linux '
+              '6.12 and later); 0 does not ask.', 's', 0.0, 0.1),
     Parameter('realtime.lock_memory', 'bool', False,
               'Keep the memory from being swapped out where the system permits it.'),
 )
@@ -261,7 +268,10 @@ CONTROLLER: Table = ARM + MANAGED + (
               read_only=False),
 )
 
-RECORDER: Table = RUNTIME + (
+# The recorder can wait: no short turns for it.
+RECORDER: Table = tuple(
+    replace(parameter, default=0.0) if parameter.name == 'realtime.slice' else parameter
+    for parameter in RUNTIME) + (
     Parameter('bag', 'string', 'bag', 'Folder of the bag; must not exist.'),
     Parameter('topics', 'string_array', list(TOPICS), 'Topics to record.'),
     Parameter('niceness', 'int', 10,
