@@ -42,6 +42,7 @@ from adaptive_blf_control.nodes.realtime import (
     raise_priority,
     short_slices,
     stay_on,
+    step_back,
 )
 
 __all__ = ['DEPTH', 'TOO_LATE', 'DataNode', 'Handler']
@@ -295,6 +296,7 @@ class DataNode(Node):
     def _ask_for_real_time(self) -> None:
         stay_on(cpus_of(self.values['realtime.cpus']))
         short_slices(self.values['realtime.slice'])
+        step_back(self.values['niceness'])
         priority = self.values['realtime.priority']
         refused = [raise_priority(priority) if priority else None,
                    lock_memory() if self.values['realtime.lock_memory'] else None]

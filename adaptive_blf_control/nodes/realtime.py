@@ -46,7 +46,6 @@ def step_back(niceness: int) -> None:
     what others fill.
     """
     if sys.platform == 'linux' and niceness:
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # wakes without pushing in
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
 
 
@@ -79,9 +78,9 @@ def stay_on(cpus: set[int]) -> None:
 def short_slices(seconds: float) -> None:
     """Ask the ordinary scheduler for short turns that come soon; no privilege is needed.
 
-    For every thread of this process. From Linux 6.12 on a thread that wakes with a shorter slice goes before one that is in the
-    middle of a longer one; before that, and elsewhere, nothing happens. The C library has no call
-    for it.
+    For every thread of this process. From Linux 6.12 on a thread that wakes with a shorter slice
+    goes before one that is in the middle of a longer one; before that, and elsewhere, nothing
+    happens. The C library has no call for it.
     """
     number = SCHED_SETATTR.get(platform.machine())
     if sys.platform != 'linux' or number is None or seconds <= 0.0:

@@ -25,7 +25,6 @@ from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.nodes.answers import stamp_of
 from adaptive_blf_control.nodes.data_node import DataNode
 from adaptive_blf_control.nodes.process import run_node
-from adaptive_blf_control.nodes.realtime import step_back
 from adaptive_blf_control.nodes.sample_dates import has_sample_time, SampleDates
 from adaptive_blf_control.parameters.yaml_file import PARAMETERS_KEY
 from adaptive_blf_control.topics import JOINT_STATES, TOPICS
@@ -192,11 +191,6 @@ class Recorder(DataNode):
             self._failure = reason
             self.exit_code = 1
             self.get_logger().error(f'recording stopped, what was written is kept: {reason}')
-
-    def run(self) -> int:
-        """Record until the end; see :meth:`DataNode.run`."""
-        step_back(self.values['niceness'])
-        return super().run()
 
     def spin_data(self, timeout: float = BATCH) -> None:
         """Take what has arrived within the last ``timeout`` [s]."""

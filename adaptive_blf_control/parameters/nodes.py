@@ -29,10 +29,17 @@ ARM: Table = (
               'v_s of the smooth Coulomb friction tanh(qd/v_s).', 'rad/s', 0.0, exclusive=True),
 )
 
+def _with_defaults(table: Table, defaults: dict[str, float]) -> Table:
+    return tuple(replace(parameter, default=defaults[parameter.name])
+                 if parameter.name in defaults else parameter for parameter in table)
+
+
 RUNTIME: Table = (
     Parameter('executor', 'string', 'direct',
               'direct: the loop waits on the data alone; plain: everything through the '
               'executor of rclpy, slower.', choices=('direct', 'plain')),
+    Parameter('niceness', 'int', 0,
+              'Nice value of the loop: what can wait must not delay control.', '', 0, 19),
     Parameter('realtime.priority', 'int', 0,
               'SCHED_FIFO priority of the process where the system permits it; 0 runs as usual.',
               '', 0, 99),
@@ -122,7 +129,7 @@ ARM_DRIVER: Table = ARM + MANAGED + (
     Parameter('frame_id', 'string', 'base_link', 'Frame of the joint states.'),
 )
 
-IDENTIFIER: Table = ARM + RUNTIME + (
+IDENTIFIER: Table = ARM + _with_defaults(RUNTIME, {'niceness': 5}) + (
     Parameter('initial_estimate', 'double_array', [0.0], 'theta_hat at the start.',
               length='parameters'),
     Parameter('initial_estimate_file', 'string', '',
@@ -268,14 +275,10 @@ CONTROLLER: Table = ARM + MANAGED + (
               read_only=False),
 )
 
-# The recorder can wait: no short turns for it.
-RECORDER: Table = tuple(
-    replace(parameter, default=0.0) if parameter.name == 'realtime.slice' else parameter
-    for parameter in RUNTIME) + (
+# It wakes a hundred times a second: no short turns.
+RECORDER: Table = _with_defaults(RUNTIME, {'niceness': 10, 'realtime.slice': 0.0}) + (
     Parameter('bag', 'string', 'bag', 'Folder of the bag; must not exist.'),
     Parameter('topics', 'string_array', list(TOPICS), 'Topics to record.'),
-    Parameter('niceness', 'int', 10,
-              'Nice value of the process: recording must not delay control.', '', 0, 19),
     Parameter('flush_period', 'double', 0.5, 'A chunk reaches the disk at least this often.', 's',
               0.01, 1.0),
 )

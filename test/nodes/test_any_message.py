@@ -189,7 +189,7 @@ def moving(graph, wait_until):
     node = graph.make(ControllerNode, **TASK)
     peer = graph.peer()
     heard = peer.listen(Float64MultiArray, COMMANDS)
-    stamps = itertools.count(FIRST, 1000)
+    stamps = itertools.count(FIRST, 10**7)
     wait_until(lambda: node.count_subscribers(COMMANDS) == 1)
 
     def good() -> None:

@@ -209,9 +209,12 @@ def test_with_stop_a_set_that_is_left_deactivates_the_controller_at_zero_torque(
     arm.until_zero()
     wait_until(lambda: _says(arm.diagnostics, 'controller', DiagnosticStatus.WARN, 'inactive'))
     sent = len(arm.commands)
-    for _ in range(5):
+
+    def heard() -> bool:
         arm.publish([0.0, 0.0])
-    wait_until(lambda: arm.node._heard_at is not None and arm.node._q[0] == 0.0)
+        return arm.node._q[0] == 0.0
+
+    wait_until(heard, what='a state while inactive')
     assert len(arm.commands) == sent
     assert 'joint1' in arm.node.last_fault
 
