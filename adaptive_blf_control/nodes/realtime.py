@@ -58,8 +58,8 @@ def cpus_of(text: str) -> set[int]:
     cpus: set[int] = set()
     try:
         for part in filter(None, text.split(',')):
-            first, _, last = part.partition('-')
-            cpus.update(range(int(first), int(last or first) + 1))
+            first, dash, last = part.partition('-')
+            cpus.update(range(int(first), int(last if dash else first) + 1))
     except ValueError:
         raise ParameterError('realtime.cpus', text, "numbers and ranges like '0,2-3'") from None
     if sys.platform == 'linux' and not cpus <= os.sched_getaffinity(0):
@@ -85,11 +85,12 @@ def short_slices(seconds: float) -> None:
     number = SCHED_SETATTR.get(platform.machine())
     if sys.platform != 'linux' or number is None or seconds <= 0.0:
         return
-    attributes = struct.pack('=IIQiIQQQ', 48, os.SCHED_OTHER, 0, 0, 0, int(seconds * 1e9), 0, 0)
     library = ctypes.CDLL(None)
-    for task in Path('/proc/self/task').iterdir():
-        if os.sched_getscheduler(int(task.name)) == os.SCHED_OTHER:
-            library.syscall(number, int(task.name), attributes, 0)
+    for thread in (int(task.name) for task in Path('/proc/self/task').iterdir()):
+        if os.sched_getscheduler(thread) == os.SCHED_OTHER:
+            nice = os.getpriority(os.PRIO_PROCESS, thread)
+            library.syscall(number, thread, struct.pack(
+                '=IIQiIQQQ', 48, os.SCHED_OTHER, 0, nice, 0, int(seconds * 1e9), 0, 0), 0)
 
 
 def lock_memory() -> str | None:
