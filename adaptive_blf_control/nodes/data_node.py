@@ -44,6 +44,7 @@ from adaptive_blf_control.nodes.realtime import (
     stay_on,
     step_back,
 )
+from adaptive_blf_control.nodes.stop_flag import StopFlag
 
 __all__ = ['DEPTH', 'TOO_LATE', 'DataNode', 'Handler']
 
@@ -102,7 +103,7 @@ class DataNode(Node):
         self._ros_clock = self.get_clock()
         if self.lockstep:
             take_over_clock(self)
-        self.stop = threading.Event()
+        self.stop = StopFlag()
         self.exit_code = 0
         self.drops: dict[str, int] = {}
         self.superseded = 0

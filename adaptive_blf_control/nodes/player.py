@@ -23,6 +23,7 @@ from adaptive_blf_control.errors import BagError, ParameterError
 from adaptive_blf_control.nodes.answers import message_class
 from adaptive_blf_control.nodes.player_lockstep import choose_topics, Lockstep
 from adaptive_blf_control.nodes.process import on_signals
+from adaptive_blf_control.nodes.stop_flag import StopFlag
 from adaptive_blf_control.topics import THETA_HAT
 
 __all__ = ['Player', 'PlaySettings', 'account', 'play', 'qos_of']
@@ -129,7 +130,7 @@ class Player:
             BagError: the bag cannot be read, a topic is not in it, or none can be published.
         """
         self.settings = settings
-        self.stop = threading.Event()
+        self.stop = StopFlag()
         self.bag = read_bag(path)
         self.skipped: dict[str, str] = {}
         topics = self._chosen()

@@ -45,8 +45,8 @@ def run_node(kind: str, make: Callable[[], DataNode], args: list[str] | None, *,
         asked.append(number)
         if made:
             made[0].stop.set()
-        elif interruptible:  # nothing to wind down yet, and making a node may take long
-            raise SystemExit(128 + number)
+        elif interruptible and len(asked) == 1:  # a second one would break into the winding down
+            raise SystemExit(128 + number)  # nothing was sent yet, and making may take long
 
     on_signals(end)
     try:

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The request to stop, which a signal handler may make whatever it has interrupted."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+__all__ = ['StopFlag']
+
+LOOK = 0.02  # s between looks of wait
+
+
+class StopFlag(threading.Event):
+    """An event without a lock.
+
+    That of ``threading.Event`` may be held by the very code that a signal has interrupted, e.g.
+    by the handler of another signal; a handler that asks for it then waits for itself for ever.
+    """
+
+    def __init__(self) -> None:
+        """Start not set."""
+        super().__init__()
+        self._asked = False
+
+    def is_set(self) -> bool:
+        """Whether the stop was asked for."""
+        return self._asked
+
+    def set(self) -> None:
+        """Ask for the stop."""
+        self._asked = True
+
+    def clear(self) -> None:
+        """Take the request back."""
+        self._asked = False
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Return whether it was asked for, at the latest after ``timeout`` [s]."""
+        end = None if timeout is None else time.monotonic() + timeout
+        while not self._asked:
+            left = LOOK if end is None else end - time.monotonic()
+            if left <= 0.0:
+                break
+            time.sleep(min(left, LOOK))
+        return self._asked
