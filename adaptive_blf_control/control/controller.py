@@ -268,7 +268,10 @@ def sampling_number(arm: Arm, k2: np.ndarray, q: np.ndarray, theta: np.ndarray,
     if model == 'none':
         return float('nan')
     mass = _mass(arm, q, theta if model == 'estimate' else arm.nominal)
-    return float(dt * np.max(np.abs(np.linalg.eigvals(np.linalg.solve(mass, np.diag(k2))))))
+    matrix = np.linalg.solve(mass, np.diag(k2))
+    if not np.isfinite(matrix).all():
+        return float('inf')
+    return float(dt * np.max(np.abs(np.linalg.eigvals(matrix))))
 
 
 def _mass(arm: Arm, q: np.ndarray, theta: np.ndarray) -> np.ndarray:

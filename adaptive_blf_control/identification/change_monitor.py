@@ -113,7 +113,6 @@ class ChangeMonitor:
         """
         if revision == self._revision:
             return
-        self._revision = revision
         inverse = np.linalg.inv(gram)
         self._theta = inverse @ moment
         # Noise of neighbouring pairs is alike, as the filters remember both: P n equations say no
@@ -125,6 +124,7 @@ class ChangeMonitor:
         self._variance = np.mean(residuals ** 2, axis=0) / freedom
         self._square = np.mean(torques ** 2, axis=0)
         self._set_floor()
+        self._revision = revision
 
     def update(self, dt: float, regressor: np.ndarray, torque: np.ndarray) -> bool:
         """Look at the present pair; True where the arm has changed since the stack was filled."""

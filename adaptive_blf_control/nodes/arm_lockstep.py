@@ -19,7 +19,7 @@ import numpy as np
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from adaptive_blf_control.errors import BlfError, ParameterError
+from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.nodes.answers import stamp_of
 from adaptive_blf_control.topics import ADAPTATION_TERM, THETA_HAT
 
@@ -43,10 +43,6 @@ class ArmLockstep:
         """Subscribe to the answers that are asked for."""
         self._driver = driver
         names = driver.values['lockstep.answers']
-        for name in names:
-            if name not in ANSWERS:
-                raise ParameterError('arm_driver.lockstep.answers', name,
-                                     f'of {", ".join(ANSWERS)}')
         self._time_topic = driver.create_publisher(Clock, '/clock', 10)
         self._open = True
         self._commanded = False
@@ -85,7 +81,7 @@ class ArmLockstep:
         """
         driver = self._driver
         self._wait(self._missing_publishers, 'is not there')
-        begin = time.monotonic()
+        begin = due = time.monotonic()
         stamp_ns = first_ns = EPOCH_NS
         k, period_ns, interval = 0, driver.period_ns, 0.0
         while self._goes_on:
@@ -94,13 +90,13 @@ class ArmLockstep:
             with driver.between_samples:
                 if not self._goes_on:
                     break
-                if driver.period_ns != period_ns:  # a live rate begins a new grid
-                    k, period_ns, first_ns = 0, driver.period_ns, stamp_ns
                 self._send(stamp_ns, interval)
             self._wait(partial(self._missing_answers, stamp_ns),
                        f'has not answered the state of {stamp_ns * 1e-9:.6f} s')
-            interval = 1.0 / driver.values['rate']
             with driver.between_samples:
+                if driver.period_ns != period_ns:  # a live rate begins a new grid
+                    k, period_ns, first_ns = 0, driver.period_ns, stamp_ns
+                interval = 1.0 / driver.values['rate']
                 if driver.active:  # else the brakes hold
                     driver.started = True
                     driver.plant.apply(self._torque)
@@ -112,7 +108,7 @@ class ArmLockstep:
                 return True
             k += 1
             stamp_ns = first_ns + round(k * interval * 1e9)
-            self._pace((stamp_ns - EPOCH_NS) * 1e-9, begin)
+            due = self._pace(due, interval)
         return False
 
     def _send(self, stamp_ns: int, interval: float) -> None:
@@ -122,12 +118,15 @@ class ArmLockstep:
         self._driver.send_state(stamp_ns, self._driver.plant.torque, interval)
         self._driver.sampled(stamp_ns)
 
-    def _pace(self, t: float, begin: float) -> None:
-        """Wait until ``t`` [s] is due at ``lockstep.rate`` times real time."""
-        pace = self._driver.values['lockstep.rate']
-        if pace > 0.0:
-            while self._driver.up and (left := begin + t / pace - time.monotonic()) > 0.0:
-                self._driver.stop.wait(min(left, 0.05))
+    def _pace(self, due: float, interval: float) -> float:
+        """Wait until the next step is due at ``lockstep.rate`` times real time; return when."""
+        pace, now = self._driver.values['lockstep.rate'], time.monotonic()
+        if pace <= 0.0:
+            return now
+        due = max(due + interval / pace, now)  # a pause is not caught up
+        while self._driver.up and (left := due - time.monotonic()) > 0.0:
+            self._driver.stop.wait(min(left, 0.05))
+        return due
 
     def _missing_publishers(self) -> list[str]:
         return [name for name, subscription in self._inputs.items()

@@ -32,10 +32,10 @@ from adaptive_blf_control.control.controller import (
     sampling_model,
     sampling_number,
 )
-from adaptive_blf_control.control.reference import settled
+from adaptive_blf_control.control.reference import Posture, settled, SmoothStart
 from adaptive_blf_control.errors import BagError, BlfError, ParameterError
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
-from adaptive_blf_control.nodes.data_node import TOO_LATE
+from adaptive_blf_control.nodes.data_node import LONGEST_WAIT, TOO_LATE
 from adaptive_blf_control.nodes.joint_trajectory import reference_through
 from adaptive_blf_control.nodes.managed_node import ManagedNode
 from adaptive_blf_control.nodes.process import run_node
@@ -57,6 +57,9 @@ from adaptive_blf_control.topics import (
 __all__ = ['ControllerNode', 'main']
 
 HEAD_START = 0.1  # s from a trajectory's arrival to its beginning
+LOOK_AROUND = 0.1  # s between looks at who hears and who sends commands
+# Discovery may show another sender of commands only a while after this one has begun.
+GIVE_WAY = 3.0  # s
 RAMP_STEP = 1e-3  # s between the torques of a ramp
 LAST_WORDS = Duration(seconds=0.1)  # sent is not delivered yet
 
@@ -75,6 +78,9 @@ class ControllerNode(ManagedNode):
         self.output: ControlOutput | None = None
         self._controller: Controller | None = None
         self._commands: Publisher | None = None
+        self._start_ns = 0
+        self._last_ns: int | None = None
+        self._unanswered: tuple[bytes, dict[str, int]] | None = None
         self._pushes = False  # the torque sent last was not the zero one
         super().__init__('controller', context=context, **options)
 
@@ -91,15 +97,17 @@ class ControllerNode(ManagedNode):
         self._torque_codec = Float64MultiArrayCodec(self.arm.n)
         self._controller = None
         self._start_ns = 0
-        self._last_ns: int | None = None
+        self._last_ns = None
         self._q = np.zeros(self.arm.n)
         self._jumped_ns: int | None = None
         self._heard_at: float | None = None
         self._lost = False
         self._resumes = False
+        self._planned = False
+        self._claimed_at = self._looked_at = 0.0
         self._estimates: deque[tuple[int, np.ndarray | None]] = deque(maxlen=4)
         self._estimate_limit = _estimate_limit(values, self.arm)
-        self._unanswered: tuple[bytes, dict[str, int]] | None = None
+        self._unanswered = None
         self._make_topics()
 
     def _make_topics(self) -> None:
@@ -148,7 +156,8 @@ class ControllerNode(ManagedNode):
             raise BlfError(f'{self.resolve_topic_name(COMMANDS)}: {", ".join(others)} sends '
                            f'commands already: one controller at a time')
         self._commands = self.data_publisher(Float64MultiArray, COMMANDS)
-        self._controller = None
+        self._controller, self._planned = None, False
+        self._claimed_at = time.monotonic()
 
     def _check_fresh(self) -> None:
         timeout = self.values['state_timeout']
@@ -196,23 +205,25 @@ class ControllerNode(ManagedNode):
                 blend_time=values['reference.resume_time'])
             if groups & {'k1', 'performance', 'reference'}:
                 self.monitors.begin()  # V(0) of Theorem 2 was that of another motion
+            self._planned = self._planned and 'reference' not in groups
         if trial is not None and limit is not None:
             self._estimate_limit = limit
             if 'k2' in changed:
                 self._check_sampling(trial)
 
-    def on_theta_hat(self, data: bytes, info: dict[str, int]) -> None:
+    def on_theta_hat(self, data: bytes, info: dict[str, int]) -> bool:
         """Take the newest estimate; one that is not finite, absurd or not ours is dropped."""
         try:
             stamp, theta, _, _ = self._theta_reader.read(data)
         except BagError as error:
             self.drop('unusable estimate', str(error))
-            return
+            return False
         usable = self._believes(theta)
         if self.lockstep:  # it may be that of the state which still waits for the one before
             self._estimates.append((stamp, theta if usable else None))
         elif usable:
             self.theta = theta
+        return usable
 
     def _believes(self, theta: np.ndarray) -> bool:
         if not np.isfinite(theta).all():
@@ -231,48 +242,66 @@ class ControllerNode(ManagedNode):
     def on_joint_trajectory(self, message: JointTrajectory) -> None:
         """Follow the points instead of the reference so far; one that cannot be is dropped whole.
 
-        Runs beside the loop: the new reference is made for a moment that is still to come.
+        The way is computed beside the loop, for a moment that is still to come: the longer that
+        took, the later the moment of the next attempt.
         """
-        with self.between_samples:
-            controller, last_ns = self._controller, self._last_ns
-            if controller is None or last_ns is None:
-                self.drop('trajectory before the motion has begun', 'send it again then')
-                return
-            t = (last_ns - self._start_ns) * 1e-9
-            try:
-                controller.reference = settled(
-                    reference_through(message, controller, t + HEAD_START), t)
-            except BlfError as error:
-                self.drop('unusable trajectory', str(error))
+        head_start, done = HEAD_START, False
+        while not done and self.up:
+            done = self._follow(message, head_start)
+            head_start *= 4.0
 
-    def on_joint_states(self, data: bytes, info: dict[str, int]) -> None:
-        """Answer a joint state with a torque."""
+    def _follow(self, message: JointTrajectory, head_start: float) -> bool:
+        """Try to follow the points from ``head_start`` [s] on; False where that has passed."""
+        with self.between_samples:
+            controller, last_ns, start_ns = self._controller, self._last_ns, self._start_ns
+            if controller is None or last_ns is None or self._lost:
+                self.drop('trajectory before the motion has begun', 'send it again then')
+                return True
+            known = controller.reference, controller.safety, controller.performance
+        t = (last_ns - start_ns) * 1e-9 + head_start
+        try:
+            reference = reference_through(message, controller, t)
+        except BlfError as error:
+            self.drop('unusable trajectory', str(error))
+            return True
+        with self.between_samples:
+            if (self._controller is not controller or self._lost or self._last_ns is None or known
+                    != (controller.reference, controller.safety, controller.performance)):
+                self.drop('unusable trajectory', 'the motion has changed meanwhile: send it again')
+                return True
+            now = (self._last_ns - start_ns) * 1e-9
+            if now < t:
+                controller.reference, self._planned = settled(reference, now), True
+            return now < t
+
+    def on_joint_states(self, data: bytes, info: dict[str, int]) -> bool:
+        """Answer a joint state with a torque; False where it cannot be used."""
         try:
             stamp, q, qd, _ = self._state_reader.read(data)
         except BagError as error:
             self.drop('unusable joint state', str(error))
-            return
+            return False
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):
             joint = self.arm.joints[int(np.argmin(np.isfinite(q) & np.isfinite(qd)))]
             self.drop('non-finite joint state', f'joint {joint!r}')
-            return
+            return False
         if not self._in_order(stamp):
-            return
+            return False
         if self.lockstep and self._must_wait():
             self._unanswered = (data, info)
-            return
+            return True
         if not self.active:
             self._q, self._heard_at = q, time.monotonic()
             if not (self.wants_activation and self._someone_drives()
                     and self.activate_by_itself()):
                 self._unanswered = (data, info) if self.lockstep else None
-                return
+                return True
         if self._lost:
             self._controller, self._resumes = None, True
         begins = self._controller is None
         if begins and not self._start(stamp, q):
             self._unanswered = (data, info) if self.lockstep else None
-            return
+            return True
         self._last_ns, self._q = stamp, q
         self._heard_at, self._lost = time.monotonic(), False
         self.aged(info)
@@ -281,6 +310,7 @@ class ControllerNode(ManagedNode):
             self.get_logger().info('motion begins')
             if self._controller is not None and self.output is not None:
                 self.monitors.promise(self._controller, stamp, self.output)
+        return True
 
     def _in_order(self, stamp: int) -> bool:
         """Whether time goes on; a stamp far ahead counts once a second message confirms it.
@@ -290,6 +320,9 @@ class ControllerNode(ManagedNode):
         """
         if stamp >= TOO_LATE:
             self.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
+            return False
+        if self._lost and stamp == self._last_ns:
+            self.drop('joint state out of order', f'stamp {stamp} ns again')
             return False
         if self._last_ns is None or self._lost or self._controller is None:
             return True
@@ -328,11 +361,26 @@ class ControllerNode(ManagedNode):
         commands = self._commands
         if commands is None or not (commands.get_subscription_count() and self._someone_drives()):
             return False
-        self._controller = build_controller(self._values_to_start(), self.arm, q)
+        self._controller = self._new_motion(q)
         self._start_ns = stamp
         self.statistics.break_off()
         self.monitors.begin()
         return True
+
+    def _new_motion(self, q: np.ndarray) -> Controller:
+        """Return the controller of a motion that begins in ``q``.
+
+        Where points were being followed, ``q`` is held until the planner speaks again: nobody
+        asked for the way back to the reference of the parameters.
+        """
+        values = self._values_to_start()
+        if not self._planned:
+            return build_controller(values, self.arm, q)
+        parts = controller_parts(values, self.arm)
+        hold = SmoothStart(Posture(q), values['reference.resume_time'], q)
+        controller = Controller(self.arm, *parts._replace(reference=hold))
+        controller.check_start(q)
+        return controller
 
     def _someone_drives(self) -> bool:
         """Whether an arm listens to the commands; a recorder of ours does not move one."""
@@ -354,19 +402,46 @@ class ControllerNode(ManagedNode):
         if not inside and self.values['on_violation'] == 'stop':
             self.deactivate_by_itself()
 
+    def spin_data(self, timeout: float = LONGEST_WAIT) -> None:
+        """Wait no longer than until the states count as lost; see :meth:`DataNode.spin_data`."""
+        if self._pushes and not self.lockstep and self._heard_at is not None:
+            left = self._heard_at + self.values['state_timeout'] - time.monotonic()
+            timeout = min(timeout, max(left, RAMP_STEP))
+        super().spin_data(timeout)
+
     def idle(self) -> None:
-        """Answer what waits in lockstep; command zero torque when the states stop coming."""
+        """Answer what waits in lockstep; else watch the states and who hears the commands."""
         if self.lockstep:
-            waiting, self._unanswered = getattr(self, '_unanswered', None), None
+            waiting, self._unanswered = self._unanswered, None
             if waiting is not None:
                 self.on_joint_states(*waiting)
             return
+        now = time.monotonic()
+        if self.active and now - self._looked_at >= LOOK_AROUND:
+            self._looked_at = now
+            self._look_around(now)
         timeout = self.values['state_timeout']
         if (self.active and self._pushes and self._heard_at is not None
-                and time.monotonic() - self._heard_at > timeout):
-            self._lost = True
-            self._send_zero()
-            self.fault('lost', f'no joint state for {timeout:g} s: zero torque')
+                and now - self._heard_at > timeout):
+            self._stop_motion('lost', f'no joint state for {timeout:g} s: zero torque')
+
+    def _look_around(self, now: float) -> None:
+        """Stop where nobody hears the commands; give way to another who sends them, too."""
+        commands = self._commands
+        if commands is None:
+            return
+        if self._pushes and commands.get_subscription_count() == 0:
+            self._stop_motion('unheard', 'nobody listens to the commands: zero torque')
+        if now - self._claimed_at < GIVE_WAY and self.count_publishers(COMMANDS) > 1:
+            self.fault('two controllers', 'another node sends commands, too: this one, the later, '
+                                          'gives way')
+            self.deactivate_by_itself()
+
+    def _stop_motion(self, reason: str, text: str) -> None:
+        """Send zero torque; the next state begins the motion anew."""
+        self._lost = True
+        self._send_zero()
+        self.fault(reason, text)
 
     def finish(self) -> None:
         """Zero torque is the last thing sent; where nothing was sent the brakes stay on."""

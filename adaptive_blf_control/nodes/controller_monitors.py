@@ -9,6 +9,7 @@ from sensor_msgs.msg import JointState
 from adaptive_blf_control.bags.controller_codecs import ControllerCodecs, MonitorStream
 from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
+from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.nodes.data_node import DataNode
 from adaptive_blf_control.topics import BARRIER, GUARANTEE, REFERENCE, TRACKING_ERROR
 
@@ -82,12 +83,16 @@ class ControllerMonitors:
         values = self._node.values
         if values['guarantee.mode'] == 'off':
             return
-        smallest, largest = values['guarantee.mass']
-        value = bounded_value(output.e1, output.e2, controller.performance, largest,
-                              values['guarantee.theta_error'],
-                              np.array([values['guarantee.smallest_gamma']]))
-        promised = guarantee(value, controller.performance, controller.reference.range(),
-                             smallest)
+        try:
+            smallest, largest = values['guarantee.mass']
+            value = bounded_value(output.e1, output.e2, controller.performance, largest,
+                                  values['guarantee.theta_error'],
+                                  np.array([values['guarantee.smallest_gamma']]))
+            promised = guarantee(value, controller.performance, controller.reference.range(),
+                                 smallest)
+        except (BlfError, ArithmeticError) as error:  # nothing that is only shown ends a motion
+            self._node.fault('promise', f'Theorem 2 cannot be stated: {error}')
+            return
         self._guarantee = GuaranteeMonitor(promised, controller.performance, self._joints)
         self._topics[GUARANTEE].publish(self.codecs.guarantee(stamp, promised))
         bounds = ', '.join(f'{joint} {low:.4g} .. {high:.4g} rad' for joint, low, high in zip(

@@ -46,7 +46,7 @@ from adaptive_blf_control.nodes.realtime import (
 )
 from adaptive_blf_control.nodes.stop_flag import StopFlag
 
-__all__ = ['DEPTH', 'TOO_LATE', 'DataNode', 'Handler']
+__all__ = ['DEPTH', 'LONGEST_WAIT', 'TOO_LATE', 'DataNode', 'Handler']
 
 # A wait on data alone does not see a stop request: it ends at least this often to look.
 LONGEST_WAIT = 0.05  # s
@@ -59,7 +59,7 @@ LAST_WORDS = 0.3  # s to deliver the last messages at the end
 SAY_AGAIN = 1.0  # s between two log lines about the same reason
 SWITCH = 2e-5  # s the loop waits at most, each time, for a thread that computes diagnostics
 
-Handler = Callable[[bytes, dict[str, int]], None]
+Handler = Callable[[bytes, dict[str, int]], bool | None]
 
 
 class _Topic(NamedTuple):
@@ -152,10 +152,11 @@ class DataNode(Node):
         Args:
             message_type: Type of the topic.
             topic: Name of the topic.
-            handler: Called with the bytes and the message info in the node's loop.
+            handler: Called with the bytes and the message info in the node's loop; returns False
+                where it could not use the message.
             wake: Whether a message wakes the loop; else it is taken before the waking ones.
-            newest_only: When several messages wait, handle the last and count the others as
-                superseded: acting on old data is worse than not acting on it.
+            newest_only: When several messages wait, handle the last that can be used and count
+                the others as superseded: acting on old data is worse than not acting on it.
             reliable: Ask for reliable delivery; best effort also hears reliable publishers.
             latched: Ask for what a transient local publisher sent before.
             depth: History depth.
@@ -220,11 +221,11 @@ class DataNode(Node):
 
     def spin_data(self, timeout: float = LONGEST_WAIT) -> None:
         """Wait for data for at most ``timeout`` [s] and handle all that is there."""
-        if self._leaving:
-            self._forget_leaving()
-        if self._wait is None:
-            self._wait = self._new_wait()
-        self._wait.wait(min(timeout, LONGEST_WAIT))
+        with self.between_samples:
+            if self._leaving:
+                self._forget_leaving()
+            wait = self._wait = self._wait or self._new_wait()
+        wait.wait(min(timeout, LONGEST_WAIT))
         begin, handled = time.monotonic_ns(), 0
         with self.between_samples:
             for topic in self._topics:
@@ -283,7 +284,7 @@ class DataNode(Node):
             self._while_up(self.loop)
         finally:
             try:
-                self._while_up(self.finish)
+                self._while_up(self._finish)
                 self._while_up(self._deliver)
             finally:
                 self.stop.set()
@@ -304,6 +305,10 @@ class DataNode(Node):
         for reason in filter(None, refused):
             self.get_logger().warning(f'{reason}: running as usual')
 
+    def _finish(self) -> None:
+        with self.between_samples:  # a ramp that is under way comes to its end first
+            self.finish()
+
     def _deliver(self) -> None:
         """Stay a moment until the last messages have arrived: sent is not delivered.
 
@@ -311,7 +316,7 @@ class DataNode(Node):
         is only known once the middleware asks, which may take seconds (Fast DDS: 3 s).
         """
         give_up = time.monotonic() + LAST_WORDS
-        for publisher in self._data_publishers if self.context.ok() else ():
+        for publisher in list(self._data_publishers) if self.context.ok() else ():
             left = max(give_up - time.monotonic(), 0.0)
             publisher.wait_for_all_acked(Duration(seconds=left))
 

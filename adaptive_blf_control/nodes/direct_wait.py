@@ -32,7 +32,9 @@ except ImportError:
 __all__ = ['DIRECT', 'DataGroup', 'DirectChannel', 'DirectWait', 'HandleGone', 'PlainChannel',
            'PlainWait', 'take_all', 'take_over_clock']
 
-Handler = Callable[[bytes, dict[str, int]], None]
+Message = tuple[bytes, dict[str, int]]
+Handler = Callable[[bytes, dict[str, int]], bool | None]
+MOST = 1000  # messages taken at a time: whoever sends faster must not keep the watchdogs waiting
 
 
 class DataGroup(CallbackGroup):
@@ -78,7 +80,7 @@ class PlainChannel:
 
     def __init__(self, node: Node, message_type: type, topic: str, qos: QoSProfile) -> None:
         """Subscribe as anybody would."""
-        self._waiting: deque[tuple[bytes, dict[str, int]]] = deque(maxlen=qos.depth)
+        self._waiting: deque[Message] = deque(maxlen=qos.depth)
 
         def keep(data: bytes, info: dict[str, int]) -> None:
             self._waiting.append((data, info))
@@ -87,12 +89,9 @@ class PlainChannel:
 
     def take(self, handler: Handler, newest_only: bool = False) -> int:
         """See :class:`Channel`."""
-        taken = len(self._waiting)
-        for left in range(taken, 0, -1):
-            message = self._waiting.popleft()
-            if left == 1 or not newest_only:
-                handler(*message)
-        return taken
+        messages = [self._waiting.popleft() for _ in range(len(self._waiting))]
+        _handle(messages, handler, newest_only)
+        return len(messages)
 
 
 class DirectWait:
@@ -145,21 +144,26 @@ def take_all(subscription: Subscription, handler: Handler, newest_only: bool = F
     Args:
         subscription: A raw subscription of a :class:`DataGroup`.
         handler: Called with bytes and info.
-        newest_only: Call it with the last message only.
+        newest_only: Call it with the last message that it can use only.
 
     Returns:
-        How many messages were taken.
+        How many messages were taken, at most ``MOST``.
     """
-    taken = 0
-    newest = None
-    while True:
+    messages: list[Message] = []
+    while len(messages) < MOST:
         message = subscription.handle.take_message(subscription.msg_type, True)
         if message is None:
             break
-        taken += 1
-        newest = message
-        if not newest_only:
+        messages.append(message)
+    _handle(messages, handler, newest_only)
+    return len(messages)
+
+
+def _handle(messages: Sequence[Message], handler: Handler, newest_only: bool) -> None:
+    if not newest_only:
+        for message in messages:
             handler(*message)
-    if newest_only and newest is not None:
-        handler(*newest)
-    return taken
+        return
+    for message in reversed(messages):  # others, e.g. a gripper, may send on the same topic
+        if handler(*message) is not False:
+            return

@@ -47,6 +47,9 @@ from adaptive_blf_control.topics import (
 __all__ = ['IdentifierNode', 'main']
 
 
+SHORTEST_SAVE = 0.1  # s; each write waits for the disk
+
+
 class IdentifierNode(DataNode):
     """Torque-filtered concurrent learning on the joint states of a running arm.
 
@@ -109,8 +112,9 @@ class IdentifierNode(DataNode):
     def _set_saver(self, period: float) -> None:
         if self._saver is not None:
             self.destroy_timer(self._saver)
-        self._saver = self.create_timer(period, self._save_now_and_then, clock=Clock(
-            clock_type=ClockType.STEADY_TIME)) if period > 0.0 else None
+        self._saver = self.create_timer(
+            max(period, SHORTEST_SAVE), self._save_now_and_then,
+            clock=Clock(clock_type=ClockType.STEADY_TIME)) if period > 0.0 else None
 
     def _save_now_and_then(self) -> None:
         if self.statistics.samples == self._saved_samples:

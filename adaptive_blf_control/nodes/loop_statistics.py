@@ -112,6 +112,8 @@ class LoopStatistics:
             histogram.forget()
 
     def _count_missed(self, interval_ns: int) -> None:
+        if interval_ns <= 0:
+            return
         if self._interval_ns > 0.0 and interval_ns > 1.5 * self._interval_ns:
             self.missed += round(interval_ns / self._interval_ns) - 1
         # A running median: one long gap moves it by one step only.

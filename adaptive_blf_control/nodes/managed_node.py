@@ -60,8 +60,12 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
         if self.state_id != State.PRIMARY_STATE_INACTIVE or not self.wants_activation:
             return False
         self.wants_activation = False
-        if self._changes(self.trigger_activate):
-            return True
+        try:
+            if self._changes(self.trigger_activate):
+                return True
+        except RuntimeError as error:  # rcl: a request is changing the state at this moment
+            self.get_logger().warning(f'not activated: {error}')
+            return False
         raise self._refused or BlfError(f'{self.kind} could not be activated')
 
     def deactivate_by_itself(self) -> None:
@@ -83,7 +87,7 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
         finally:
             self._by_itself = False
 
-    def _between_samples(self, action: Callable[[], None]) -> TransitionCallbackReturn:
+    def _transition(self, action: Callable[[], None]) -> TransitionCallbackReturn:
         try:
             with self.between_samples:
                 action()
@@ -92,18 +96,28 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
             if not self._by_itself:  # else it is raised, and logged by whoever ends on it
                 self.fault('refused', str(error))
             return TransitionCallbackReturn.FAILURE
+        except Exception as error:  # rclpy would swallow it and go on half configured
+            self._refused = BlfError(f'{type(error).__name__}: {error}')
+            self.fault('failed transition', str(self._refused))
+            return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End the process: no half state. The loop's end sends the zero torque."""
+        self.active, self.exit_code = False, 2
+        self.stop.set()
+        return TransitionCallbackReturn.FAILURE
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; what cannot be used refuses it with its reason."""
-        return self._between_samples(self.configure)
+        return self._transition(self.configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate, or refuse with joint, value and bound."""
         def action() -> None:
             self.activate()
             self.active = True
-        return self._between_samples(action)
+        return self._transition(action)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Bring the torque to zero; whoever asked for it has to ask for activation again."""
@@ -112,11 +126,12 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
             if self.active:
                 self.active = False
                 self.deactivate()
-        return self._between_samples(action)
+        return self._transition(action)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Go back to unconfigured."""
-        return self._between_samples(self.cleanup)
+        """Go back to unconfigured; what is configured by request waits for requests."""
+        self.wants_activation = False
+        return self._transition(self.cleanup)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Bring the torque to zero and end the process."""

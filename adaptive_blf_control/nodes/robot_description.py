@@ -5,18 +5,20 @@ from __future__ import annotations
 
 import time
 
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.errors import ArmError
 from adaptive_blf_control.nodes.data_node import DataNode
+from adaptive_blf_control.nodes.direct_wait import DataGroup, take_all
 from adaptive_blf_control.parameters.build import build_arm
 
 __all__ = ['arm_of']
 
 PATIENCE = 10.0  # s
+POLL = 0.01  # s
 
 
 def arm_of(node: DataNode) -> Arm:
@@ -29,18 +31,17 @@ def arm_of(node: DataNode) -> Arm:
     if node.values['arm'] != 'urdf' or not source.startswith('topic:'):
         return build_arm(node.values)
     topic = source.removeprefix('topic:')
-    received: list[str] = []
+    received: list[bytes] = []
     qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    subscription = node.create_subscription(String, topic,
-                                            lambda message: received.append(message.data), qos)
-    executor = SingleThreadedExecutor(context=node.context)
-    executor.add_node(node)
+    # Taken by hand: a lifecycle request that asks for this holds the node's executor.
+    subscription = node.create_subscription(String, topic, lambda _: None, qos,
+                                            callback_group=DataGroup(), raw=True)
     give_up = time.monotonic() + PATIENCE
-    while not received and time.monotonic() < give_up and node.context.ok():
-        executor.spin_once(timeout_sec=0.1)
-    executor.remove_node(node)
-    executor.shutdown()
+    while time.monotonic() < give_up and node.up:
+        if take_all(subscription, lambda data, _: received.append(data)):
+            break
+        time.sleep(POLL)
     node.destroy_subscription(subscription)
     if not received:
         raise ArmError(f'no URDF arrived on topic {topic!r} within {PATIENCE:g} s')
-    return build_arm(node.values, received[0])
+    return build_arm(node.values, deserialize_message(received[-1], String).data)
