@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 import signal
 import sys
+import time
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -17,6 +19,8 @@ from adaptive_blf_control.nodes.data_node import DataNode
 from adaptive_blf_control.nodes.node_parameters import check_files, explain_files
 
 __all__ = ['initialise', 'on_signals', 'run_node']
+
+SHARED_MEMORY = Path('/dev/shm')
 
 
 def on_signals(end: Callable[[int], None]) -> None:
@@ -76,6 +80,7 @@ def initialise(kind: str, args: list[str] | None) -> None:
         ParameterError: a parameter file cannot be used, with the reason in our words.
         RuntimeError: any other argument ROS does not take.
     """
+    _warn_of_leftovers(kind)
     arguments = sys.argv if args is None else args
     check_files(arguments)
     set_logger_level('rcl', LoggingSeverity.FATAL)  # says less than what is raised, and first
@@ -89,3 +94,20 @@ def initialise(kind: str, args: list[str] | None) -> None:
     finally:
         if get_logger_level('rcl') == LoggingSeverity.FATAL:
             set_logger_level('rcl', LoggingSeverity.UNSET)
+
+
+def _warn_of_leftovers(kind: str) -> None:
+    """Name what would let every node of this host wait for ever.
+
+    A process killed while Fast DDS made its shared memory leaves a port without content, and
+    whoever opens it waits for the content.
+    """
+    for path in SHARED_MEMORY.glob('fastrtps_port*'):
+        try:
+            state = path.stat()
+        except OSError:  # gone meanwhile
+            continue
+        if state.st_size == 0 and path.name[-3:] != '_el' and time.time() - state.st_mtime > 10.0:
+            print(f'{kind}: {path} is empty: left by a process that was killed while it started. '
+                  'Nodes may wait for it for ever: remove it if none is starting',
+                  file=sys.stderr)

@@ -225,8 +225,12 @@ class Process:
     def kill(self) -> None:
         """End it for good."""
         if self.popen.poll() is None:
-            self.popen.kill()
-            self.popen.wait()
+            self.popen.terminate()  # killed while it starts, it may leave DDS's files half made
+            try:
+                self.popen.wait(10.0)
+            except subprocess.TimeoutExpired:
+                self.popen.kill()
+                self.popen.wait()
 
 
 class Processes:

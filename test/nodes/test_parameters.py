@@ -6,8 +6,10 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterator
 import importlib
+import os
 from pathlib import Path
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from rclpy.parameter import Parameter
 
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.executables import module_of, NODES
+from adaptive_blf_control.nodes import process
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
@@ -301,3 +304,16 @@ def test_parameters_are_described_and_set_by_service_while_the_node_runs(graph) 
     result = peer.call(SetParametersAtomically, '/left/controller/set_parameters_atomically',
                        request).result
     assert (result.successful, node.values['k1'], node.values['k2']) == (True, [1.0, 2.0], [5.0])
+
+
+def test_a_port_that_a_killed_process_left_empty_is_named(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(process, 'SHARED_MEMORY', tmp_path)
+    for name, size, age in (('fastrtps_port7004', 0, 60.0), ('fastrtps_port7005', 9, 60.0),
+                            ('fastrtps_port7004_el', 0, 60.0), ('fastrtps_port7006', 0, 0.0)):
+        path = tmp_path / name
+        path.write_bytes(b'x' * size)
+        os.utime(path, (time.time() - age, time.time() - age))
+    process._warn_of_leftovers('controller')
+    said = capsys.readouterr().err
+    assert 'fastrtps_port7004 is empty' in said
+    assert len(said.splitlines()) == 1
