@@ -50,7 +50,7 @@ CASES = {
     law.limited: (np.array([np.nan, -5.0]), np.ones(N)),
     law.errors: (vector(), vector(), vector(), vector(), vector(), -B, B, np.full(N, 40.0)),
     reference._sinusoids: (0.7, vector(), matrix(), matrix(), matrix()),
-    reference._blend: (0.7, 2.0, vector(), vector(), vector(), vector()),
+    reference._blend: (0.7, 2.0, *(vector() for _ in range(6))),
     torque_filter.filter_step: (1e-3, 0.4, matrix(), vector(), matrix(), matrix(), matrix(),
                                 matrix(), vector()),
     update_law.implicit_step: (THETA, 1e-3, np.ones(M), 10.0, 5.0, matrix(), vector(), GRAM,

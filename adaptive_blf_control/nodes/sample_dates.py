@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 __all__ = ['Dated', 'SampleDates', 'has_sample_time']
 
 # ns after which no state sent before a message is still on its way
-SETTLED = 10**9
+SETTLED = 10 * 10**9
 # Other times at the beginning, as of /parameter_events and /rosout, are those of a node's start.
 TIMES = (('header', 'std_msgs/Header'), ('clock', 'builtin_interfaces/Time'))
 
