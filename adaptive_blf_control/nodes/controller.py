@@ -432,8 +432,10 @@ class ControllerNode(ManagedNode):
             return
         if self._pushes and commands.get_subscription_count() == 0:
             self._stop_motion('unheard', 'nobody listens to the commands: zero torque')
-        if now - self._claimed_at < GIVE_WAY and self.count_publishers(COMMANDS) > 1:
-            self.fault('two controllers', 'another node sends commands, too: this one, the later, '
+        # Only to one of ours, which looks before it begins: not to whoever shouts.
+        if (now - self._claimed_at < GIVE_WAY and self.count_publishers(COMMANDS) > 1
+                and self.count_publishers(ADAPTATION_TERM) > 1):
+            self.fault('two controllers', 'another controller sends commands, too: this one '
                                           'gives way')
             self.deactivate_by_itself()
 
