@@ -265,8 +265,9 @@ class ControllerNode(ManagedNode):
             self.drop('unusable trajectory', str(error))
             return True
         with self.between_samples:
-            if (self._controller is not controller or self._lost or self._last_ns is None or known
-                    != (controller.reference, controller.safety, controller.performance)):
+            present = controller.reference, controller.safety, controller.performance
+            if (self._controller is not controller or self._lost or self._last_ns is None
+                    or any(now is not before for now, before in zip(present, known))):
                 self.drop('unusable trajectory', 'the motion has changed meanwhile: send it again')
                 return True
             now = (self._last_ns - start_ns) * 1e-9
