@@ -61,7 +61,7 @@ LOOK_AROUND = 0.1  # s between looks at who hears and who sends commands
 # Discovery may show another sender of commands only a while after this one has begun.
 GIVE_WAY = 3.0  # s
 RAMP_STEP = 1e-3  # s between the torques of a ramp
-LAST_WORDS = Duration(seconds=0.1)  # sent is not delivered yet
+LINGER = Duration(seconds=0.1)  # sent is not delivered yet
 
 
 class ControllerNode(ManagedNode):
@@ -80,7 +80,6 @@ class ControllerNode(ManagedNode):
         self._commands: Publisher | None = None
         self._start_ns = 0
         self._last_ns: int | None = None
-        self._unanswered: tuple[bytes, dict[str, int]] | None = None
         self._pushes = False  # the torque sent last was not the zero one
         super().__init__('controller', context=context, **options)
 
@@ -107,7 +106,6 @@ class ControllerNode(ManagedNode):
         self._claimed_at = self._looked_at = 0.0
         self._estimates: deque[tuple[int, np.ndarray | None]] = deque(maxlen=4)
         self._estimate_limit = _estimate_limit(values, self.arm)
-        self._unanswered = None
         self._make_topics()
 
     def _make_topics(self) -> None:
@@ -177,7 +175,7 @@ class ControllerNode(ManagedNode):
                 commands.publish(self._torque_codec.encode(last.torque * (left / steps)))
                 time.sleep(RAMP_STEP)
             self._send_zero()
-            commands.wait_for_all_acked(LAST_WORDS)
+            commands.wait_for_all_acked(LINGER)
         self.end_data_publisher(commands)
         self._commands, self._controller, self._resumes = None, None, True
 
@@ -289,19 +287,21 @@ class ControllerNode(ManagedNode):
         if not self._in_order(stamp):
             return False
         if self.lockstep and self._must_wait():
-            self._unanswered = (data, info)
+            self.later(self.on_joint_states, data, info)
             return True
         if not self.active:
             self._q, self._heard_at = q, time.monotonic()
             if not (self.wants_activation and self._someone_drives()
                     and self.activate_by_itself()):
-                self._unanswered = (data, info) if self.lockstep else None
+                if self.lockstep:
+                    self.later(self.on_joint_states, data, info)
                 return True
         if self._lost:
             self._controller, self._resumes = None, True
         begins = self._controller is None
         if begins and not self._start(stamp, q):
-            self._unanswered = (data, info) if self.lockstep else None
+            if self.lockstep:
+                self.later(self.on_joint_states, data, info)
             return True
         self._last_ns, self._q = stamp, q
         self._heard_at, self._lost = time.monotonic(), False
@@ -411,11 +411,8 @@ class ControllerNode(ManagedNode):
         super().spin_data(timeout)
 
     def idle(self) -> None:
-        """Answer what waits in lockstep; else watch the states and who hears the commands."""
+        """Watch the states and who hears the commands; in lockstep the driver does."""
         if self.lockstep:
-            waiting, self._unanswered = self._unanswered, None
-            if waiting is not None:
-                self.on_joint_states(*waiting)
             return
         now = time.monotonic()
         if self.active and now - self._looked_at >= LOOK_AROUND:

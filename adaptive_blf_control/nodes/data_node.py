@@ -113,6 +113,7 @@ class DataNode(Node):
         self._said: dict[str, float] = {}
         self._topics: list[_Topic] = []
         self._leaving: list[Subscription] = []
+        self._later: tuple[Handler, bytes, dict[str, int]] | None = None
         self._wait: DirectWait | PlainWait | None = None
         self._executor_alone: SingleThreadedExecutor | None = None
         self._data_publishers: list[Publisher] = []
@@ -233,8 +234,18 @@ class DataNode(Node):
                 handled += taken
                 if topic.newest_only and taken > 1:
                     self.superseded += taken - 1
+            waiting, self._later = self._later, None
+            if waiting is not None:
+                waiting[0](*waiting[1:])
         if handled:
             self.statistics.callback.add(time.monotonic_ns() - begin)
+
+    def later(self, handler: Handler, data: bytes, info: dict[str, int]) -> None:
+        """Hand the message to ``handler`` again with the next that is heard, or after a while.
+
+        In lockstep a sample cannot be worked on before the answers to the one before it.
+        """
+        self._later = handler, data, info
 
     def drain(self) -> None:
         """Handle what waits on the topics that do not wake the loop; call it in a handler."""

@@ -77,7 +77,6 @@ class IdentifierNode(DataNode):
         self._rank = self.data_publisher(Int32, HISTORY_RANK)
         self._sigma_min = self.data_publisher(Float64, HISTORY_SIGMA_MIN)
         self._excitation = self.data_publisher(Float64, EXCITATION)
-        self._unanswered: tuple[bytes, dict[str, int]] | None = None
         self._last_ns = 0
         self._reported = self.identifier.theta, 0.0
         self.data_subscription(JointState, ADAPTATION_TERM, self.on_adaptation_term,
@@ -173,7 +172,7 @@ class IdentifierNode(DataNode):
             self.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
             return
         if self.lockstep and self._must_wait():
-            self._unanswered = (data, info)
+            self.later(self.on_joint_states, data, info)
             return
         self.drain()  # of a backlog every state needs the term that was sent before it
         self._last_ns = stamp
@@ -212,12 +211,6 @@ class IdentifierNode(DataNode):
         """In lockstep a state is used with the adaptation term of the one before it."""
         return (self._last_ns > 0 and all(sent != self._last_ns for sent, _ in self._terms)
                 and self.count_publishers(ADAPTATION_TERM) > 0)
-
-    def idle(self) -> None:
-        """Use the state that waits in lockstep."""
-        waiting, self._unanswered = self._unanswered, None
-        if waiting is not None:
-            self.on_joint_states(*waiting)
 
     def on_reset_history(self, request: Trigger.Request,
                          response: Trigger.Response) -> Trigger.Response:

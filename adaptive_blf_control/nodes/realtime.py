@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 import ctypes
 import os
 from pathlib import Path
@@ -32,8 +34,8 @@ def raise_priority(priority: int) -> str | None:
     if sys.platform != 'linux':
         return f'real-time priority {priority}: only on Linux'
     try:
-        for task in Path('/proc/self/task').iterdir():
-            os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(priority))
+        _every_thread(lambda thread: os.sched_setscheduler(
+            thread, os.SCHED_FIFO, os.sched_param(priority)))
     except (OSError, ValueError) as error:
         return f'real-time priority {priority}: {getattr(error, "strerror", error)}; {HOW}'
     return None
@@ -71,8 +73,7 @@ def cpus_of(text: str) -> set[int]:
 def stay_on(cpus: set[int]) -> None:
     """Keep every thread of this process on these processors; no privilege is needed for it."""
     if sys.platform == 'linux' and cpus:
-        for task in Path('/proc/self/task').iterdir():
-            os.sched_setaffinity(int(task.name), cpus)
+        _every_thread(lambda thread: os.sched_setaffinity(thread, cpus))
 
 
 def short_slices(seconds: float) -> None:
@@ -86,11 +87,21 @@ def short_slices(seconds: float) -> None:
     if sys.platform != 'linux' or number is None or seconds <= 0.0:
         return
     library = ctypes.CDLL(None)
-    for thread in (int(task.name) for task in Path('/proc/self/task').iterdir()):
+
+    def shorten(thread: int) -> None:
         if os.sched_getscheduler(thread) == os.SCHED_OTHER:
             nice = os.getpriority(os.PRIO_PROCESS, thread)
             library.syscall(number, thread, struct.pack(
                 '=IIQiIQQQ', 48, os.SCHED_OTHER, 0, nice, 0, int(seconds * 1e9), 0, 0), 0)
+
+    _every_thread(shorten)
+
+
+def _every_thread(action: Callable[[int], None]) -> None:
+    """Call ``action`` with each thread of this process; one that has ended needs nothing."""
+    for task in Path('/proc/self/task').iterdir():
+        with suppress(ProcessLookupError):
+            action(int(task.name))
 
 
 def lock_memory() -> str | None:

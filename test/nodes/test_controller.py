@@ -20,7 +20,9 @@ from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.bags.cdr import decode_float64_array
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.errors import ParameterError, SetViolation
+from adaptive_blf_control.nodes import controller as controller_module
 from adaptive_blf_control.nodes.controller import ControllerNode
+from adaptive_blf_control.nodes.joint_trajectory import reference_through
 from adaptive_blf_control.parameters.build import build_controller
 from adaptive_blf_control.topics import (
     ADAPTATION_TERM,
@@ -547,17 +549,72 @@ def test_of_several_states_that_wait_the_newest_usable_one_is_answered(rig) -> N
 
 def test_a_trajectory_that_was_followed_is_not_given_up_for_the_reference_after_lost_states(
         rig) -> None:
-    rig = rig()
+    rig = rig(state_timeout=10.0)
     rig.answer(_state(0.0))
-    rig.node._planned = True  # points were followed
-    rig.node._lost = True
+    rig.node.on_joint_trajectory(_trajectory([1.0, -0.5]))
+    assert rig.node.drops == {}
+    rig.node._lost = True  # what the watchdog sets
     posture = [-0.6, 0.4]
     rig.answer(_state(1000.0, posture, [0.0, 0.0]))
-    for ms in (1500.0, 9000.0, 20000.0):  # each begins anew where the arm is, and holds it
-        rig.node._jumped_ns = None
-        point = rig.node._controller.reference.at(ms * 1e-3)
+    for t in (0.0, 1.5, 20.0):  # the motion begins anew where the arm is, and holds it
+        point = rig.node._controller.reference.at(t)
         np.testing.assert_allclose(point.position, posture, atol=1e-12)
         np.testing.assert_allclose(point.velocity, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize('changed', ['performance.upper', 'reference.joint1.amplitude'])
+def test_a_trajectory_is_dropped_where_the_motion_changed_while_it_was_computed(
+        rig, monkeypatch, changed) -> None:
+    rig = rig(state_timeout=10.0)
+    rig.answer(_state(0.0))
+    node = rig.node
+    value = [0.19] if changed == 'performance.upper' else [0.9]
+
+    def slow(message, controller, t):
+        way = reference_through(message, controller, t)
+        assert node.set_parameters([Parameter(changed, value=value)])[0].successful
+        return way
+
+    monkeypatch.setattr(controller_module, 'reference_through', slow)
+    node.on_joint_trajectory(_trajectory([1.0, -0.5]))
+    assert node.drops == {'unusable trajectory': 1}
+    assert not node._planned
+
+
+def test_a_trajectory_that_took_long_to_compute_begins_later(rig, monkeypatch) -> None:
+    rig = rig(state_timeout=10.0)
+    rig.answer(_state(0.0))
+    begins = []
+
+    def slow(message, controller, t):
+        begins.append(t)
+        if len(begins) == 1:
+            rig.answer(_state(200.0))  # past the moment that was meant
+        return reference_through(message, controller, t)
+
+    monkeypatch.setattr(controller_module, 'reference_through', slow)
+    rig.node.on_joint_trajectory(_trajectory([1.0, -0.5]))
+    np.testing.assert_allclose(begins, [0.1, 0.6])
+    assert rig.node.drops == {}
+    np.testing.assert_allclose(rig.node._controller.reference.at(2.0).position, [-0.5, 1.0])
+
+
+@pytest.mark.parametrize('of_our_kind', [True, False])
+def test_a_controller_gives_way_to_another_that_appears_at_its_start_not_to_whoever_shouts(
+        rig, wait_until, of_our_kind) -> None:
+    rig = rig(state_timeout=100.0)
+    rig.answer(_state(0.0))
+    others = [rig.peer.create_publisher(Float64MultiArray, COMMANDS, 10)]
+    if of_our_kind:
+        others.append(rig.peer.create_publisher(JointState, ADAPTATION_TERM, 10))
+    wait_until(lambda: all(rig.node.count_publishers(publisher.topic_name) == 2
+                           for publisher in others))
+    rig.node._claimed_at, rig.node._looked_at = time.monotonic(), 0.0
+    rig.node.idle()
+    assert rig.node.active is not of_our_kind
+    assert ('gives way' in rig.node.last_fault) is of_our_kind
+    if of_our_kind:
+        wait_until(lambda: np.array_equal(rig.torques[-1], [0.0, 0.0]), what='zero torque')
 
 
 def test_where_nobody_listens_any_longer_the_torque_counts_as_lost(rig, wait_until) -> None:

@@ -55,6 +55,31 @@ print(json.dumps([sorted(os.sched_getaffinity(thread)) for thread in threads]))
 """) == [[first]] * 2
 
 
+def test_threads_that_end_meanwhile_do_not_matter() -> None:
+    assert _run(f"""
+def churn():
+    while not hold.is_set():
+        thread = threading.Thread(target=int)
+        thread.start()
+        thread.join()
+churners = [threading.Thread(target=churn) for _ in range(3)]
+for churner in churners:
+    churner.start()
+try:
+    for _ in range(500):
+        realtime.short_slices(2e-4)
+        realtime.stay_on({os.sched_getaffinity(0)!r})
+        reason = realtime.raise_priority(1)
+        if reason is not None:
+            break
+finally:
+    hold.set()
+    for churner in churners:
+        churner.join()
+print(json.dumps('No such process' in (reason or '')))
+""") is False
+
+
 def test_only_the_calling_thread_steps_back() -> None:
     mine, others = _run("""
 realtime.step_back(7)
