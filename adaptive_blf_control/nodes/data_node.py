@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Callable
 import gc
 import inspect
+import math
 import sys
 import threading
 import time
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
@@ -53,11 +53,15 @@ LONGEST_WAIT = 0.05  # s
 # Each pass of the executor builds a wait set, and the loop waits for the interpreter meanwhile.
 REQUESTS_WAIT = 1.0  # s
 DEPTH = 100
-KEPT = 1000  # messages that a publisher keeps for a reliable reader that falls behind
+# Messages that a publisher keeps for a reliable reader that falls behind. Fast DDS goes through
+# them when it is told every 3 s what has arrived, and what is published meanwhile waits.
+KEPT = 30
+KEPT_LOCKSTEP = 1000  # the recorder is not waited for, and nothing is late there
 TOO_LATE = 2**31 * 10**9  # ns, the first time that header.stamp cannot hold
 LAST_WORDS = 0.3  # s to deliver the last messages at the end
 SAY_AGAIN = 1.0  # s between two log lines about the same reason
-SWITCH = 2e-5  # s the loop waits at most, each time, for a thread that computes diagnostics
+SWITCH = 2e-5  # s the loop waits at most, each time, for a thread that answers a request
+REPORT = 1.0  # s between two diagnostics
 
 Handler = Callable[[bytes, dict[str, int]], bool | None]
 
@@ -118,6 +122,7 @@ class DataNode(Node):
         self._executor_alone: SingleThreadedExecutor | None = None
         self._data_publishers: list[Publisher] = []
         self._rate_since = time.monotonic()
+        self._report_at = math.inf
         self._rate_samples = 0
         self._direct = self.values['executor'] == 'direct'
         if self._direct and not DIRECT:
@@ -140,7 +145,8 @@ class DataNode(Node):
 
     def data_publisher(self, message_type: type, topic: str) -> Publisher:
         """Return a reliable publisher; ``publish(bytes)`` sends CDR as it is."""
-        publisher = self.create_publisher(message_type, topic, KEPT)
+        publisher = self.create_publisher(message_type, topic,
+                                          KEPT_LOCKSTEP if self.lockstep else KEPT)
         self._data_publishers.append(publisher)
         return publisher
 
@@ -218,7 +224,7 @@ class DataNode(Node):
                 ROSTime(nanoseconds=stamp_ns, clock_type=ClockType.ROS_TIME))
             if stamp_ns // 10**9 != self._second:
                 self._second = stamp_ns // 10**9
-                self._publish_diagnostics(stamp_ns)
+                self._report(stamp_ns)
 
     def spin_data(self, timeout: float = LONGEST_WAIT) -> None:
         """Wait for data for at most ``timeout`` [s] and handle all that is there."""
@@ -239,6 +245,12 @@ class DataNode(Node):
                 waiting[0](*waiting[1:])
         if handled:
             self.statistics.callback.add(time.monotonic_ns() - begin)
+        # Here, with the work on a sample just done, and not in a thread that would take the
+        # interpreter away in the middle of one.
+        if time.monotonic() >= self._report_at:
+            self._report_at = time.monotonic() + REPORT
+            with self.between_samples:
+                self._report()
 
     def later(self, handler: Handler, data: bytes, info: dict[str, int]) -> None:
         """Hand the message to ``handler`` again with the next that is heard, or after a while.
@@ -281,8 +293,7 @@ class DataNode(Node):
     def run(self) -> int:
         """Serve data until :attr:`stop` is set or the context ends; return the exit code."""
         if not self.lockstep:  # there it belongs to the samples, so that runs can be compared
-            self.create_timer(1.0, self._publish_diagnostics,
-                              clock=Clock(clock_type=ClockType.STEADY_TIME))
+            self._report_at = time.monotonic() + REPORT
         self._ask_for_real_time()
         executor = self._new_executor() if self._direct else None
         thread = threading.Thread(target=self._serve, args=(executor,), daemon=True)
@@ -367,7 +378,14 @@ class DataNode(Node):
         """Return level, message and values for the diagnostics (REP 107)."""
         return DiagnosticStatus.OK, 'running', {}
 
-    def _publish_diagnostics(self, stamp_ns: int = 0) -> None:
+    def _report(self, stamp_ns: int = 0) -> None:
+        try:
+            self._publish_diagnostics(stamp_ns)
+        except Exception as error:  # what is only shown ends no motion
+            if self.context.ok():
+                self.drop('failed diagnostics', f'{type(error).__name__}: {error}')
+
+    def _publish_diagnostics(self, stamp_ns: int) -> None:
         level, text, values = self.status()
         if not stamp_ns:
             values = {**self._measured(), **values}

@@ -9,14 +9,20 @@ import numpy as np
 
 __all__ = ['Histogram', 'LoopStatistics', 'SETTLE']
 
-BIN_NS = 2_000
-BINS = 25_000  # 50 ms; what is longer counts in the last bin and in the largest value
+# Fine bins up to 2 ms and coarse ones up to 50 ms: reading them takes microseconds, too. What is
+# longer counts in the last bin and in the largest value.
+FINE_NS, FINE = 2_000, 1_000
+COARSE_NS, COARSE = 50_000, 960
+LIMIT_NS = FINE_NS * FINE
+BINS = FINE + COARSE
+EDGES = np.concatenate([np.arange(1, FINE + 1) * FINE_NS,  # upper ones [ms]
+                        LIMIT_NS + np.arange(1, COARSE + 1) * COARSE_NS]) * 1e-6
 SETTLE = 2.0  # s after a node's first sample; discovery and first requests are over by then
 NEVER = 2**63  # ns
 
 
 class Histogram:
-    """Durations, counted in bins of 2 µs, so that adding one costs no memory and little time.
+    """Durations, counted in bins, so that adding one costs no memory and little time.
 
     Attributes:
         largest_ns: The largest duration so far, since :meth:`forget` where that was called [ns].
@@ -31,19 +37,21 @@ class Histogram:
 
     def add(self, duration_ns: int) -> None:
         """Count one duration [ns]."""
-        number = duration_ns // BIN_NS
-        self._bins[number if 0 <= number < BINS else (0 if number < 0 else BINS - 1)] += 1
+        if duration_ns < LIMIT_NS:
+            number = max(duration_ns, 0) // FINE_NS
+        else:
+            number = min(FINE + (duration_ns - LIMIT_NS) // COARSE_NS, BINS - 1)
+        self._bins[number] += 1
         if duration_ns > self.largest_ns:
             self.largest_ns = duration_ns
 
     def forget(self) -> None:
         """Leave what was counted so far out of quantiles and largest value."""
-        # The bins stay: another thread may be computing the quantiles.
         self._forgotten = np.frombuffer(self._bins, dtype=np.int64).copy()
         self.largest_ns = 0
 
     def quantiles(self, parts: tuple[float, ...], recent: bool = False) -> tuple[float, ...]:
-        """Return quantiles [ms], exact to a bin; NaN where nothing was counted.
+        """Return quantiles [ms], the upper edge of their bin; NaN where nothing was counted.
 
         Args:
             parts: Each in 0..1.
@@ -57,8 +65,8 @@ class Histogram:
         total = np.cumsum(counts)
         if total[-1] == 0:
             return tuple(float('nan') for _ in parts)
-        return tuple(float(np.searchsorted(total, part * total[-1]) + 1) * BIN_NS * 1e-6
-                     for part in parts)
+        ranks = np.maximum(np.array(parts) * total[-1], 1)
+        return tuple(EDGES[np.searchsorted(total, ranks)].tolist())
 
 
 class LoopStatistics:

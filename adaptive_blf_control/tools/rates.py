@@ -54,8 +54,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument('--executor', choices=('direct', 'plain'), default='direct',
                        help='how the nodes wait for data (default: direct)')
     group.add_argument('--realtime', type=int, default=0, metavar='PRIORITY',
-                       help='SCHED_FIFO for the driver, one less for the controller, two less for '
-                            'the identifier, and locked memory; 0: as usual')
+                       help='SCHED_FIFO for the driver, less by one each for controller, '
+                            'identifier and recorder, and locked memory; 0: as usual')
 
 
 def run(options: argparse.Namespace) -> None:
@@ -78,8 +78,9 @@ def _check(options: argparse.Namespace) -> None:
         raise ParameterError('--seconds', options.seconds, '1 to 1e5')
     if options.repeats < 1:
         raise ParameterError('--repeats', options.repeats, '1 or more')
-    if options.realtime and not 3 <= options.realtime <= 99:
-        raise ParameterError('--realtime', options.realtime, '3 to 99, or 0 for as usual')
+    if options.realtime and not len(OURS) <= options.realtime <= 99:
+        raise ParameterError('--realtime', options.realtime,
+                             f'{len(OURS)} to 99, or 0 for as usual')
     for rate in options.rates:
         if not 1.0 <= rate <= 10_000.0:
             raise ParameterError('--rates', rate, '1 to 10000')
@@ -94,7 +95,7 @@ def _settings(options: argparse.Namespace, rate: float) -> dict[str, list[str]]:
     settings = {name: [f'executor:={options.executor}'] for name in OURS}
     settings['arm_driver'].append(f'rate:={rate!r}')
     if options.realtime:
-        for lower, name in enumerate(('arm_driver', 'controller', 'identifier')):
+        for lower, name in enumerate(OURS):
             settings[name] += [f'realtime.priority:={options.realtime - lower}',
                                'realtime.lock_memory:=true']
     return settings
