@@ -122,6 +122,7 @@ class ArmDriver(ManagedNode):
             if self._due_ns != NEVER:
                 self._due_ns += period_ns - self.period_ns
             self.period_ns = period_ns
+            self.statistics.begin_anew()
 
     def on_command(self, data: bytes, info: dict[str, int]) -> None:
         """Apply a command from now on; a wrong length or a non-finite value drops it whole."""
@@ -160,6 +161,7 @@ class ArmDriver(ManagedNode):
         if not self.started:
             self.started = True
             self._begin_ns = self._moved_ns = now
+            self.statistics.begin_anew()
         self._move_to(now)
         self.timed_out = False
         self.plant.apply(torque)
@@ -285,14 +287,19 @@ class ArmDriver(ManagedNode):
             self.fault('no commands', f'no command for {self.values["command_timeout"]:g} s: '
                                       f'{self.values["timeout_action"]} torque')
 
-    def status(self) -> tuple[bytes, str, dict[str, object]]:
-        """Report brakes, watchdog, round trip and missed periods."""
+    def _timing(self) -> dict[str, object]:
         parts = (0.5, 0.99, 0.999)
         trip = ', '.join(f'{value:.3f}' for value in self.round_trip.quantiles(parts))
-        values: dict[str, object] = {} if self.lockstep else {
-            'missed periods': self.missed,
-            'round trip p50, p99, p99.9, largest so far [ms]':
-                f'{trip}, {self.round_trip.largest_ns * 1e-6:.3f}'}
+        due = max(self.statistics.span_ns / self.period_ns, 1.0)
+        in_time = min(self.round_trip.within(self.period_ns) / due, 1.0)
+        return {'missed periods': self.missed,
+                'round trip p50, p99, p99.9, largest so far [ms]':
+                    f'{trip}, {self.round_trip.largest_ns * 1e-6:.3f}',
+                'answered within their period so far [%]': f'{100.0 * in_time:.3f}'}
+
+    def status(self) -> tuple[bytes, str, dict[str, object]]:
+        """Report brakes, watchdog, round trip and missed periods."""
+        values = {} if self.lockstep else self._timing()
         if self.state_id == 1:
             return DiagnosticStatus.WARN, 'unconfigured', values
         publishers = [] if self.lockstep else self.get_publishers_info_by_topic(COMMANDS)

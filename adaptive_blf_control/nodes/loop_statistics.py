@@ -50,6 +50,11 @@ class Histogram:
         self._forgotten = np.frombuffer(self._bins, dtype=np.int64).copy()
         self.largest_ns = 0
 
+    def within(self, limit_ns: int) -> int:
+        """Return how many durations lie in the bins up to ``limit_ns``."""
+        counts = np.frombuffer(self._bins, dtype=np.int64) - self._forgotten
+        return int(counts[:int(np.searchsorted(EDGES, limit_ns * 1e-6, side='right'))].sum())
+
     def quantiles(self, parts: tuple[float, ...], recent: bool = False) -> tuple[float, ...]:
         """Return quantiles [ms], the upper edge of their bin; NaN where nothing was counted.
 
@@ -89,6 +94,7 @@ class LoopStatistics:
         self.age = Histogram()
         self.histograms = [self.callback, self.age]
         self._settled_ns = 0
+        self._since_ns = 0
         self._stamp_ns = 0
         self._interval_ns = 0.0
         self._at_ns = 0
@@ -112,12 +118,19 @@ class LoopStatistics:
             self._stamp_ns = stamp_ns
 
     def _settle(self, now_ns: int) -> None:
-        if not self._settled_ns:
-            self._settled_ns = now_ns + int(SETTLE * 1e9)
-            return
-        self._settled_ns = NEVER
+        self._settled_ns = NEVER if self._settled_ns else now_ns + int(SETTLE * 1e9)
+        self._since_ns = now_ns
         for histogram in self.histograms:
             histogram.forget()
+
+    def begin_anew(self) -> None:
+        """Settle once more from the next sample on: a motion begins, or another rate."""
+        self._settled_ns = 0
+
+    @property
+    def span_ns(self) -> int:
+        """Time from the first to the last sample that the histograms have counted [ns]."""
+        return self._at_ns - self._since_ns
 
     def _count_missed(self, interval_ns: int) -> None:
         if interval_ns <= 0:

@@ -24,6 +24,7 @@ __all__ = ['Loop', 'Run', 'Row', 'Usage', 'median', 'of_bag', 'of_bare', 'usage_
 TAIL = 0.1  # s at the end that are not judged: the last states may find nobody
 CALLBACK = 'callback so far p50, p99, p99.9, largest [ms]'
 ROUND_TRIP = 'round trip p50, p99, p99.9, largest so far [ms]'
+IN_TIME = 'answered within their period so far [%]'
 # Who serves a period shows it by a message with the stamp of the period's state.
 SHOWN_BY = {'arm_driver': JOINT_STATES, 'controller': ADAPTATION_TERM, 'identifier': THETA_HAT}
 _STAMP = struct.Struct('<iI')  # after the four bytes of the CDR encapsulation
@@ -62,7 +63,8 @@ class Loop(NamedTuple):
         p99: 99 % of the round trips were no longer.
         p999: 99.9 % of the round trips were no longer.
         largest: The longest round trip.
-        met: Periods in which a state was sent and answered [%].
+        met: Periods with a state that was answered, if late [%].
+        in_time: Periods with a state that was answered before the next one was due [%].
         cores: Processor time of all processes together [cores].
     """
 
@@ -71,6 +73,7 @@ class Loop(NamedTuple):
     p999: float
     largest: float
     met: float
+    in_time: float
     cores: float
 
 
@@ -135,9 +138,10 @@ def of_bare(files: Mapping[str, Path], usage: Mapping[str, Usage], rate: float,
     rows = {name: _row(times, rate, begin, end)._replace(**usage[name]._asdict())
             for name, times in served.items()}
     quantiles = np.percentile(inside, (50, 99, 99.9, 100)) if inside.size else np.full(4, NAN)
-    met = 100.0 * min(inside.size / rows['driver'].due, 1.0)
+    met, in_time = (100.0 * min(count / rows['driver'].due, 1.0)
+                    for count in (inside.size, np.count_nonzero(inside <= 1e3 / rate)))
     p50, p99, p999, largest = map(float, quantiles)
-    return Run(rows, Loop(p50, p99, p999, largest, met, _cores(usage)))
+    return Run(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage)))
 
 
 def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, settle: float) -> Run:
@@ -169,8 +173,9 @@ def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, settle:
         p50, p99, _, largest = content.figures(name, CALLBACK)
         rows[name] = row._replace(p50=p50, p99=p99, largest=largest, **usage[name]._asdict())
     met = 100.0 * (1.0 - rows['controller'].missed / rows['controller'].due)
-    trip = content.figures('arm_driver', ROUND_TRIP)
-    return Run(rows, Loop(*trip, met, _cores(usage)))
+    p50, p99, p999, largest = content.figures('arm_driver', ROUND_TRIP)
+    in_time, = content.figures('arm_driver', IN_TIME, 1)
+    return Run(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage)))
 
 
 class _Content:
@@ -207,11 +212,10 @@ class _Content:
         self.stamps = {topic: np.unique(np.array(values, dtype=np.int64))
                        for topic, values in stamps.items()}
 
-    def figures(self, node: str, key: str) -> tuple[float, float, float, float]:
-        """Return the four figures under ``key`` that ``node`` gave last; NaN where it did not."""
+    def figures(self, node: str, key: str, count: int = 4) -> tuple[float, ...]:
+        """Return the figures under ``key`` that ``node`` gave last; NaN where it did not."""
         text = self.diagnostics.get(node, {}).get(key, '')
-        first, second, third, fourth = map(float, text.split(', ') if text else (NAN,) * 4)
-        return first, second, third, fourth
+        return tuple(map(float, text.split(', '))) if text else (NAN,) * count
 
 
 def _cores(usage: Mapping[str, Usage]) -> float:

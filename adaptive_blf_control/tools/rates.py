@@ -36,9 +36,10 @@ NOTES = """\
 Not judged: the first {settle:g} s of motion, and the last 0.1 s. Missed: periods of the driver's
 grid without a state, its answer, its estimate, also where the recorder lost the message that shows
 it; of the recorder: messages that did not reach the bag, all run long. Met: periods with a state
-and its answer. One callback of the recorder takes what came within 20 ms. The bare echo: typed
-messages, `rclpy.spin`, no control and no recorder. CPU: % of a core. The last line of each rate
-compares: under 1 the four nodes are better, in the periods met over 1.
+and its answer, if late; in time: before the next state was due. One callback of the recorder
+takes what came within 20 ms. The bare echo: typed messages, `rclpy.spin`, no control and no
+recorder. CPU: % of a core. The last line of each rate compares: under 1 the four nodes are better,
+in the periods over 1.
 """
 
 
@@ -191,11 +192,12 @@ def _tables(rate: float, ours: Run, bare: Run) -> str:
     lines += [_line(name, ours.rows[name]) for name in OURS]
     lines += [_line(f'bare_{name}', bare.rows[name]) for name in reversed(BARE)]
     lines += ['', '| loop | round trip p50 [ms] | p99 | p99.9 | largest | periods met [%] | '
-                  'cores |',
-              '|---|---|---|---|---|---|---|']
+                  'in time [%] | cores |',
+              '|---|---|---|---|---|---|---|---|']
     for name, loop in (('four nodes', ours.loop), ('bare echo', bare.loop)):
         lines.append(f'| {name} | ' + ' | '.join(_text(value, 3) for value in loop[:4])
-                     + f' | {_text(loop.met, 3)} | {_text(loop.cores, 2)} |')
+                     + f' | {_text(loop.met, 3)} | {_text(loop.in_time, 3)} | '
+                     f'{_text(loop.cores, 2)} |')
     lines.append('| four nodes / bare echo | ' + ' | '.join(_ratios(ours.loop, bare.loop)) + ' |')
     return '\n'.join(lines) + '\n'
 
@@ -212,5 +214,5 @@ def _text(value: float, digits: int) -> str:
 
 
 def _ratios(ours: Loop, bare: Loop) -> list[str]:
-    return [_text(mine / other if other else math.nan, 3 if name == 'met' else 2)
+    return [_text(mine / other if other else math.nan, 3 if name in ('met', 'in_time') else 2)
             for name, mine, other in zip(Loop._fields, ours, bare)]

@@ -38,6 +38,32 @@ def test_a_duration_counts_in_the_bin_that_ends_above_it(duration: int, edge: fl
     assert histogram.largest_ns == max(duration, 0)
 
 
+def test_durations_within_a_limit_are_those_of_the_bins_below_it() -> None:
+    histogram = Histogram()
+    for duration in (1, MS - 1, MS, 4 * MS - 1, 4 * MS, 90 * MS):
+        histogram.add(duration)
+    assert [histogram.within(limit) for limit in (0, MS, 4 * MS, 100 * MS)] == [0, 2, 4, 6]
+    histogram.forget()
+    histogram.add(MS // 2)
+    assert histogram.within(MS) == 1
+
+
+def test_a_motion_that_begins_settles_anew() -> None:
+    statistics = LoopStatistics()
+    statistics.callback.add(30 * MS)
+    for k in range(4000):
+        if k == 2500:
+            statistics.begin_anew()
+        statistics.sample((k + 1) * MS)
+        statistics.callback.add(MS if k < 2500 else 2 * MS)
+    assert statistics.span_ns == 1499 * MS
+    assert statistics.callback.within(MS + 2000) == 0
+    for k in range(4000, 5000):
+        statistics.sample((k + 1) * MS)
+    assert statistics.span_ns == 499 * MS
+    assert statistics.callback.within(100 * MS) == 0
+
+
 def test_what_was_forgotten_is_in_no_quantile_and_recent_begins_where_the_last_ended() -> None:
     histogram = Histogram()
     assert all(math.isnan(value) for value in histogram.quantiles((0.5, 0.99)))

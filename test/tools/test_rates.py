@@ -37,6 +37,7 @@ def test_missed_periods_of_the_bare_echo_are_counted_after_settling(tmp_path: Pa
     trips = np.full(sent.size, 2 * MS)
     trips[:1000] = 40 * MS  # settling
     trips[2000:2100] = 0  # never answered
+    trips[4000:4010] = MS  # all others are late
     files = {name: tmp_path / f'{name}.npz' for name in BARE}
     np.savez(files['driver'], served=sent, trips=trips)
     np.savez(files['echo'], served=np.delete(sent, slice(3000, 3390)), trips=[])
@@ -44,7 +45,8 @@ def test_missed_periods_of_the_bare_echo_are_counted_after_settling(tmp_path: Pa
     run = of_bare(files, dict.fromkeys(BARE, Usage(30.0, 70.0)), 1000.0, 1.0)
     assert run.rows['driver'][:3] == pytest.approx((1000.0, 0, 3900))
     assert run.rows['echo'][:3] == pytest.approx((900.0, 390, 3900))
-    assert run.loop == pytest.approx((2.0, 2.0, 2.0, 2.0, 100 * 3800 / 3900, 0.9))
+    assert run.loop == pytest.approx((2.0, 2.0, 2.0, 2.0, 100 * 3800 / 3900, 100 * 10 / 3900,
+                                      0.9))
 
 
 def test_missed_periods_of_a_bag_come_from_the_stamps(tmp_path: Path) -> None:
@@ -76,7 +78,7 @@ def test_missed_periods_of_a_bag_come_from_the_stamps(tmp_path: Path) -> None:
 
 
 def test_repeated_runs_give_the_median_of_each_figure() -> None:
-    runs = [Run({'echo': Row(rate, 1000.0 - rate, 1000.0)}, Loop(p50, 2, 3, 4, 99, 1))
+    runs = [Run({'echo': Row(rate, 1000.0 - rate, 1000.0)}, Loop(p50, 2, 3, 4, 99, 98, 1))
             for rate, p50 in ((900.0, 0.3), (1000.0, 0.5), (990.0, 0.4))]
     both = median(runs)
     assert both.rows['echo'][:2] == (990.0, 10.0)
@@ -128,7 +130,7 @@ def test_a_short_run_prints_every_figure(repository: Path,
         assert float(row[0]) > 0.0
     for name in ('four nodes', 'bare echo', 'four nodes / bare echo'):
         assert all(float(value) > 0.0 for value in cells[name])
-    assert len(cells['four nodes']) == 6
+    assert len(cells['four nodes']) == 7
 
 
 def test_a_node_that_fails_is_shown_with_what_it_printed(
