@@ -16,7 +16,7 @@ from typing import TypeVar
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.tools.domain import own_domain
 
-__all__ = ['NODES', 'NodeProcesses', 'Processes', 'scenario']
+__all__ = ['FAST_DISCOVERY', 'NODES', 'NodeProcesses', 'Processes', 'scenario']
 
 NODES = ('recorder', 'identifier', 'controller', 'arm_driver')
 Self = TypeVar('Self', bound='Processes')
@@ -26,7 +26,7 @@ PATIENCE = 90.0  # s until the arm has to move: the first run compiles the laws
 # Announce endpoints often at the start, so that four nodes meet within half a second.
 FAST_DISCOVERY = """<?xml version="1.0" encoding="UTF-8" ?>
 <profiles xmlns="http://www.eprosima.com">
-  <participant profile_name="demo" is_default_profile="true">
+  <participant profile_name="local" is_default_profile="true">
     <rtps><builtin><discovery_config>
       <leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
       <initialAnnouncements>

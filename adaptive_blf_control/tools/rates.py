@@ -118,7 +118,7 @@ def _bare(seconds: float, rate: float) -> Run:
     settle = _settle(seconds)
     with tempfile.TemporaryDirectory(prefix='rates_') as folder:
         files = {name: Path(folder) / f'{name}.npz' for name in BARE}
-        commands = {name: ['-m', 'adaptive_blf_control.tools.bare_echo', name, '--output',
+        commands = {name: ['-m', 'adaptive_blf_control.nodes.bare_echo', name, '--output',
                            str(file), '--rate', str(rate), '--seconds', str(seconds)]
                     for name, file in files.items()}
         with Processes(commands, Path(folder)) as nodes:

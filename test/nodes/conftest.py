@@ -26,20 +26,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
 from adaptive_blf_control.tools.domain import own_domain
+from adaptive_blf_control.tools.processes import FAST_DISCOVERY
 
 POLL = 0.002  # s between looks of wait_until
-ANNOUNCE = """<?xml version="1.0" encoding="UTF-8" ?>
-<profiles xmlns="http://www.eprosima.com">
-  <participant profile_name="test" is_default_profile="true">
-    <rtps><builtin><discovery_config>
-      <leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
-      <initialAnnouncements>
-        <count>20</count><period><sec>0</sec><nanosec>100000000</nanosec></period>
-      </initialAnnouncements>
-    </discovery_config></builtin></rtps>
-  </participant>
-</profiles>
-"""
 
 
 def _wait_until(condition: Callable[[], Any], timeout: float = 20.0, what: str = '') -> Any:
@@ -242,7 +231,7 @@ class Processes:
         self._claim = ExitStack()
         self.domain = self._claim.enter_context(own_domain())
         profile = folder / 'announce.xml'
-        profile.write_text(ANNOUNCE, encoding='utf-8')
+        profile.write_text(FAST_DISCOVERY, encoding='utf-8')
         self.environment = {**os.environ, 'ROS_DOMAIN_ID': str(self.domain),
                             'ROS_LOG_DIR': str(folder / 'log'),
                             'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
