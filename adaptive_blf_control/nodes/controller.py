@@ -100,7 +100,7 @@ class ControllerNode(ManagedNode):
         self._q = np.zeros(self.arm.n)
         self._jumped_ns: int | None = None
         self._heard_at: float | None = None
-        self._lost = False
+        self._lost = ''  # why the torque is zero until the next state
         self._resumes = False
         self._planned = False
         self._claimed_at = self._looked_at = 0.0
@@ -304,7 +304,7 @@ class ControllerNode(ManagedNode):
                 self.later(self.on_joint_states, data, info)
             return True
         self._last_ns, self._q = stamp, q
-        self._heard_at, self._lost = time.monotonic(), False
+        self._heard_at, self._lost = time.monotonic(), ''
         self.aged(info)
         self._answer(stamp, q, qd)
         if begins:  # after the answer: writing a log line takes longer than the law
@@ -421,7 +421,8 @@ class ControllerNode(ManagedNode):
         timeout = self.values['state_timeout']
         if (self.active and self._pushes and self._heard_at is not None
                 and now - self._heard_at > timeout):
-            self._stop_motion('lost', f'no joint state for {timeout:g} s: zero torque')
+            self._stop_motion('joint states lost',
+                              f'no joint state for {timeout:g} s: zero torque')
 
     def _look_around(self, now: float) -> None:
         """Stop where nobody hears the commands; give way to another who sends them, too."""
@@ -429,7 +430,7 @@ class ControllerNode(ManagedNode):
         if commands is None:
             return
         if self._pushes and commands.get_subscription_count() == 0:
-            self._stop_motion('unheard', 'nobody listens to the commands: zero torque')
+            self._stop_motion('nobody listens', 'nobody listens to the commands: zero torque')
         # Only to one of ours, which looks before it begins: not to whoever shouts.
         if (now - self._claimed_at < GIVE_WAY and self.count_publishers(COMMANDS) > 1
                 and self.count_publishers(ADAPTATION_TERM) > 1):
@@ -439,7 +440,7 @@ class ControllerNode(ManagedNode):
 
     def _stop_motion(self, reason: str, text: str) -> None:
         """Send zero torque; the next state begins the motion anew."""
-        self._lost = True
+        self._lost = reason
         self._send_zero()
         self.fault(reason, text)
 
@@ -459,7 +460,7 @@ class ControllerNode(ManagedNode):
             return DiagnosticStatus.WARN, 'waiting for joint states and a listener', {}
         values = self.monitors.status(self.output.saturated)
         if self._lost:
-            return DiagnosticStatus.ERROR, 'joint states lost: zero torque', values
+            return DiagnosticStatus.ERROR, f'{self._lost}: zero torque', values
         if self.count_publishers(COMMANDS) > 1:
             return DiagnosticStatus.ERROR, 'another node sends commands, too', values
         if self.monitors.violations:

@@ -7,6 +7,7 @@ import inspect
 import math
 import time
 
+from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
 from rclpy.node import Node
@@ -518,7 +519,7 @@ def test_one_reason_for_drops_does_not_silence_another(rig, capfd) -> None:
 def test_after_lost_states_the_motion_begins_anew_from_where_the_arm_is(rig, ms) -> None:
     rig = rig()
     rig.answer(_state(0.0))
-    rig.node._lost = True  # what the watchdog sets
+    rig.node._lost = 'joint states lost'  # what the watchdog sets
     posture = [-0.6, 0.4]
     torque = rig.answer(_state(ms, posture, [0.0, 0.0]))
     np.testing.assert_allclose(rig.node.output.reference.position, posture, atol=1e-12)
@@ -533,7 +534,7 @@ def test_after_lost_states_the_motion_begins_anew_from_where_the_arm_is(rig, ms)
 def test_after_lost_states_a_source_that_repeats_its_last_one_begins_nothing(rig) -> None:
     rig = rig()
     rig.answer(_state(0.0))
-    rig.node._lost = True  # what the watchdog sets
+    rig.node._lost = 'joint states lost'  # what the watchdog sets
     rig.ignores(_state(0.0), 'joint state out of order')
     assert rig.node._lost
     rig.answer(_state(1.0))
@@ -553,7 +554,7 @@ def test_a_trajectory_that_was_followed_is_not_given_up_for_the_reference_after_
     rig.answer(_state(0.0))
     rig.node.on_joint_trajectory(_trajectory([1.0, -0.5]))
     assert rig.node.drops == {}
-    rig.node._lost = True  # what the watchdog sets
+    rig.node._lost = 'joint states lost'  # what the watchdog sets
     posture = [-0.6, 0.4]
     rig.answer(_state(1000.0, posture, [0.0, 0.0]))
     for t in (0.0, 1.5, 20.0):  # the motion begins anew where the arm is, and holds it
@@ -626,6 +627,7 @@ def test_where_nobody_listens_any_longer_the_torque_counts_as_lost(rig, wait_unt
     rig.node.idle()
     assert rig.node._lost
     assert 'nobody listens' in rig.node.last_fault
+    assert rig.node.status()[:2] == (DiagnosticStatus.ERROR, 'nobody listens: zero torque')
 
 
 def test_a_clock_that_is_set_back_while_states_come_is_followed_once_they_count_as_lost(
@@ -652,7 +654,7 @@ def test_a_clock_that_is_set_back_while_states_come_is_followed_once_they_count_
 def test_a_motion_is_not_resumed_from_outside_the_safety_set(rig) -> None:
     rig = rig()
     rig.answer(_state(0.0))
-    rig.node._lost = True
+    rig.node._lost = 'joint states lost'
     with pytest.raises(SetViolation, match="'joint2'"):
         rig.node.on_joint_states(serialize_message(_state(3000.0, [0.0, 2.3])), {})
     assert len(rig.torques) == 1

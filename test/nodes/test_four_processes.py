@@ -139,7 +139,7 @@ def test_the_bag_of_the_demo_has_the_run_from_brakes_to_zero_torque(demo, reposi
     assert node_values(recorded, 'arm_driver')['duration'] == 4.0
     np.testing.assert_allclose(  # written at the end, not only every few seconds
         read_estimate(learned, TwoLinkArm().parameters),
-        bag.joint_states('/identifier/theta_hat').position[-1], atol=1e-3)
+        bag.joint_states('/identifier/theta_hat').position[-1], rtol=1e-9)
 
 
 def test_the_page_of_interfaces_explains_every_key_of_the_diagnostics(demo, repository) -> None:

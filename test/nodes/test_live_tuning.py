@@ -561,7 +561,7 @@ def test_a_guarantee_asked_for_while_running_is_stated_with_the_next_motion(
     live.step()
     assert not heard
     with live.node.between_samples:
-        live.node._lost = True  # what the watchdog sets
+        live.node._lost = 'joint states lost'  # what the watchdog sets
     live.step()
     wait_until(lambda: heard, what='the guarantee')
     message = deserialize_message(heard[0][0], JointState)
