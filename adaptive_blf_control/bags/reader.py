@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from pathlib import Path
 import re
 from typing import Any, NamedTuple
@@ -26,6 +27,7 @@ from adaptive_blf_control.errors import BagError
 __all__ = ['Bag', 'BagMessage', 'JointSeries', 'TopicInfo', 'read_bag', 'storage_files']
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
+OUT_OF_PLACE = 10**9  # ns
 
 _NUMBER_DECODERS: dict[str, Callable[[bytes], Any]] = {
     'std_msgs/msg/Float64MultiArray': decode_float64_array,
@@ -123,6 +125,22 @@ class Bag:
                 topic, type_name = channels[number]
                 if topics is None or topic in topics:
                     yield BagMessage(topic, type_name, log_time_ns, data)
+
+    def in_time_order(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
+        """Yield as :meth:`messages`, sorted by log time, equal ones in recorded order.
+
+        Recorders write what they have fetched topic by topic. A message that stands more than
+        ``OUT_OF_PLACE`` behind its time comes as late as it stands.
+        """
+        waiting: list[tuple[int, int, BagMessage]] = []
+        for number, message in enumerate(self.messages(topics)):
+            # Of this message, not the latest so far: one wild time must not let all others pass.
+            settled = message.log_time_ns - OUT_OF_PLACE
+            heappush(waiting, (message.log_time_ns, number, message))
+            while waiting[0][0] < settled:
+                yield heappop(waiting)[2]
+        while waiting:
+            yield heappop(waiting)[2]
 
     def joint_states(self, topic: str, joints: Sequence[str] | None = None, *,
                      skip_foreign: bool = False) -> JointSeries:

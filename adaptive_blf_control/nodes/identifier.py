@@ -208,8 +208,11 @@ class IdentifierNode(DataNode):
         return None
 
     def _must_wait(self) -> bool:
-        """In lockstep a state is used with the adaptation term of the one before it."""
-        return (self._last_ns > 0 and all(sent != self._last_ns for sent, _ in self._terms)
+        """In lockstep a state is used with the adaptation term of the one before it.
+
+        Once a later term is there, that one does not come any more.
+        """
+        return (self._last_ns > 0 and all(sent < self._last_ns for sent, _ in self._terms)
                 and self.count_publishers(ADAPTATION_TERM) > 0)
 
     def on_reset_history(self, request: Trigger.Request,

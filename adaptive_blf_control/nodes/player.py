@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import threading
 import time
@@ -18,7 +18,7 @@ from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, Reliabilit
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
-from adaptive_blf_control.bags.reader import read_bag
+from adaptive_blf_control.bags.reader import BagMessage, read_bag
 from adaptive_blf_control.errors import BagError, ParameterError
 from adaptive_blf_control.nodes.answers import message_class
 from adaptive_blf_control.nodes.player_lockstep import choose_topics, Lockstep
@@ -174,7 +174,7 @@ class Player:
         except BagError as error:
             self.skipped[topic] = str(error)
             return
-        self.sent[topic] = 0
+        self.sent.setdefault(topic, 0)
         self._offers[topic] = self.node.create_publisher(
             kind, topic, qos_of(self.bag.offered_qos.get(topic, ())))
 
@@ -218,7 +218,7 @@ class Player:
     def _once(self) -> None:
         begin_ns, first_ns, last_ns = time.monotonic_ns(), -1, 0
         before = self.bag_seconds
-        for message in self.bag.messages(self._offers.keys()):
+        for message in self._messages():
             if first_ns < 0:
                 first_ns = self._next_tick_ns = message.log_time_ns
             last_ns = max(last_ns, message.log_time_ns)
@@ -232,6 +232,16 @@ class Player:
                 self.lockstep.send(message.topic, publisher, message.data)
             self.sent[message.topic] += 1
             self.bag_seconds = before + (last_ns - first_ns) * 1e-9
+
+    def _messages(self) -> Iterator[BagMessage]:
+        for topic in self.sent.keys() - self._offers.keys():  # retired at the end of the last pass
+            self._offer(topic)
+        topics = list(self._offers)
+        return (self.bag.in_time_order(topics) if self.lockstep is None
+                else self.lockstep.messages(topics, self._retire))
+
+    def _retire(self, topic: str) -> None:
+        self.node.destroy_publisher(self._offers.pop(topic))
 
     def _tick_until(self, now_ns: int, begin_ns: int, first_ns: int) -> None:
         """Publish the ticks up to bag time ``now_ns``, each when it is due."""

@@ -7,7 +7,7 @@ Nothing tells when other messages, e.g. the adaptation term, are at the identifi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 import threading
 import time
 
@@ -15,17 +15,18 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from adaptive_blf_control.bags.joint_state import decode_joint_state
-from adaptive_blf_control.bags.reader import Bag, JOINT_STATE
+from adaptive_blf_control.bags.reader import Bag, BagMessage, JOINT_STATE
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.nodes.answers import Answers, NoAnswer
+from adaptive_blf_control.nodes.answers import Answers, NoAnswer, stamp_of
 from adaptive_blf_control.nodes.data_node import TOO_LATE
-from adaptive_blf_control.topics import COMMANDS, JOINT_STATES
+from adaptive_blf_control.topics import ADAPTATION_TERM, COMMANDS, JOINT_STATES
 
 __all__ = ['Lockstep', 'choose_topics', 'states_topic']
 
 # Best effort readers may lose a state, or not have found us yet when the first one is sent. The
 # identifier does not learn twice from the same stamp, so it can be sent again.
 SEND_AGAIN = 1.0  # s
+AHEAD = 20  # adaptation terms sent at most before their time; an identifier keeps some of them
 
 
 def choose_topics(bag: Bag, asked: Sequence[str], answers: Sequence[str]
@@ -116,6 +117,43 @@ class Lockstep:
                 raise NoAnswer(self._publisher.topic_name, None,
                                f'nobody listens within {self._timeout:g} s')
         self.answers.discover(max(self._timeout - (time.monotonic() - begin), 0.0))
+
+    def messages(self, topics: Collection[str], retire: Callable[[str], None]
+                 ) -> Iterator[BagMessage]:
+        """Yield the messages of ``topics`` in the order in which they can be answered.
+
+        By log time, but for the adaptation terms: an identifier that waits for the term of the
+        state in front does so until that one or a later one is there. In a bag from real time a
+        term may be late, or missing where the controller passed a state over.
+
+        Args:
+            topics: What is played.
+            retire: Ends a topic of which nothing more comes, so that nobody waits for it.
+        """
+        terms = beside(self.states, ADAPTATION_TERM)
+        if terms not in topics:
+            yield from self._bag.in_time_order(topics)
+            return
+        waiting = self._bag.in_time_order((terms,))
+        term = next(waiting, None)
+        sent_ns, before_ns, there = -1, -1, True  # stamps of the newest term, of the last state
+        for message in self._bag.in_time_order([topic for topic in topics if topic != terms]):
+            state, ahead = message.topic == self.states, AHEAD
+            while term is not None and (term.log_time_ns < message.log_time_ns
+                                        or (state and ahead and sent_ns < before_ns)):
+                ahead -= term.log_time_ns >= message.log_time_ns
+                yield term
+                sent_ns = max(sent_ns, stamp_of(term.data) or 0)
+                term = next(waiting, None)
+            if state:
+                if there and term is None and sent_ns < before_ns:
+                    there = False
+                    retire(terms)
+                before_ns = stamp_of(message.data) or 0
+            yield message
+        while term is not None:
+            yield term
+            term = next(waiting, None)
 
     def send(self, topic: str, publisher: Publisher, data: bytes) -> None:
         """Publish one message; return when the next one may follow.

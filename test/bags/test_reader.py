@@ -78,6 +78,27 @@ def test_folder_without_metadata_is_read_in_order_of_file_numbers(tmp_path):
     assert content(read_bag(folder)) == sent
 
 
+def test_messages_come_in_time_order_whatever_their_order_in_the_file(tmp_path):
+    with BagWriter(tmp_path / 'bag') as writer:
+        for topic in ('/a', '/b'):
+            writer.add_topic(topic, 'std_msgs/msg/Int32')
+        for first in range(0, 3000, 12):  # fetched topic by topic, 12 ms at a time
+            for topic in ('/a', '/b'):
+                for k in range(first, first + 12):
+                    writer.write(topic, encode_int32(k), 10**9 + k * 10**6)
+            if first == 600:  # one wild time does not disturb the others
+                writer.write('/a', encode_int32(-1), 2**62)
+        writer.write('/b', encode_int32(-2), 10**9)  # 3 s behind its place: late
+    bag = read_bag(tmp_path / 'bag')
+    ordered = [(m.log_time_ns, m.topic) for m in bag.in_time_order()]
+    expected = [(10**9 + k * 10**6, topic) for k in range(3000) for topic in ('/a', '/b')]
+    assert [m for m in ordered if m[0] != 2**62 and m not in expected[:2]] == expected[2:]
+    assert ordered[-1] == (2**62, '/a')
+    assert ordered.index((10**9, '/b')) == 1
+    assert ordered.count((10**9, '/b')) == 2
+    assert [m.topic for m in bag.in_time_order(['/b'])] == ['/b'] * 3001
+
+
 def test_every_truncation_reads_a_prefix_and_says_so(tmp_path):
     sent = write_bag(tmp_path / 'run', 30, 10)
     data = (tmp_path / 'run/run_0.mcap').read_bytes()

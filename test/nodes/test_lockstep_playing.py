@@ -124,6 +124,52 @@ def test_with_the_adaptation_terms_the_estimates_of_the_run_itself_come_back(
                                rtol=0.0, atol=1e-9)
 
 
+def _thinned(folder: Path, bag: Path) -> Path:
+    """Copy the bag as real time leaves one: some terms are missing, some late, batches by topic."""
+    states, terms = ([m for m in read_bag(bag).messages((topic,))] for topic in (STATES, TERMS))
+    kept = [m for k, m in enumerate(terms) if 20 <= k < 2980 and k % 50 not in (7, 8)]
+    with BagWriter(folder) as writer:
+        writer.add_topic(STATES, TOPICS['joint_states'])
+        writer.add_topic(TERMS, TOPICS['controller/adaptation_term'])
+        for first in range(0, len(states), 10):
+            begin, end = (states[min(k, len(states) - 1)].log_time_ns for k in (first, first + 10))
+            for message in states[first:first + 10]:
+                writer.write(STATES, message.data, message.log_time_ns)
+            for message in kept:
+                late = 1_700_000 if stamp_of(message.data) % 7 == 0 else 300_000
+                if begin <= message.log_time_ns < end:
+                    writer.write(TERMS, message.data, message.log_time_ns + late)
+    return folder
+
+
+def test_a_bag_of_real_time_whose_states_lack_terms_teaches_what_its_own_terms_say(
+        graph, wait_until: Callable, tmp_path: Path, bag: Path, config: Path) -> None:
+    thinned = _thinned(tmp_path / 'bag', bag)
+    content = read_bag(thinned)
+    assert content.topics[STATES].count == 3001
+    assert content.topics[TERMS].count == 2842
+    values = node_values(load_yaml(config), 'identifier')
+    arm = build_arm(values)
+    offline, log = build_identifier(values, arm), load_log(thinned, joints=arm.joints)
+    terms = content.joint_states(TERMS, arm.parameters)
+    expected = []
+    for stamp, *sample in zip(content.joint_states(STATES).stamp_ns.tolist(), log.t.tolist(),
+                              log.q, log.qd, log.tau):
+        sent = int(np.searchsorted(terms.stamp_ns, stamp)) - 1
+        fresh = sent >= 0 and (stamp - terms.stamp_ns[sent]) * 1e-9 <= values[
+            'adaptation_term_timeout']
+        expected.append(offline.update(*sample, terms.position[sent] if fresh else None))
+    _learner(graph, config, use_sim_time=True)
+    heard = graph.peer().listen(JointState, THETA)
+    player = _player(graph, thinned, topics=(STATES, TERMS))
+    player.play()
+    assert (player.lockstep.answered, player.lockstep.resent) == (3001, 0)
+    assert player.sent == {STATES: 3001, TERMS: 2842}
+    wait_until(lambda: len(heard) == 3001, what='the last estimate')
+    np.testing.assert_allclose([decode_joint_state(data).position for data, _ in heard], expected,
+                               rtol=0.0, atol=1e-9)
+
+
 def test_two_processes_do_the_same(processes, graph_of: Callable, wait_until: Callable, capsys,
                                    tmp_path: Path, bag: Path, config: Path) -> None:
     learner = processes.start('identifier', '--ros-args', '--params-file', str(config),

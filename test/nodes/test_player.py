@@ -19,6 +19,7 @@ from rclpy.qos import (
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Int32
 
 from adaptive_blf_control.bags.cdr import (
     encode_float64,
@@ -134,6 +135,26 @@ def test_messages_keep_their_distances_divided_by_the_rate(
     # The middle half of the distances: a busy machine delays some messages, but never all.
     assert np.percentile(np.diff(sent[::10]), [25, 75]) == pytest.approx(
         [20 * STEP, 20 * STEP], rel=0.2)
+
+
+def test_messages_are_sent_in_the_order_of_their_times_not_of_the_file(
+        graph, wait_until: Callable, tmp_path: Path) -> None:
+    topics = ('/identifier/history_rank', '/identifier/history_sigma_min')
+    with BagWriter(tmp_path / 'bag') as writer:
+        for topic in topics:
+            writer.add_topic(topic, TOPICS[topic[1:]])
+        for i in range(200):
+            writer.write(topics[0], encode_int32(i), START + i * STEP)
+        for i in range(200):
+            writer.write(topics[1], encode_float64(i), START + i * STEP + STEP // 2)
+    peer = graph.peer()
+    heard = [peer.listen(kind, topic) for kind, topic in zip((Int32, Float64), topics)]
+    _play(graph, tmp_path / 'bag', rate=0.5, wait=20.0, clock=0.0)
+    wait_until(lambda: [len(messages) for messages in heard] == [200, 200], what='the last ones')
+    first, second = (np.array([info['source_timestamp'] for _, info in messages])
+                     for messages in heard)
+    assert (first < second).all()
+    assert (second[:-1] < first[1:]).all()
 
 
 @pytest.mark.parametrize(('reliability', 'durability'), [
