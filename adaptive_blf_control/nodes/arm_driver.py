@@ -212,9 +212,7 @@ class ArmDriver(ManagedNode):
             if self._ready:
                 self._start_clock()
         while self.serves and self._due_ns != NEVER:  # else configured anew meanwhile
-            wait_ns = self._due_ns - time.monotonic_ns()
-            if wait_ns > 0:
-                self.spin_data(wait_ns * 1e-9)
+            self.spin_data(max(self._due_ns - time.monotonic_ns(), 0) * 1e-9)
             with self.between_samples:
                 begin_ns = time.monotonic_ns()
                 if begin_ns >= self._due_ns:

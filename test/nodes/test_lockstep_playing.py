@@ -125,8 +125,8 @@ def test_with_the_adaptation_terms_the_estimates_of_the_run_itself_come_back(
 
 
 def _thinned(folder: Path, bag: Path) -> Path:
-    """Copy the bag as real time leaves one: some terms are missing, some late, batches by topic."""
-    states, terms = ([m for m in read_bag(bag).messages((topic,))] for topic in (STATES, TERMS))
+    """Copy the bag as real time leaves one: some terms missing, some late, topic by topic."""
+    states, terms = (list(read_bag(bag).messages((topic,))) for topic in (STATES, TERMS))
     kept = [m for k, m in enumerate(terms) if 20 <= k < 2980 and k % 50 not in (7, 8)]
     with BagWriter(folder) as writer:
         writer.add_topic(STATES, TOPICS['joint_states'])
