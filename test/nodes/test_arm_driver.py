@@ -14,7 +14,7 @@ from std_msgs.msg import Float64MultiArray
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec
-from adaptive_blf_control.nodes import arm_driver
+from adaptive_blf_control.nodes import arm_driver, data_node
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 
 THETA = [3.473, 0.196, 0.242, 5.3, 1.1]
@@ -107,9 +107,9 @@ def by_hand(graph, wait_until, monkeypatch):
         wait_until(lambda: len(states) == before + 1, what=f'the state at {ms} ms')
         return states[-1]
 
-    def command_at(ms: float, *torque: float) -> None:
+    def command_at(ms: float, *torque: float, **info: int) -> None:
         clock.now_ns = 5_000_000_000 + round(ms * 1e6)
-        driver.on_command(_command(*torque), {})
+        driver.on_command(_command(*torque), info)
 
     return driver, state_at, command_at, states
 
@@ -169,6 +169,24 @@ def test_periods_that_passed_unseen_are_missed_not_squeezed(by_hand) -> None:
     state_at(60.0)
     assert [stamp - states.stamps[0] for stamp in states.stamps] == [
         0, 10_000_000, 50_000_000, 60_000_000]
+
+
+def test_answers_within_their_period_are_counted_of_all_that_were_due(
+        by_hand, monkeypatch) -> None:
+    driver, state_at, command_at, _ = by_hand
+    monkeypatch.setattr(data_node, 'time', arm_driver.time)
+    state_at(0.0)
+    state_at(700.0)  # 70 periods without an answer, before the motion
+    for k in range(70, 371):
+        if k > 70:
+            state_at(10.0 * k)
+        if k % 5:  # each fifth is not answered
+            now_ns = 5_000_000_000 + round((10.0 * k + 2.0) * 1e6)
+            command_at(10.0 * k + 2.0, 1.0, 1.0, source_timestamp=now_ns)
+    figures = driver.status()[2]
+    # The motion begins at 71, settles for 2 s from 72 to 272; 98 periods later the last state.
+    key = 'answered within their period so far [%]'
+    assert float(figures[key]) == pytest.approx(100.0 * (98 - 19) / 98, abs=1e-3)
 
 
 def test_after_a_long_stall_the_arm_has_moved_in_steps_of_a_period(by_hand) -> None:
