@@ -133,12 +133,14 @@ class Bag:
         ``OUT_OF_PLACE`` behind its time comes as late as it stands.
         """
         waiting: list[tuple[int, int, BagMessage]] = []
+        before_ns = 0
         for number, message in enumerate(self.messages(topics)):
-            # Of this message, not the latest so far: one wild time must not let all others pass.
-            settled = message.log_time_ns - OUT_OF_PLACE
-            heappush(waiting, (message.log_time_ns, number, message))
-            while waiting[0][0] < settled:
+            time_ns = message.log_time_ns
+            heappush(waiting, (time_ns, number, message))
+            # The first one after a jump does not tell: it may be the only one with a wild time.
+            while time_ns <= before_ns + OUT_OF_PLACE and waiting[0][0] < time_ns - OUT_OF_PLACE:
                 yield heappop(waiting)[2]
+            before_ns = time_ns
         while waiting:
             yield heappop(waiting)[2]
 

@@ -197,12 +197,13 @@ class ArmDriver(ManagedNode):
                 self.spin_data(0.01)
                 continue
             wait_for = self.values['wait_for_subscribers']
-            while self.serves and not self._heard_by(wait_for):
+            while self.serves and not self.heard_by(wait_for):
                 self.spin_data(0.01)
             if (self._real_time if self._lockstep is None else self._lockstep.loop)():
                 return
 
-    def _heard_by(self, count: int) -> bool:
+    def heard_by(self, count: int) -> bool:
+        """Whether at least ``count`` subscribe to the joint states."""
         with self.between_samples:
             return not self._ready or self._states.get_subscription_count() >= count
 

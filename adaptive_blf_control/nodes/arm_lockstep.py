@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState
 
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.nodes.answers import stamp_of
-from adaptive_blf_control.topics import ADAPTATION_TERM, THETA_HAT
+from adaptive_blf_control.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
 
 if TYPE_CHECKING:
     from adaptive_blf_control.nodes.arm_driver import ArmDriver
@@ -80,7 +80,7 @@ class ArmLockstep:
             LockstepTimeout: a node does not answer; names it.
         """
         driver = self._driver
-        self._wait(self._missing_publishers, 'is not there')
+        self._wait(self._missing_nodes, 'is not there')
         begin = due = time.monotonic()
         stamp_ns = first_ns = EPOCH_NS
         k, period_ns, interval = 0, driver.period_ns, 0.0
@@ -128,9 +128,17 @@ class ArmLockstep:
             self._driver.stop.wait(min(left, 0.05))
         return due
 
-    def _missing_publishers(self) -> list[str]:
+    def _missing_nodes(self) -> list[str]:
+        """Return who is not heard yet, or does not hear yet: discovery goes each way by itself."""
+        driver = self._driver
+        hearing = {(info.node_namespace, info.node_name)
+                   for info in driver.get_subscriptions_info_by_topic(JOINT_STATES)}
+        if not driver.heard_by(len(hearing)):  # known to be there, and not connected
+            return list(self._inputs)
         return [name for name, subscription in self._inputs.items()
-                if subscription.get_publisher_count() == 0]
+                if subscription.get_publisher_count() == 0
+                or not any((info.node_namespace, info.node_name) in hearing
+                           for info in driver.get_publishers_info_by_topic(ANSWERS[name]))]
 
     def _missing_answers(self, stamp_ns: int) -> list[str]:
         missing = [name for name, heard in self._heard.items() if heard != stamp_ns]

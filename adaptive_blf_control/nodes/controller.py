@@ -33,7 +33,7 @@ from adaptive_blf_control.control.controller import (
     sampling_number,
 )
 from adaptive_blf_control.control.reference import Posture, settled, SmoothStart
-from adaptive_blf_control.errors import BagError, BlfError, ParameterError
+from adaptive_blf_control.errors import BagError, BlfError, ParameterError, SetViolation
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
 from adaptive_blf_control.nodes.data_node import LONGEST_WAIT, TOO_LATE
 from adaptive_blf_control.nodes.joint_trajectory import reference_through
@@ -147,7 +147,7 @@ class ControllerNode(ManagedNode):
             BlfError: no fresh joint states, or somebody else sends commands.
         """
         self._check_fresh()
-        build_controller(self._values_to_start(), self.arm, self._q)
+        self._joined(self._q)
         others = [f'{info.node_namespace.rstrip("/")}/{info.node_name}'
                   for info in self.get_publishers_info_by_topic(COMMANDS)]
         if others:
@@ -281,8 +281,9 @@ class ControllerNode(ManagedNode):
             self.drop('unusable joint state', str(error))
             return False
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):
-            joint = self.arm.joints[int(np.argmin(np.isfinite(q) & np.isfinite(qd)))]
-            self.drop('non-finite joint state', f'joint {joint!r}')
+            i = int(np.argmin(np.isfinite(q) & np.isfinite(qd)))
+            self.drop('non-finite joint state',
+                      f'joint {self.arm.joints[i]!r}: {q[i]:g} rad, {qd[i]:g} rad/s')
             return False
         if not self._in_order(stamp):
             return False
@@ -351,12 +352,22 @@ class ControllerNode(ManagedNode):
                 return False
         return self.count_publishers(THETA_HAT) > 0
 
-    def _values_to_start(self) -> dict[str, Any]:
+    def _joined(self, q: np.ndarray) -> Controller:
+        """Return the controller of a motion that begins in ``q``, joined to the reference.
+
+        With ``reference.smooth_start`` 0 it begins on the reference itself, as the paper's, where
+        ``q`` is within the performance set around that; SetViolation outside the safety set.
+        """
         values = dict(self.values)
-        if self._resumes:  # the reference has moved on meanwhile, and so may the arm
-            values['reference.smooth_start'] = max(values['reference.smooth_start'],
-                                                   values['reference.resume_time'])
-        return values
+        if not self._resumes:  # else the reference has moved on meanwhile, and so may the arm
+            try:
+                return build_controller(values, self.arm, q)
+            except SetViolation:
+                if values['reference.smooth_start'] > 0.0:
+                    raise
+        values['reference.smooth_start'] = max(values['reference.smooth_start'],
+                                               values['reference.resume_time'])
+        return build_controller(values, self.arm, q)
 
     def _start(self, stamp: int, q: np.ndarray) -> bool:
         commands = self._commands
@@ -374,11 +385,10 @@ class ControllerNode(ManagedNode):
         Where points were being followed, ``q`` is held until the planner speaks again: nobody
         asked for the way back to the reference of the parameters.
         """
-        values = self._values_to_start()
         if not self._planned:
-            return build_controller(values, self.arm, q)
-        parts = controller_parts(values, self.arm)
-        hold = SmoothStart(Posture(q), values['reference.resume_time'], q)
+            return self._joined(q)
+        parts = controller_parts(self.values, self.arm)
+        hold = SmoothStart(Posture(q), self.values['reference.resume_time'], q)
         controller = Controller(self.arm, *parts._replace(reference=hold))
         controller.check_start(q)
         return controller
@@ -429,7 +439,7 @@ class ControllerNode(ManagedNode):
         commands = self._commands
         if commands is None:
             return
-        if self._pushes and commands.get_subscription_count() == 0:
+        if self._pushes and not self._someone_drives():
             self._stop_motion('nobody listens', 'nobody listens to the commands: zero torque')
         # Only to one of ours, which looks before it begins: not to whoever shouts.
         if (now - self._claimed_at < GIVE_WAY and self.count_publishers(COMMANDS) > 1

@@ -51,7 +51,8 @@ __all__ = ['DEPTH', 'LONGEST_WAIT', 'TOO_LATE', 'DataNode', 'Handler']
 # A wait on data alone does not see a stop request: it ends at least this often to look.
 LONGEST_WAIT = 0.05  # s
 # Each pass of the executor builds a wait set, and the loop waits for the interpreter meanwhile.
-REQUESTS_WAIT = 1.0  # s
+# What there is to serve, and the end, wake it.
+REQUESTS_WAIT = 10.0  # s
 DEPTH = 100
 # Messages that a publisher keeps for a reliable reader that falls behind. Fast DDS goes through
 # them when it is told every 3 s what has arrived, and what is published meanwhile waits.
@@ -183,6 +184,7 @@ class DataNode(Node):
     def end_data_subscription(self, subscription: Subscription) -> None:
         """Stop hearing what :meth:`data_subscription` returned; call it between two samples."""
         self._topics = [t for t in self._topics if t.channel.subscription is not subscription]
+        self._later = None  # it may have come from there
         self._leaving.append(subscription)  # the loop may be waiting on it
 
     def _forget_leaving(self) -> None:
@@ -246,9 +248,10 @@ class DataNode(Node):
         if handled:
             self.statistics.callback.add(time.monotonic_ns() - begin)
         # Here, with the work on a sample just done, and not in a thread that would take the
-        # interpreter away in the middle of one.
-        if time.monotonic() >= self._report_at:
-            self._report_at = time.monotonic() + REPORT
+        # interpreter away in the middle of one, nor in front of a state that is due.
+        now = time.monotonic()
+        if now >= self._report_at + (0.0 if handled else LONGEST_WAIT):
+            self._report_at = now + REPORT
             with self.between_samples:
                 self._report()
 
@@ -311,8 +314,9 @@ class DataNode(Node):
             finally:
                 self.stop.set()
                 if executor is not None:
-                    executor.wake()
+                    executor.create_task(int)  # a wake without work would let it wait on
                     thread.join(timeout=2.0)
+                    executor.shutdown(timeout_sec=2.0)
                 if self._executor_alone is not None:
                     self._executor_alone.shutdown(timeout_sec=2.0)
         return self.exit_code
@@ -370,9 +374,8 @@ class DataNode(Node):
             except HandleGone:  # the loop has just given back what the wait was to hold
                 continue
             except Exception as error:  # one bad request must not take all services away
-                if self.context.ok():
+                if self.up:
                     self.drop('failed request', f'{type(error).__name__}: {error}')
-        executor.shutdown(timeout_sec=2.0)
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
         """Return level, message and values for the diagnostics (REP 107)."""

@@ -1,24 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Waiting on data subscriptions alone: the only module that touches the inside of rclpy.
+"""Waiting on data subscriptions alone, and what else touches the inside of rclpy.
 
 rclpy's executor builds a new wait set with every service, timer and guard of the node on each
 pass. At 1 kHz that costs more than the control law. With :class:`DirectWait` one wait set holds
-the data subscriptions; parameters, services, timers and diagnostics stay with an ordinary
-executor in a second thread. :class:`PlainWait` does the same work with that executor alone, for
+the data subscriptions; parameters, services and timers stay with an ordinary executor
+in a second thread. :class:`PlainWait` does the same work with that executor alone, for
 an rclpy whose inside has changed (parameter ``executor``).
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import time
 from typing import Protocol
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
 from rclpy.executors import Executor
+from rclpy.lifecycle.node import LifecycleNodeMixin
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
@@ -30,7 +32,7 @@ except ImportError:
     DIRECT, HandleGone = False, RuntimeError
 
 __all__ = ['DIRECT', 'DataGroup', 'DirectChannel', 'DirectWait', 'HandleGone', 'PlainChannel',
-           'PlainWait', 'take_all', 'take_over_clock']
+           'PlainWait', 'lifecycle_state', 'overrides_of', 'take_all', 'take_over_clock']
 
 Message = tuple[bytes, dict[str, int]]
 Handler = Callable[[bytes, dict[str, int]], bool | None]
@@ -136,6 +138,16 @@ def take_over_clock(node: Node) -> None:
     if source is not None and subscription is not None:
         node.destroy_subscription(subscription)
         source._clock_sub = None
+
+
+def lifecycle_state(node: LifecycleNodeMixin) -> int:
+    """Return the present state, a constant of lifecycle_msgs/State."""
+    return int(node._state_machine.current_state[0])
+
+
+def overrides_of(node: Node) -> Mapping[str, Parameter]:
+    """Return the parameters given to a node, also to one that could not be made."""
+    return getattr(node, '_parameter_overrides', {})
 
 
 def take_all(subscription: Subscription, handler: Handler, newest_only: bool = False) -> int:

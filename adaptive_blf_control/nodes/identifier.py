@@ -171,10 +171,12 @@ class IdentifierNode(DataNode):
         if stamp >= TOO_LATE:
             self.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
             return
-        if self.lockstep and self._must_wait():
+        if self.lockstep and self._must_wait(stamp):
             self.later(self.on_joint_states, data, info)
             return
         self.drain()  # of a backlog every state needs the term that was sent before it
+        if stamp < self._last_ns:  # time begins again: the terms of before are of another run
+            self._terms = deque((term for term in self._terms if term[0] < stamp), maxlen=DEPTH)
         self._last_ns = stamp
         self.aged(info)
         if self._reset_requested:
@@ -207,12 +209,13 @@ class IdentifierNode(DataNode):
                 return term if fresh else None
         return None
 
-    def _must_wait(self) -> bool:
+    def _must_wait(self, stamp: int) -> bool:
         """In lockstep a state is used with the adaptation term of the one before it.
 
-        Once a later term is there, that one does not come any more.
+        Once a later term is there, that one does not come any more; nor does it for a state that
+        is sent again, or begins time anew.
         """
-        return (self._last_ns > 0 and all(sent < self._last_ns for sent, _ in self._terms)
+        return (0 < self._last_ns < stamp and all(sent < self._last_ns for sent, _ in self._terms)
                 and self.count_publishers(ADAPTATION_TERM) > 0)
 
     def on_reset_history(self, request: Trigger.Request,

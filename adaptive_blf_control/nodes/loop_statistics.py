@@ -17,7 +17,8 @@ LIMIT_NS = FINE_NS * FINE
 BINS = FINE + COARSE
 EDGES = np.concatenate([np.arange(1, FINE + 1) * FINE_NS,  # upper ones [ms]
                         LIMIT_NS + np.arange(1, COARSE + 1) * COARSE_NS]) * 1e-6
-SETTLE = 2.0  # s after a node's first sample; discovery and first requests are over by then
+# s after a node's first sample, and after `begin_anew`; discovery and first requests are over then
+SETTLE = 2.0
 NEVER = 2**63  # ns
 
 
@@ -53,7 +54,10 @@ class Histogram:
     def within(self, limit_ns: int) -> int:
         """Return how many durations lie in the bins up to ``limit_ns``."""
         counts = np.frombuffer(self._bins, dtype=np.int64) - self._forgotten
-        return int(counts[:int(np.searchsorted(EDGES, limit_ns * 1e-6, side='right'))].sum())
+        bins = int(np.searchsorted(EDGES, limit_ns * 1e-6, side='right'))
+        if self.largest_ns > limit_ns:
+            bins = min(bins, BINS - 1)  # the last one has no upper edge
+        return int(counts[:bins].sum())
 
     def quantiles(self, parts: tuple[float, ...], recent: bool = False) -> tuple[float, ...]:
         """Return quantiles [ms], the upper edge of their bin; NaN where nothing was counted.

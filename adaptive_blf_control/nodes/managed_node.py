@@ -17,6 +17,7 @@ from rclpy.lifecycle.node import LifecycleNodeMixin
 
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.nodes.data_node import DataNode
+from adaptive_blf_control.nodes.direct_wait import lifecycle_state
 
 __all__ = ['ManagedNode']
 
@@ -78,7 +79,7 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
     @property
     def state_id(self) -> int:
         """Present state, a constant of lifecycle_msgs/State."""
-        return int(self._state_machine.current_state[0])
+        return lifecycle_state(self)
 
     def _changes(self, trigger: Callable[[], TransitionCallbackReturn]) -> bool:
         self._refused, self._by_itself = None, True

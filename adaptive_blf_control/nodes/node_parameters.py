@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter as RosParameter
 import yaml
 
 from adaptive_blf_control.errors import BlfError, ParameterError
+from adaptive_blf_control.nodes.direct_wait import overrides_of
 from adaptive_blf_control.parameters.nodes import TABLES
 from adaptive_blf_control.parameters.table import Parameter, per_joint, validated
 from adaptive_blf_control.parameters.yaml_file import (
@@ -139,8 +140,7 @@ def on_change(node: Node, kind: str, values: dict[str, Any],
 
 def refuse_untyped(node: Node, kind: str) -> None:
     """Raise ParameterError for a given value that has no type in ROS: an empty list."""
-    # rclpy has no public way to what was given to a node that could not be made.
-    for name, parameter in getattr(node, '_parameter_overrides', {}).items():
+    for name, parameter in overrides_of(node).items():
         if parameter.type_ == RosParameter.Type.NOT_SET:
             raise ParameterError(f'{kind}.{name}', [],
                                  'at least one element: an empty list has no type in ROS')

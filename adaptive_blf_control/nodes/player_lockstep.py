@@ -149,7 +149,10 @@ class Lockstep:
                 if there and term is None and sent_ns < before_ns:
                     there = False
                     retire(terms)
-                before_ns = stamp_of(message.data) or 0
+                stamp = stamp_of(message.data) or 0
+                if stamp < before_ns:  # time begins again
+                    sent_ns = -1
+                before_ns = stamp
             yield message
         while term is not None:
             yield term

@@ -68,6 +68,7 @@ class Recorder(DataNode):
         self.lost: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
         self._failure: str | None = None
+        self._unwritten: dict[str, int] = {}  # messages of a topic that the disk did not take
         self._pending: dict[str, str] = {}
         self._heard: dict[str, _Heard] = {}
         for topic in self.values['topics']:
@@ -155,6 +156,7 @@ class Recorder(DataNode):
                publish_ns: int) -> None:
         if self._failure is not None:
             self.drops['disk'] = self.drops.get('disk', 0) + 1
+            self._unwritten[topic] = self._unwritten.get(topic, 0) + 1
             return
         try:
             if topic not in self.bag.counts:
@@ -271,8 +273,10 @@ class Recorder(DataNode):
                 self._fail(str(error))
         counts = self.bag.counts
         for topic, received in self.received.items():
-            self.get_logger().info(f'{topic}: received {received}, written '
-                                   f'{counts.get(topic, 0)}, lost {self.lost[topic]}')
+            unwritten = self._unwritten.get(topic, 0)
+            self.get_logger().info(f'{topic}: received {received}, written {counts.get(topic, 0)}'
+                                   + (f', dropped {unwritten}' if unwritten else '')
+                                   + f', lost {self.lost[topic]}')
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
         """Report counts per topic; in lockstep they would say how fast the machine is."""

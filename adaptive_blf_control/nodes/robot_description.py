@@ -3,19 +3,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import time
+from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.errors import ArmError
+from adaptive_blf_control.bags.cdr_cursor import Cursor
+from adaptive_blf_control.errors import ArmError, BagError
 from adaptive_blf_control.nodes.data_node import DataNode
 from adaptive_blf_control.nodes.direct_wait import DataGroup, take_all
 from adaptive_blf_control.parameters.build import build_arm
 
-__all__ = ['arm_of']
+__all__ = ['arm_from', 'arm_of']
 
 PATIENCE = 10.0  # s
 POLL = 0.01  # s
@@ -44,4 +46,13 @@ def arm_of(node: DataNode) -> Arm:
     node.destroy_subscription(subscription)
     if not received:
         raise ArmError(f'no URDF arrived on topic {topic!r} within {PATIENCE:g} s')
-    return build_arm(node.values, deserialize_message(received[-1], String).data)
+    return arm_from(received[-1], topic, node.values)
+
+
+def arm_from(data: bytes, topic: str, values: Mapping[str, Any]) -> Arm:
+    """Build the arm from a std_msgs/String as CDR; ArmError where it holds no usable URDF."""
+    try:
+        text = Cursor(data, 'String').string('data')
+    except BagError as error:
+        raise ArmError(f'topic {topic!r}: {error}') from None
+    return build_arm(values, text)

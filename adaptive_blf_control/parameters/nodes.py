@@ -70,7 +70,7 @@ ARM_DRIVER: Table = ARM + MANAGED + (
               'Where theta* of the simulated arm comes from: the nominal values of the arm, or '
               'given as true_parameters.', choices=('nominal', 'given')),
     Parameter('true_parameters', 'double_array', [0.0],
-              'theta* for true_model: given, e.g. p1 p2 p3 f1 f2 of two_link.',
+              'theta* for true_model: given, p1 p2 p3 fv_joint1 fv_joint2 of two_link.',
               length='parameters', read_only=False),
     Parameter('payload', 'double', 0.0,
               'Point mass at the tip of the true arm, on top of true_model (three_link, urdf).',

@@ -37,7 +37,7 @@ Not judged: the first {settle:g} s of motion, and the last 0.1 s. Missed: period
 grid without a state, its answer, its estimate, also where the recorder lost the message that shows
 it; of the recorder: messages that did not reach the bag, all run long. Met: periods with a state
 and its answer, if late; in time: before the next state was due. One callback of the recorder
-takes what came within 20 ms. The bare echo: typed messages, `rclpy.spin`, no control and no
+takes what came within 10 ms. The bare echo: typed messages, `rclpy.spin`, no control and no
 recorder. CPU: % of a core. The last line of each rate compares: under 1 the four nodes are better,
 in the periods over 1.
 """

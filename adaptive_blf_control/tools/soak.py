@@ -206,6 +206,7 @@ def _run(options: argparse.Namespace) -> int:
 def _drive(config: Path, duration: float, output: Path) -> tuple[_Watch, str, list[str]]:
     """Run the nodes; return what was watched, the recorder's words and who did not end well."""
     with NodeProcesses(config.resolve(), duration, output.resolve()) as nodes:
+        print(f'on this host only; to look inside: ROS_DOMAIN_ID={nodes.domain}', flush=True)
         watch = _Watch(nodes, output)
         bad = nodes.until_done(watch.look, min(PERIOD, duration / 60.0))
         bad = list(dict.fromkeys(bad + nodes.end()))

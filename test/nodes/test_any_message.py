@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 import itertools
 import math
 import random
+import re
 import threading
 from typing import Any, NamedTuple
 
@@ -22,18 +23,20 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.bags.cdr import decode_float64_array
 from adaptive_blf_control.bags.reader import read_bag
-from adaptive_blf_control.errors import SetViolation
+from adaptive_blf_control.errors import BlfError, SetViolation
 from adaptive_blf_control.nodes.answers import Answers
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
+from adaptive_blf_control.nodes.robot_description import arm_from
+from adaptive_blf_control.parameters.yaml_file import node_values
 from adaptive_blf_control.topics import COMMANDS, JOINT_STATES, JOINT_TRAJECTORY, THETA_HAT
 
 hypothesis = pytest.importorskip('hypothesis')
@@ -51,6 +54,16 @@ TASK = {
     'performance__lower': [-0.17], 'performance__upper': [0.2],
     'reference__smooth_start': 0.0, 'monitor_decimation': 7, 'state_timeout': 1.0,
 }
+PAIR = """<robot name="pair"><link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2.0"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0.2 0 0"/><mass value="1.0"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="5" effort="50"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" velocity="5" effort="50"/></joint></robot>"""
 FIRST = 10**12  # ns, stamp of the first message
 
 SPECIAL = (0.0, -0.0, math.nan, math.inf, -math.inf, 1e308, -1.7e308, 1e154, 5e-324, 1e-300)
@@ -288,6 +301,42 @@ def test_trajectories_of_the_controller(moving) -> None:
     _feed(_trajectory, handle)
     assert watched.taken > 100
     assert watched.refused > 1000
+
+
+def test_robot_descriptions() -> None:
+    pytest.importorskip('pinocchio', reason='no URDF without it')
+    values = {'arm': 'urdf', 'urdf': 'topic:robot_description', 'joints': ['shoulder', 'elbow']}
+    values = node_values({'/**': {'ros__parameters': values}}, 'controller')
+    good = serialize_message(String(data=PAIR))
+    assert arm_from(good, 'robot_description', values).joints == ('shoulder', 'elbow')
+    built = refused = 0
+
+    def make(drawn: _Drawn) -> bytes:
+        kind = drawn.random.random()
+        if kind < 0.1:
+            return drawn.random.choice(drawn.chunks)
+        if kind < 0.2:
+            return serialize_message(String(data=drawn.random.choice(drawn.texts)))
+        if kind < 0.6:  # another number somewhere
+            places = [match.span(1) for match in re.finditer(r'"([-0-9. ]+)"', PAIR)]
+            start, end = drawn.random.choice(places)
+            number = repr(drawn.random.choice(drawn.wild + drawn.usual))
+            return serialize_message(String(data=PAIR[:start] + number + PAIR[end:]))
+        return drawn.spoiled(good)
+
+    def handle(data: bytes, _: dict) -> None:
+        nonlocal built, refused
+        try:
+            arm = arm_from(data, 'robot_description', values)
+        except BlfError:
+            refused += 1
+        else:
+            built += 1
+            assert np.isfinite(arm.nominal).all()
+
+    _feed(make, handle)
+    assert built > 100
+    assert refused > 1000
 
 
 def test_bytes_that_are_no_trajectory_do_not_end_the_thread_that_serves_requests(

@@ -346,10 +346,8 @@ def test_with_known_parameters_nothing_is_learned(rig) -> None:
 @pytest.mark.parametrize(('q', 'joint', 'value', 'bound', 'what'), [
     ([-1.3, 2.0], 'joint1', -1.3, -1.17, 'safety'),
     ([0.0, 2.5], 'joint2', 2.5, 2.2, 'safety'),
-    ([0.3, 2.0], 'joint1', 0.3, 0.2, 'performance'),
-    ([0.0, 1.5], 'joint2', -0.5, -0.17, 'performance'),
 ])
-def test_a_start_outside_a_set_ends_the_node_without_any_torque(
+def test_a_start_outside_the_safety_set_ends_the_node_without_any_torque(
         graph, wait_until, q, joint, value, bound, what) -> None:
     rig = _Rig(graph, wait_until)
     states = rig.peer.create_publisher(JointState, JOINT_STATES, 10)
@@ -383,6 +381,27 @@ def test_a_process_whose_arm_starts_outside_a_set_says_so_and_fails(
         process.text
     assert 'Traceback' not in process.text
     assert commands == []
+
+
+@pytest.mark.parametrize('q', [[0.3, 2.0], [0.0, 1.5], [-1.1, 0.1]])
+def test_without_a_smooth_start_a_posture_off_the_performance_set_is_joined_all_the_same(
+        rig, q) -> None:
+    rig = rig(reference__resume_time=2.0, state_timeout=10.0)
+    rig.answer(_state(0.0, q, [0.0, 0.0]))
+    np.testing.assert_allclose(rig.node.output.e1, 0.0, atol=1e-12)
+    reference = rig.node._controller.reference
+    wanted = build_controller(rig.node.values, rig.node.arm, None).reference
+    np.testing.assert_allclose(reference.at(0.0).position, q, atol=1e-12)
+    assert not np.allclose(reference.at(1.9).position, wanted.at(1.9).position, atol=1e-6)
+    np.testing.assert_allclose(reference.at(2.0).position, wanted.at(2.0).position, atol=1e-12)
+
+
+def test_without_a_smooth_start_a_posture_near_the_reference_keeps_its_error(rig) -> None:
+    rig = rig(reference__resume_time=2.0)
+    rig.answer(_state(0.0, [0.1, 2.05], [0.0, 0.0]))
+    wanted = build_controller(rig.node.values, rig.node.arm, None).reference.at(0.0)
+    np.testing.assert_allclose(rig.node.output.e1, [0.1, 2.05] - wanted.position, atol=1e-12)
+    assert np.abs(rig.node.output.e1).min() > 0.01
 
 
 def test_a_smooth_start_may_begin_anywhere_inside_the_safety_set_and_nowhere_else(rig) -> None:
@@ -618,12 +637,22 @@ def test_a_controller_gives_way_to_another_that_appears_at_its_start_not_to_whoe
         wait_until(lambda: np.array_equal(rig.torques[-1], [0.0, 0.0]), what='zero torque')
 
 
-def test_where_nobody_listens_any_longer_the_torque_counts_as_lost(rig, wait_until) -> None:
+@pytest.mark.parametrize('recorded', [False, True])
+def test_where_nobody_listens_any_longer_the_torque_counts_as_lost(
+        graph, rig, wait_until, recorded) -> None:
     rig = rig(state_timeout=100.0)
     rig.answer(_state(0.0))
+    if recorded:  # which moves no arm
+        recorder = graph.add(Node('recorder', context=graph.context))
+        recorder.create_subscription(Float64MultiArray, COMMANDS, lambda _: None, 10)
+    rig.node._looked_at = 0.0
+    rig.node.idle()
+    assert not rig.node._lost
     for subscription in list(rig.peer.subscriptions):
         rig.peer.destroy_subscription(subscription)
-    wait_until(lambda: rig.node._commands.get_subscription_count() == 0)
+    wait_until(lambda: rig.node._commands.get_subscription_count() == int(recorded)
+               and not rig.node._someone_drives())
+    rig.node._looked_at = 0.0
     rig.node.idle()
     assert rig.node._lost
     assert 'nobody listens' in rig.node.last_fault
@@ -759,10 +788,30 @@ def test_a_trajectory_replaces_the_reference_smoothly_and_by_joint_name(rig) -> 
     assert rig.node.drops == {}
 
 
+def _from_where_it_is(start, *goals) -> JointTrajectory:
+    """Return what MoveIt sends: the first point is at 0 s, where the arm is believed to be."""
+    message = _trajectory(start, seconds=0.0)
+    for seconds, goal in enumerate(goals or ([1.0, -0.5],), start=1):
+        message.points += _trajectory(goal, seconds=seconds).points
+    return message
+
+
+def test_a_first_point_at_0_s_is_checked_and_not_gone_through(rig) -> None:
+    rig = rig(state_timeout=10.0)
+    rig.answer(_state(0.0))
+    wanted = rig.node._controller.reference.at(0.1).position
+    rig.node.on_joint_trajectory(_from_where_it_is(wanted[::-1] + 0.1, [1.0, -0.5]))
+    assert rig.node.drops == {}
+    reference = rig.node._controller.reference
+    np.testing.assert_allclose(reference.at(0.1).position, wanted, atol=1e-12)
+    np.testing.assert_allclose(reference.at(1.1).position, [-0.5, 1.0], atol=1e-12)
+
+
 @pytest.mark.parametrize(('message', 'what'), [
     (_trajectory([1.0, -0.5], names=('joint1', 'joint3')), 'joint3'),
     (_trajectory([1.0]), '2 values'),
     (_trajectory([1.0, -0.5], seconds=0.0), 'ascending'),
+    (_from_where_it_is([1.0, -0.5]), 'first point, at 0 s, outside the performance set'),
     (_trajectory([1.0, -0.5], velocities=[0.1, 0.0]), 'at rest'),
     (_trajectory([math.nan, -0.5]), 'finite'),
     (_trajectory([1.0, 1.1]), "'joint1'"),

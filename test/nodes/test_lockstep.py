@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import signal
 import time
 from typing import Any, NamedTuple
 
@@ -164,6 +165,23 @@ def test_two_runs_are_the_same_and_that_of_simulate_byte_for_byte(
         assert first[key] == second[key], key
     assert len(first[STATES, '']) == len(first['/clock', '']) == 1201
     _assert_simulated(runs[0], _simulate(scene.config, tmp_path / 'simulated', 1.2))
+
+
+def test_four_processes_give_the_bytes_of_simulate_whoever_comes_last(
+        processes, scene, tmp_path) -> None:
+    bag = tmp_path / 'bag'
+    settings = {'arm_driver': ['duration:=0.5', 'wait_for_subscribers:=3'],
+                'identifier': [f'estimate_file:={tmp_path / "theta_hat.yaml"}'],
+                'recorder': [f'bag:={bag}']}
+    started = {name: processes.start(
+        name, '--ros-args', '--params-file', str(scene.config), '-p', 'use_sim_time:=true',
+        *(word for setting in settings.get(name, []) for word in ('-p', f'{name}:{setting}')))
+        for name in ('arm_driver', 'controller', 'identifier', 'recorder')}
+    assert started['arm_driver'].wait() == 0, started['arm_driver'].text
+    for name in ('controller', 'identifier', 'recorder'):
+        assert started[name].signal(signal.SIGINT) == 0, started[name].text
+    _assert_simulated(_messages(read_bag(bag)),
+                      _simulate(scene.config, tmp_path / 'simulated', 0.5))
 
 
 def test_an_arm_with_encoders_that_starts_off_its_reference_runs_as_in_simulate(

@@ -168,6 +168,9 @@ def test_a_bag_of_real_time_whose_states_lack_terms_teaches_what_its_own_terms_s
     wait_until(lambda: len(heard) == 3001, what='the last estimate')
     np.testing.assert_allclose([decode_joint_state(data).position for data, _ in heard], expected,
                                rtol=0.0, atol=1e-9)
+    again = _player(graph, thinned, topics=(STATES, TERMS))  # time begins again
+    again.play()
+    assert (again.lockstep.answered, again.lockstep.resent) == (3001, 0)
 
 
 def test_two_processes_do_the_same(processes, graph_of: Callable, wait_until: Callable, capsys,

@@ -113,4 +113,4 @@ def test_launch_description_loads_where_ros_launch_is_installed(repository: Path
     description = sources.get_launch_description_from_python_launch_file(str(file))
     assert isinstance(description, launch.LaunchDescription)
     arguments = {argument.name for argument in description.get_launch_arguments()}
-    assert arguments == {'params_file', 'bag', 'namespace'}
+    assert arguments == {'params_file', 'bag', 'namespace', 'use_sim_time', 'autostart'}

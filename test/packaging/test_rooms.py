@@ -23,7 +23,7 @@ def _imports(path: Path) -> Iterator[str]:
 
 def _is_ros(name: str) -> bool:
     top = name.partition('.')[0]
-    return top in ('rclpy', 'rosidl_runtime_py') or top.endswith(('_msgs', '_interfaces'))
+    return top in ('rclpy', 'rosidl_runtime_py') or top.endswith(('_msgs', '_srvs', '_interfaces'))
 
 
 @pytest.fixture(scope='module')
