@@ -153,5 +153,5 @@ class ArmLockstep:
         while self._goes_on and (names := missing()):
             if time.monotonic() > give_up:
                 raise LockstepTimeout(f'{", ".join(names)} {what} within {timeout:g} s: '
-                                      f'does it run with use_sim_time: true?')
+                                      f'is it active, with use_sim_time: true?')
             driver.spin_data(0.01)

@@ -8,12 +8,15 @@ import signal
 import time
 from typing import Any, NamedTuple
 
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 import yaml
 
+from adaptive_blf_control.bags.cdr import decode_float64_array
 from adaptive_blf_control.bags.joint_state import decode_joint_state
 from adaptive_blf_control.bags.reader import Bag, read_bag
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
@@ -228,6 +231,28 @@ def test_a_node_that_ends_in_the_middle_is_named(scene, wait_until, ending) -> N
     with pytest.raises(LockstepTimeout, match=fr'^{ending}.* has not answered the state of '
                                               r'\d+\.\d{6} s within 1 s'):
         run.runners['arm_driver'].join()
+
+
+def test_a_controller_that_is_deactivated_holds_time_still_until_it_is_active_again(
+        scene, wait_until) -> None:
+    run = scene.run(duration=0.6, lockstep__timeout=30.0)
+    controller, peer = run.nodes['controller'], scene.graph.peer()
+
+    def change(transition: int) -> None:
+        answer = peer.call(ChangeState, '/controller/change_state',
+                           ChangeState.Request(transition=Transition(id=transition)))
+        assert answer.success
+
+    wait_until(lambda: controller.statistics.samples >= 100, what='the middle')
+    change(Transition.TRANSITION_DEACTIVATE)
+    samples = controller.statistics.samples
+    assert samples < 600
+    change(Transition.TRANSITION_ACTIVATE)
+    recorded = run.end()
+    torques = np.array([decode_float64_array(message.data) for message in recorded[COMMANDS]])
+    assert np.flatnonzero(~torques.any(axis=1)).tolist() == [samples, 602]
+    stamps = [decode_joint_state(message.data).stamp_ns for message in recorded[STATES]]
+    assert stamps == [EPOCH_NS + k * 10**6 for k in range(601)]
 
 
 def test_a_driver_without_answers_ends_as_a_process_with_status_2(processes, scene) -> None:
