@@ -530,7 +530,7 @@ def test_one_reason_for_drops_does_not_silence_another(rig, capfd) -> None:
     rig.node.on_joint_states(serialize_message(_state(0.0, [math.nan, 2.0])), {})
     log = capfd.readouterr().err
     assert log.count('unusable joint state') == 1
-    assert "non-finite joint state: joint 'joint1' (1 so far)" in log
+    assert "non-finite joint state: joint 'joint1': nan rad, 0.4 rad/s (1 so far)" in log
 
 
 @pytest.mark.parametrize('ms', [3000.0, 50.0, -5e5], ids=[

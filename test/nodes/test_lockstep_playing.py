@@ -136,7 +136,7 @@ def _thinned(folder: Path, bag: Path) -> Path:
             for message in states[first:first + 10]:
                 writer.write(STATES, message.data, message.log_time_ns)
             for message in kept:
-                late = 1_700_000 if stamp_of(message.data) % 7 == 0 else 300_000
+                late = 1_200_000 if stamp_of(message.data) % 7 == 0 else 300_000
                 if begin <= message.log_time_ns < end:
                     writer.write(TERMS, message.data, message.log_time_ns + late)
     return folder
