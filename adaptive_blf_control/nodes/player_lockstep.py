@@ -149,10 +149,7 @@ class Lockstep:
                 if there and term is None and sent_ns < before_ns:
                     there = False
                     retire(terms)
-                stamp = stamp_of(message.data) or 0
-                if stamp < before_ns:  # time begins again
-                    sent_ns = -1
-                before_ns = stamp
+                before_ns = stamp_of(message.data) or 0
             yield message
         while term is not None:
             yield term
