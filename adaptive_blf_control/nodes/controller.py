@@ -294,15 +294,13 @@ class ControllerNode(ManagedNode):
             self._q, self._heard_at = q, time.monotonic()
             if not (self.wants_activation and self._someone_drives()
                     and self.activate_by_itself()):
-                if self.lockstep:
-                    self.later(self.on_joint_states, data, info)
+                self.later(self.on_joint_states, data, info)
                 return True
         if self._lost:
             self._controller, self._resumes = None, True
         begins = self._controller is None
         if begins and not self._start(stamp, q):
-            if self.lockstep:
-                self.later(self.on_joint_states, data, info)
+            self.later(self.on_joint_states, data, info)
             return True
         self._last_ns, self._q = stamp, q
         self._heard_at, self._lost = time.monotonic(), ''

@@ -258,9 +258,11 @@ class DataNode(Node):
     def later(self, handler: Handler, data: bytes, info: dict[str, int]) -> None:
         """Hand the message to ``handler`` again with the next that is heard, or after a while.
 
-        In lockstep a sample cannot be worked on before the answers to the one before it.
+        In lockstep alone: there a sample waits for what answers the one before it. In real time
+        a newer one comes.
         """
-        self._later = handler, data, info
+        if self.lockstep:
+            self._later = handler, data, info
 
     def drain(self) -> None:
         """Handle what waits on the topics that do not wake the loop; call it in a handler."""

@@ -28,6 +28,15 @@ from rclpy.qos import QoSProfile
 from adaptive_blf_control.tools.domain import own_domain
 from adaptive_blf_control.tools.processes import FAST_DISCOVERY
 
+URDF = """<robot name="pair">
+  <link name="base"/>
+  {}
+</robot>"""
+LINK = """<link name="{child}"><inertial><origin xyz="0.2 0 0"/><mass value="2.0"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+  <joint name="{joint}" type="revolute"><parent link="{parent}"/><child link="{child}"/>
+    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" velocity="5" effort="50"/></joint>"""
 POLL = 0.002  # s between looks of wait_until
 
 
@@ -255,6 +264,14 @@ class Processes:
 def wait_until() -> Callable[..., Any]:
     """Return ``wait_until(condition, timeout=20.0, what='')``: the deadline instead of a sleep."""
     return _wait_until
+
+
+@pytest.fixture
+def pair_urdf() -> str:
+    """Return the URDF of an arm with the joints shoulder and elbow."""
+    return URDF.format('\n'.join(
+        LINK.format(child=child, parent=parent, joint=joint) for parent, child, joint in (
+            ('base', 'upper', 'shoulder'), ('upper', 'lower', 'elbow'))))
 
 
 @pytest.fixture

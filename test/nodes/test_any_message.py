@@ -54,16 +54,6 @@ TASK = {
     'performance__lower': [-0.17], 'performance__upper': [0.2],
     'reference__smooth_start': 0.0, 'monitor_decimation': 7, 'state_timeout': 1.0,
 }
-PAIR = """<robot name="pair"><link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2.0"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
-  <link name="lower"><inertial><origin xyz="0.2 0 0"/><mass value="1.0"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
-  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
-    <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="5" effort="50"/></joint>
-  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/>
-    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" velocity="5" effort="50"/></joint></robot>"""
 FIRST = 10**12  # ns, stamp of the first message
 
 SPECIAL = (0.0, -0.0, math.nan, math.inf, -math.inf, 1e308, -1.7e308, 1e154, 5e-324, 1e-300)
@@ -303,11 +293,11 @@ def test_trajectories_of_the_controller(moving) -> None:
     assert watched.refused > 1000
 
 
-def test_robot_descriptions() -> None:
+def test_robot_descriptions(pair_urdf: str) -> None:
     pytest.importorskip('pinocchio', reason='no URDF without it')
     values = {'arm': 'urdf', 'urdf': 'topic:robot_description', 'joints': ['shoulder', 'elbow']}
     values = node_values({'/**': {'ros__parameters': values}}, 'controller')
-    good = serialize_message(String(data=PAIR))
+    good = serialize_message(String(data=pair_urdf))
     assert arm_from(good, 'robot_description', values).joints == ('shoulder', 'elbow')
     built = refused = 0
 
@@ -318,10 +308,10 @@ def test_robot_descriptions() -> None:
         if kind < 0.2:
             return serialize_message(String(data=drawn.random.choice(drawn.texts)))
         if kind < 0.6:  # another number somewhere
-            places = [match.span(1) for match in re.finditer(r'"([-0-9. ]+)"', PAIR)]
+            places = [match.span(1) for match in re.finditer(r'"([-0-9. ]+)"', pair_urdf)]
             start, end = drawn.random.choice(places)
             number = repr(drawn.random.choice(drawn.wild + drawn.usual))
-            return serialize_message(String(data=PAIR[:start] + number + PAIR[end:]))
+            return serialize_message(String(data=pair_urdf[:start] + number + pair_urdf[end:]))
         return drawn.spoiled(good)
 
     def handle(data: bytes, _: dict) -> None:

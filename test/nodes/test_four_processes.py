@@ -42,15 +42,6 @@ from adaptive_blf_control.topics import (
 
 # Spoken on only if asked for, and where a parameter changes.
 QUIET = (GUARANTEE, JOINT_TRAJECTORY, '/parameter_events')
-URDF = """<robot name="pair">
-  <link name="base"/>
-  {}
-</robot>"""
-LINK = """<link name="{child}"><inertial><origin xyz="0.2 0 0"/><mass value="2.0"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
-  <joint name="{joint}" type="revolute"><parent link="{parent}"/><child link="{child}"/>
-    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" velocity="5" effort="50"/></joint>"""
 
 
 def _left_over(folder: Path) -> list[str]:
@@ -208,19 +199,13 @@ def test_a_signal_while_a_node_is_being_made_ends_the_process_at_once(number) ->
         rclpy.try_shutdown()
 
 
-def _urdf() -> str:
-    return URDF.format('\n'.join(
-        LINK.format(child=child, parent=parent, joint=joint) for parent, child, joint in (
-            ('base', 'upper', 'shoulder'), ('upper', 'lower', 'elbow'))))
-
-
 @pytest.mark.parametrize('kind', [ControllerNode, ArmDriver])
-def test_an_arm_is_built_from_the_urdf_on_a_latched_topic(graph, kind) -> None:
+def test_an_arm_is_built_from_the_urdf_on_a_latched_topic(graph, pair_urdf, kind) -> None:
     pytest.importorskip('pinocchio')
     publisher = graph.peer().create_publisher(
         String, '/left/robot_description',
         QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
-    publisher.publish(String(data=_urdf()))
+    publisher.publish(String(data=pair_urdf))
     node = graph.make(kind, namespace='/left', arm='urdf', urdf='topic:robot_description',
                       joints=['shoulder', 'elbow'])
     assert node.arm.joints == ('shoulder', 'elbow')
@@ -236,12 +221,12 @@ def test_a_urdf_that_does_not_come_is_an_error_that_names_the_topic(graph, monke
         graph.make(ControllerNode, arm='urdf', urdf='topic:nowhere', joints=['shoulder', 'elbow'])
 
 
-def test_a_urdf_without_the_joints_is_refused_by_name(graph) -> None:
+def test_a_urdf_without_the_joints_is_refused_by_name(graph, pair_urdf) -> None:
     pytest.importorskip('pinocchio')
     publisher = graph.peer().create_publisher(
         String, 'robot_description',
         QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
-    publisher.publish(String(data=_urdf()))
+    publisher.publish(String(data=pair_urdf))
     with pytest.raises(ArmError, match='wrist'):
         graph.make(ControllerNode, arm='urdf', urdf='topic:robot_description',
                    joints=['shoulder', 'wrist'])

@@ -33,6 +33,7 @@ from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
 from adaptive_blf_control.parameters.yaml_file import node_values, PARAMETERS_KEY
+from adaptive_blf_control.tools.soak_figures import account_of
 from adaptive_blf_control.topics import JOINT_TRAJECTORY, TOPICS
 
 TYPES = {'sensor_msgs/msg/JointState': JointState, 'std_msgs/msg/Int32': Int32,
@@ -283,10 +284,15 @@ def test_a_full_disk_ends_the_recording_with_what_was_written(processes, graph_o
     wait_until(stream.matched)
     stream.start()
     wait_until(lambda: 'recording stopped' in process.text)
+    sent = len(stream.times)
+    wait_until(lambda: len(stream.times) > sent + 100)  # which reach the recorder
     assert process.signal(signal.SIGINT) == 1
     stream.end()
     assert 'what was written is kept' in process.text
     assert 'Traceback' not in process.text
+    account, = account_of(process.text, {'/number': 0})
+    assert account.dropped > 0
+    assert account.received == account.written + account.dropped
     numbers = _numbers(bag)
     assert len(numbers) > 100
     assert numbers == list(range(len(numbers)))
