@@ -7,7 +7,8 @@ The laws are written as functions over float64 arrays in the subset numba compil
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 import hashlib
 import os
 from pathlib import Path
@@ -15,12 +16,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-__all__ = ['COMPILED', 'all_finite', 'jit', 'jit_closure']
+__all__ = ['COMPILED', 'all_finite', 'before_each_compilation', 'jit', 'jit_closure']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 try:
     import numba
+    from numba.core import event as numba_event
     import scipy.linalg  # noqa: F401 (numba's np.linalg is scipy's LAPACK)
     COMPILED: bool = not numba.config.DISABLE_JIT
 except ImportError:  # plain numpy is the documented fallback
@@ -68,6 +70,27 @@ def jit_closure(function: Function) -> Function:
     if numba is None:
         return function
     return numba.njit(error_model='numpy')(function)  # type: ignore[no-any-return]
+
+
+def before_each_compilation(call: Callable[[], None]) -> AbstractContextManager[None]:
+    """Return a context in which ``call`` is called before any function is compiled.
+
+    What it raises ends the compilation that was to begin and those it was needed for.
+    """
+    return nullcontext() if numba is None else _listening(call)
+
+
+@contextmanager
+def _listening(call: Callable[[], None]) -> Iterator[None]:
+    class Listener(numba_event.Listener):  # type: ignore[misc]
+        def on_start(self, event: object) -> None:
+            call()
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    with numba_event.install_listener('numba:compile', Listener()):
+        yield
 
 
 @jit

@@ -11,7 +11,12 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.arms import two_link
-from adaptive_blf_control.compiled import all_finite, COMPILED
+from adaptive_blf_control.compiled import (
+    all_finite,
+    before_each_compilation,
+    COMPILED,
+    jit_closure,
+)
 from adaptive_blf_control.control import barrier, law, reference
 from adaptive_blf_control.identification import history_stack, torque_filter, update_law
 
@@ -107,3 +112,27 @@ import adaptive_blf_control.simulation.closed_loop
 def test_the_core_works_where_numba_is_not_installed():
     subprocess.run([sys.executable, '-c', BLOCKED], check=True,
                    env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
+def test_what_is_called_before_each_compilation_may_end_it():
+    @jit_closure
+    def inner(x: float) -> float:
+        return 2.0 * x
+
+    @jit_closure
+    def outer(x: float) -> float:
+        return inner(x) + 1.0
+
+    calls = []
+
+    def second_time() -> None:
+        calls.append(len(calls))
+        if len(calls) == 2:
+            raise SystemExit(130)
+
+    with before_each_compilation(second_time), pytest.raises(SystemExit):
+        outer(1.0)
+    assert calls == [0, 1]  # outer, then inner, which it needs
+    assert outer(1.0) == 3.0
+    assert calls == [0, 1]

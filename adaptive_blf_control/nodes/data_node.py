@@ -89,8 +89,16 @@ class DataNode(Node):
         last_fault: What went wrong last, '' where nothing has.
     """
 
-    def __init__(self, kind: str, *, context: Context | None = None, **options: Any) -> None:
-        """Make the node named ``kind`` and declare its table of parameters."""
+    def __init__(self, kind: str, *, context: Context | None = None, stop: StopFlag | None = None,
+                 **options: Any) -> None:
+        """Make the node named ``kind`` and declare its table of parameters.
+
+        Args:
+            kind: Kind of the node and its name, unless remapped.
+            context: Context of ROS, the default one where None.
+            stop: What asks the node to stop, already while it is made; its own where None.
+            options: As of ``rclpy.node.Node``.
+        """
         try:
             super().__init__(kind, context=context,
                              automatically_declare_parameters_from_overrides=True, **options)
@@ -108,7 +116,7 @@ class DataNode(Node):
         self._ros_clock = self.get_clock()
         if self.lockstep:
             take_over_clock(self)
-        self.stop = StopFlag()
+        self.stop = stop or StopFlag()
         self.exit_code = 0
         self.drops: dict[str, int] = {}
         self.superseded = 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-import threading
 import time
 from typing import Any
 
@@ -22,7 +21,7 @@ from adaptive_blf_control.bags.reader import BagMessage, read_bag
 from adaptive_blf_control.errors import BagError, ParameterError
 from adaptive_blf_control.nodes.answers import message_class
 from adaptive_blf_control.nodes.player_lockstep import choose_topics, Lockstep
-from adaptive_blf_control.nodes.process import on_signals
+from adaptive_blf_control.nodes.process import stop_on_signals
 from adaptive_blf_control.nodes.stop_flag import StopFlag
 from adaptive_blf_control.topics import THETA_HAT
 
@@ -123,14 +122,14 @@ class Player:
     """
 
     def __init__(self, path: str, settings: PlaySettings, *, context: Context | None = None,
-                 namespace: str = '') -> None:
-        """Open the bag and offer its topics.
+                 namespace: str = '', stop: StopFlag | None = None) -> None:
+        """Open the bag and offer its topics; ``stop`` is the player's own where None.
 
         Raises:
             BagError: the bag cannot be read, a topic is not in it, or none can be published.
         """
         self.settings = settings
-        self.stop = StopFlag()
+        self.stop = stop or StopFlag()
         self.bag = read_bag(path)
         self.skipped: dict[str, str] = {}
         topics = self._chosen()
@@ -283,21 +282,10 @@ def play(path: str, settings: PlaySettings, ros_arguments: Sequence[str]) -> Pla
         NoAnswer: as :meth:`Player.play`.
         RuntimeError: ROS does not take an argument.
     """
-    asked = threading.Event()
-    players: list[Player] = []
-
-    def end(number: int) -> None:
-        asked.set()
-        for player in players:
-            player.stop.set()
-
-    on_signals(end)
+    stop = stop_on_signals()
     rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
     try:
-        player = Player(path, settings)
-        players.append(player)
-        if asked.is_set():  # came in while the bag was being read
-            player.stop.set()
+        player = Player(path, settings, stop=stop)
         try:
             _announce(player)
             player.play()

@@ -14,56 +14,68 @@ from rclpy.exceptions import ParameterException
 from rclpy.logging import get_logger_level, LoggingSeverity, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 
+from adaptive_blf_control.compiled import before_each_compilation
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.nodes.data_node import DataNode
 from adaptive_blf_control.nodes.node_parameters import check_files, explain_files
+from adaptive_blf_control.nodes.stop_flag import StopFlag
 
-__all__ = ['initialise', 'on_signals', 'run_node']
+__all__ = ['initialise', 'run_node', 'stop_on_signals']
 
 SHARED_MEMORY = Path('/dev/shm')
 
 
-def on_signals(end: Callable[[int], None]) -> None:
-    """Call ``end`` with the number of a signal that asks the process to end."""
+def stop_on_signals() -> StopFlag:
+    """Return a flag that is set by a signal that asks the process to end.
+
+    Nothing is raised: an exception out of a handler arrives wherever the signal does, in a
+    finaliser or in a callback from C, too, which print it and go on.
+    """
+    stop = StopFlag()
+
+    def ask(number: int, _: object) -> None:
+        stop.signal = stop.signal or number
+        stop.set()
+
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda number, _: end(number))
+        signal.signal(number, ask)
+    return stop
 
 
-def run_node(kind: str, make: Callable[[], DataNode], args: list[str] | None, *,
-             interruptible: bool = True) -> int:
+def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -> int:
     """Run a node as a process: signals, clear errors, clean shutdown.
+
+    A signal takes effect before the next sample; while the node is being made, before the next
+    compilation (a first start compiles for half a minute, no function for more than a few
+    seconds) or else when it is made.
 
     Args:
         kind: Name of the node, for messages.
-        make: Makes the node.
+        make: Makes the node around the flag ``stop``.
         args: ROS arguments; those of the process where None.
-        interruptible: Whether a signal may end the making; else it takes effect after it.
 
     Returns:
         The exit status: 2 where the node cannot be made, or ends with an error of ours.
+
+    Raises:
+        SystemExit: a signal ended the making.
     """
-    made: list[DataNode] = []
-    asked: list[int] = []
+    stop = stop_on_signals()
 
-    def end(number: int) -> None:
-        asked.append(number)
-        if made:
-            made[0].stop.set()
-        elif interruptible and len(asked) == 1:  # a second one would break into the winding down
-            raise SystemExit(128 + number)  # nothing was sent yet, and making may take long
+    def leave_if_asked() -> None:
+        if stop.signal:
+            raise SystemExit(128 + stop.signal)  # nothing was sent yet
 
-    on_signals(end)
     try:
         initialise(kind, args)
-        made.append(make())
+        with before_each_compilation(leave_if_asked):
+            node = make(stop=stop)
     except (BlfError, ParameterException, RuntimeError) as error:
+        leave_if_asked()
         print(f'{kind}: {error}', file=sys.stderr)
         rclpy.try_shutdown()
         return 2
-    node = made[0]
     try:
-        if asked:  # came in the moment the node was being handed over
-            node.stop.set()
         return node.run()
     except BlfError as error:
         node.get_logger().fatal(str(error))

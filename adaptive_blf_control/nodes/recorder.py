@@ -293,7 +293,7 @@ class Recorder(DataNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node('recorder', Recorder, args, interruptible=False)  # a bag begun is closed
+    return run_node('recorder', Recorder, args)
 
 
 if __name__ == '__main__':

@@ -44,6 +44,8 @@ def arm_of(node: DataNode) -> Arm:
             break
         time.sleep(POLL)
     node.destroy_subscription(subscription)
+    if not received and not node.up:
+        raise ArmError(f'asked to stop before a URDF arrived on topic {topic!r}')
     if not received:
         raise ArmError(f'no URDF arrived on topic {topic!r} within {PATIENCE:g} s')
     return arm_from(received[-1], topic, node.values)

@@ -16,12 +16,16 @@ class StopFlag(threading.Event):
 
     That of ``threading.Event`` may be held by the very code that a signal has interrupted, e.g.
     by the handler of another signal; a handler that asks for it then waits for itself for ever.
+
+    Attributes:
+        signal: Number of the signal that asked for the stop, 0 where none did.
     """
 
     def __init__(self) -> None:
         """Start not set."""
         super().__init__()
         self._asked = False
+        self.signal = 0
 
     def is_set(self) -> bool:
         """Whether the stop was asked for."""

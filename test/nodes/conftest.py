@@ -192,7 +192,7 @@ class Process:
     """One executable as a process with its output in a file."""
 
     def __init__(self, arguments: list[str], environment: dict[str, str], output: Path,
-                 largest_file: int | None) -> None:
+                 largest_file: int | None, folder: Path | None) -> None:
         """Start ``python -m adaptive_blf_control ARGUMENTS``; limit its files [bytes] if asked."""
         self._file = output
 
@@ -203,7 +203,7 @@ class Process:
         with output.open('wb') as stream:
             self.popen = subprocess.Popen(
                 [sys.executable, '-m', 'adaptive_blf_control', *arguments], env=environment,
-                stdin=subprocess.DEVNULL, stdout=stream, stderr=subprocess.STDOUT,
+                cwd=folder, stdin=subprocess.DEVNULL, stdout=stream, stderr=subprocess.STDOUT,
                 preexec_fn=limit if largest_file is not None else None)
 
     @property
@@ -246,10 +246,11 @@ class Processes:
                             'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
         self._started: list[Process] = []
 
-    def start(self, *arguments: str, largest_file: int | None = None) -> Process:
-        """Start one executable with the arguments that follow its name."""
+    def start(self, *arguments: str, largest_file: int | None = None,
+              folder: Path | None = None) -> Process:
+        """Start one executable with the arguments that follow its name, in ``folder``."""
         output = self.folder / f'{len(self._started)}_{arguments[0]}.txt'
-        process = Process(list(arguments), self.environment, output, largest_file)
+        process = Process(list(arguments), self.environment, output, largest_file, folder)
         self._started.append(process)
         return process
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import functools
 import itertools
 import math
 from pathlib import Path
 import random
+import shutil
 import signal
 import threading
 import time
@@ -22,9 +24,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 import yaml
 
+import adaptive_blf_control
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.bags.cdr import decode_float64_array, decode_joint_state
 from adaptive_blf_control.bags.reader import Bag, read_bag
+from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.errors import BagError, SetViolation
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode, GIVE_WAY
@@ -530,6 +534,21 @@ def _check_closed(bag: Path) -> None:
     assert file.read_bytes().endswith(MAGIC)  # its footer
     with contextlib.suppress(NoMessageYet):
         assert _read(bag).complete
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_during_the_first_compilation_ends_a_node_before_the_next_function(
+        processes, wait_until, tmp_path, number) -> None:
+    package = Path(adaptive_blf_control.__file__).parent
+    shutil.copytree(package, tmp_path / package.name,  # without machine code of earlier starts
+                    ignore=shutil.ignore_patterns('__pycache__'))
+    process = processes.start('controller', folder=tmp_path)
+    compiled = functools.partial(tmp_path.rglob, '*.nbi')
+    wait_until(lambda: any(compiled()), 60.0, 'the first compiled function')
+    assert process.signal(number) == 128 + number
+    assert process.text == ''
+    assert not any('law.answer' in file.name for file in compiled())  # needed last
 
 
 def test_signals_in_a_burst_do_not_hang_a_node(process_loop, wait_until) -> None:

@@ -29,6 +29,7 @@ from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.data_node import DataNode
 from adaptive_blf_control.nodes.process import run_node
+from adaptive_blf_control.nodes.stop_flag import StopFlag
 from adaptive_blf_control.parameters.yaml_file import load_yaml, node_values
 from adaptive_blf_control.report.diagnostics import decode_diagnostics
 from adaptive_blf_control.tools.bag_run import bag_parameters
@@ -185,9 +186,9 @@ def test_a_controller_process_ends_with_0_after_a_zero_torque(processes, graph_o
 def test_a_signal_while_a_node_is_being_made_ends_the_process_at_once(number) -> None:
     handlers = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
 
-    def interrupted() -> DataNode:
+    def interrupted(stop: StopFlag) -> DataNode:
         os.kill(os.getpid(), number)
-        raise AssertionError('went on')
+        raise ArmError('could not wait for the rest')
 
     try:
         with pytest.raises(SystemExit) as end:
