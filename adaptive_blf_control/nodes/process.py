@@ -11,7 +11,7 @@ import time
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.logging import get_logger_level, LoggingSeverity, set_logger_level
+from rclpy.logging import get_logger, get_logger_level, LoggingSeverity, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 
 from adaptive_blf_control.compiled import before_each_compilation
@@ -23,6 +23,7 @@ from adaptive_blf_control.nodes.stop_flag import StopFlag
 __all__ = ['initialise', 'run_node', 'stop_on_signals']
 
 SHARED_MEMORY = Path('/dev/shm')
+SILENCE = 2.0  # s after which it is said what takes so long
 
 
 def stop_on_signals() -> StopFlag:
@@ -66,9 +67,15 @@ def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -
         if stop.signal:
             raise SystemExit(128 + stop.signal)  # nothing was sent yet
 
+    def before_compiling() -> None:
+        leave_if_asked()
+        if time.monotonic() > begun + SILENCE:
+            logger.info('compiling for this machine: once, up to half a minute', once=True)
+
     try:
         initialise(kind, args)
-        with before_each_compilation(leave_if_asked):
+        begun, logger = time.monotonic(), get_logger(kind)
+        with before_each_compilation(before_compiling):
             node = make(stop=stop)
     except (BlfError, ParameterException, RuntimeError) as error:
         leave_if_asked()
