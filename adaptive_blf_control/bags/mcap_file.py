@@ -96,31 +96,35 @@ class McapFile:
         return {channel.topic: parse_qos(channel.metadata.get('offered_qos_profiles', ''))
                 for channel in self.details.values()}
 
-    def messages(self) -> Iterator[tuple[int, int, bytes]]:
+    def messages(self, start: int = 0) -> Iterator[tuple[int, int, bytes]]:
         """Yield channel id, log time [ns] and data up to the end of the file or a break.
+
+        Args:
+            start: First byte of the record to begin with; 0 for the start of the file. What
+                stands in front of it has to be in `channels`.
 
         Raises:
             BagError: the file cannot be opened.
         """
-        for channel, log_time, _, data in self.timed_messages():
+        for channel, log_time, _, data in self.timed_messages(start):
             yield channel, log_time, data
 
-    def timed_messages(self) -> Iterator[tuple[int, int, int, bytes]]:
+    def timed_messages(self, start: int = 0) -> Iterator[tuple[int, int, int, bytes]]:
         """Yield channel id, log time [ns], publish time [ns] and data; see `messages`."""
         self.problem = None
         try:
             with self.path.open('rb') as stream, \
                     mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
-                yield from self._file(content)
+                yield from self._file(content, start)
         except (OSError, ValueError) as exc:  # mmap: ValueError for an empty file
             raise BagError(f'{self.path}: cannot be read: {exc}') from exc
         except _BreakError as exc:
             self.problem = f'{self.path}: {exc}'
 
-    def _file(self, content: mmap.mmap) -> Iterator[tuple[int, int, int, bytes]]:
+    def _file(self, content: mmap.mmap, start: int) -> Iterator[tuple[int, int, int, bytes]]:
         if content[:len(MAGIC)] != MAGIC:
             raise _BreakError('is not an MCAP file: wrong first bytes')
-        position, end = len(MAGIC), len(content)
+        position, end = max(start, len(MAGIC)), len(content)
         while True:
             if position + _HEAD.size > end:
                 raise _BreakError(f'ends at byte {end} without footer: the file is truncated')

@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 import os
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
 from adaptive_blf_control import __version__
 from adaptive_blf_control.bags.definitions import message_definition, MessageDefinition
+from adaptive_blf_control.bags.mcap_file import McapFile
 from adaptive_blf_control.bags.metadata import (
     BagMetadata,
     default_qos,
@@ -24,6 +26,7 @@ from adaptive_blf_control.bags.metadata import (
     TopicMetadata,
 )
 from adaptive_blf_control.bags.spooled_index import spool_chunk_index
+from adaptive_blf_control.bags.storage import Channel
 from adaptive_blf_control.errors import BagError
 
 __all__ = ['CHUNK_SIZE', 'BagWriter']
@@ -33,6 +36,15 @@ CHUNK_SIZE = 786_432
 LIBRARY = f'adaptive_blf_control {__version__}'
 
 _LATEST = 2**63 - 1
+
+
+class _Flushed(NamedTuple):
+    """What the file held at the last flush: bytes, messages by topic, first and last time."""
+
+    position: int
+    counts: dict[str, int]
+    start_ns: int
+    end_ns: int
 
 
 class BagWriter:
@@ -45,6 +57,8 @@ class BagWriter:
     Attributes:
         path: The bag folder.
         file: The MCAP file in it.
+        torn: After a disk error and `close`, by topic: messages that `write` took and that the
+            disk did not, less those it took although `write` said no.
     """
 
     def __init__(self, path: Path | str, *, custom_data: Mapping[str, str] | None = None,
@@ -69,6 +83,8 @@ class BagWriter:
         self._schemas: dict[str, int] = {}
         self._counts: dict[str, int] = {}
         self._start_ns, self._end_ns = EMPTY_START, 0
+        self._flushed = _Flushed(0, {}, EMPTY_START, 0)
+        self.torn: dict[str, int] = {}
         self._metadata_is_old = False
         self._closed = self._broken = False
         self._stream = self._make_file()
@@ -92,7 +108,7 @@ class BagWriter:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages written so far, by topic."""
+        """Messages written so far, by topic; after `close` those that are in the file."""
         return dict(self._counts)
 
     def add_topic(self, name: str, type_name: str, *,
@@ -184,7 +200,11 @@ class BagWriter:
         finally:
             self._closed = True
             try:
-                self._stream.close()
+                try:
+                    self._stream.close()
+                finally:
+                    if self._broken:
+                        self._count_again()
                 save_metadata(self.path, self._metadata())
             except OSError as exc:
                 if not self._broken:
@@ -235,6 +255,8 @@ class BagWriter:
 
     def _flush(self, fsync: bool) -> None:
         self._writer.flush()
+        self._flushed = _Flushed(self._stream.tell(), dict(self._counts), self._start_ns,
+                                 self._end_ns)
         if self._metadata_is_old:  # so that an unfinished bag has its topics and custom data
             self._add_metadata_record()
             self._stream.flush()
@@ -249,6 +271,21 @@ class BagWriter:
         self._writer.finish()
         self._stream.flush()
         os.fsync(self._stream.fileno())
+
+    def _count_again(self) -> None:
+        """Count what the disk has taken since the last flush, not what was handed over."""
+        handed_over = self._counts
+        position, self._counts, self._start_ns, self._end_ns = self._flushed
+        self._counts = {topic: self._counts.get(topic, 0) for topic in handed_over}
+        file = McapFile(self.file)
+        file.channels.update((number, Channel(topic, self._topics[topic].type_name))
+                             for topic, number in self._channels.items())
+        with suppress(BagError):
+            for channel, log_time, _ in file.messages(position):
+                self._counts[file.channels[channel].topic] += 1
+                self._start_ns = min(self._start_ns, log_time)
+                self._end_ns = max(self._end_ns, log_time)
+        self.torn = {topic: count - self._counts[topic] for topic, count in handed_over.items()}
 
     def _add_metadata_record(self) -> None:
         self._writer.add_metadata(

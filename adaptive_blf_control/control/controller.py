@@ -189,8 +189,11 @@ class Controller:
             if safety is not None:
                 check_inside(safety.lower, safety.upper, q, joints,
                              'present position outside the new safety set')
-            if performance is not None or reference is not None:
-                bounds = sets.bounds.at(t)
+            bounds, present = sets.bounds.at(t), self._bounds.at(t)
+            # Those of a smooth start depend on the safety set, too.
+            if (performance is not None or reference is not None
+                    or (bounds.lower > present.lower).any()
+                    or (bounds.upper < present.upper).any()):
                 check_inside(bounds.lower, bounds.upper, q - follow.at(t).position, joints,
                              'present error outside the new performance set')
             self._take(sets)

@@ -19,6 +19,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import State
 import numpy as np
 from rclpy.context import Context
 from sensor_msgs.msg import JointState
@@ -276,13 +277,12 @@ class ArmDriver(ManagedNode):
             return
         if now_ns - self._command_ns <= self.values['command_timeout'] * 1e9:
             return
-        if self.values['timeout_action'] == 'damping':
-            damping = broadcast(self.values['damping'], self.arm.n)
-            self.plant.apply(-damping * self.plant.qd)
+        # Each time anew: the action may change while commands are missing.
+        damping = (broadcast(self.values['damping'], self.arm.n)
+                   if self.values['timeout_action'] == 'damping' else np.zeros(self.arm.n))
+        self.plant.apply(-damping * self.plant.qd)
         if not self.timed_out:
             self.timed_out = True
-            if self.values['timeout_action'] == 'zero':
-                self.plant.apply(np.zeros(self.arm.n))
             self.fault('no commands', f'no command for {self.values["command_timeout"]:g} s: '
                                       f'{self.values["timeout_action"]} torque')
 
@@ -298,9 +298,9 @@ class ArmDriver(ManagedNode):
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
         """Report brakes, watchdog, round trip and missed periods."""
+        if self.state_id == State.PRIMARY_STATE_UNCONFIGURED:
+            return DiagnosticStatus.WARN, 'unconfigured', {}
         values = {} if self.lockstep else self._timing()
-        if self.state_id == 1:
-            return DiagnosticStatus.WARN, 'unconfigured', values
         publishers = [] if self.lockstep else self.get_publishers_info_by_topic(COMMANDS)
         if len(publishers) > 1:
             names = ', '.join(f'{info.node_namespace.rstrip("/")}/{info.node_name}'

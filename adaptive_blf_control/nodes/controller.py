@@ -15,6 +15,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import State
 import numpy as np
 from rclpy.context import Context
 from rclpy.duration import Duration
@@ -61,6 +62,8 @@ LOOK_AROUND = 0.1  # s between looks at who hears and who sends commands
 # Discovery may show another sender of commands only a while after this one has begun.
 GIVE_WAY = 3.0  # s
 RAMP_STEP = 1e-3  # s between the torques of a ramp
+LONGEST_RAMP = 5.0  # s that the rate limit may stretch it to: a stop is a stop
+OLD_ESTIMATE = 1.0  # s
 LINGER = Duration(seconds=0.1)  # sent is not delivered yet
 
 
@@ -100,6 +103,7 @@ class ControllerNode(ManagedNode):
         self._q = np.zeros(self.arm.n)
         self._jumped_ns: int | None = None
         self._heard_at: float | None = None
+        self._estimated_at: float | None = None
         self._lost = ''  # why the torque is zero until the next state
         self._resumes = False
         self._planned = False
@@ -170,7 +174,7 @@ class ControllerNode(ManagedNode):
         if commands is None:
             return
         if last is not None and self._pushes:
-            steps = 0 if self.lockstep else int(self.values['ramp_time'] / RAMP_STEP)
+            steps = 0 if self.lockstep else int(self._ramp_time(last.torque) / RAMP_STEP)
             for left in range(steps - 1, 0, -1):
                 commands.publish(self._torque_codec.encode(last.torque * (left / steps)))
                 time.sleep(RAMP_STEP)
@@ -178,6 +182,11 @@ class ControllerNode(ManagedNode):
             commands.wait_for_all_acked(LINGER)
         self.end_data_publisher(commands)
         self._commands, self._controller, self._resumes = None, None, True
+
+    def _ramp_time(self, torque: np.ndarray) -> float:
+        limit = broadcast(self.values['torque_rate_limit'], self.arm.n)
+        ramp_time = float(self.values['ramp_time'])
+        return max(ramp_time, min(float((np.abs(torque) / limit).max()), LONGEST_RAMP))
 
     def _send_zero(self) -> None:
         if self._commands is not None and self.context.ok():
@@ -220,7 +229,7 @@ class ControllerNode(ManagedNode):
         if self.lockstep:  # it may be that of the state which still waits for the one before
             self._estimates.append((stamp, theta if usable else None))
         elif usable:
-            self.theta = theta
+            self.theta, self._estimated_at = theta, time.monotonic()
         return usable
 
     def _believes(self, theta: np.ndarray) -> bool:
@@ -411,12 +420,12 @@ class ControllerNode(ManagedNode):
         if not inside and self.values['on_violation'] == 'stop':
             self.deactivate_by_itself()
 
-    def spin_data(self, timeout: float = LONGEST_WAIT) -> None:
+    def spin_data(self, timeout: float = LONGEST_WAIT) -> int:
         """Wait no longer than until the states count as lost; see :meth:`DataNode.spin_data`."""
         if self._pushes and not self.lockstep and self._heard_at is not None:
             left = self._heard_at + self.values['state_timeout'] - time.monotonic()
             timeout = min(timeout, max(left, RAMP_STEP))
-        super().spin_data(timeout)
+        return super().spin_data(timeout)
 
     def idle(self) -> None:
         """Watch the states and who hears the commands; in lockstep the driver does."""
@@ -459,7 +468,7 @@ class ControllerNode(ManagedNode):
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
         """Report the margins to both sets, V and saturation."""
-        if self.state_id == 1:
+        if self.state_id == State.PRIMARY_STATE_UNCONFIGURED:
             return DiagnosticStatus.WARN, 'unconfigured', {}
         if not self.active:
             waiting = 'waiting for joint states and a listener'
@@ -473,6 +482,19 @@ class ControllerNode(ManagedNode):
             return DiagnosticStatus.ERROR, 'another node sends commands, too', values
         if self.monitors.violations:
             return DiagnosticStatus.ERROR, self.monitors.first_violation, values
+        if self.values['model'] == 'estimated' and not self.lockstep:
+            return self._with_estimate(values)
+        return DiagnosticStatus.OK, 'running', values
+
+    def _with_estimate(self, values: dict[str, object]) -> tuple[bytes, str, dict[str, object]]:
+        if self._estimated_at is None:
+            values['age of the estimate [s]'] = 'none yet'
+            return DiagnosticStatus.WARN, 'no estimate yet: initial_estimate is used', values
+        age = time.monotonic() - self._estimated_at
+        values['age of the estimate [s]'] = f'{age:.3f}'
+        if age > OLD_ESTIMATE:
+            text = f'no estimate for {age:.1f} s: the last one is used'
+            return DiagnosticStatus.WARN, text, values
         return DiagnosticStatus.OK, 'running', values
 
 

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
+import functools
 import gc
 import inspect
 import math
@@ -24,6 +26,7 @@ from rclpy.subscription import Subscription
 from rclpy.time import Time as ROSTime
 
 from adaptive_blf_control.bags.diagnostics import encode_diagnostics
+from adaptive_blf_control.compiled import before_each_compilation
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.nodes.direct_wait import (
     DIRECT,
@@ -63,6 +66,7 @@ LAST_WORDS = 0.3  # s to deliver the last messages at the end
 SAY_AGAIN = 1.0  # s between two log lines about the same reason
 SWITCH = 2e-5  # s the loop waits at most, each time, for a thread that answers a request
 REPORT = 1.0  # s between two diagnostics
+SILENCE = 2.0  # s after which it is said what takes so long
 
 Handler = Callable[[bytes, dict[str, int]], bool | None]
 
@@ -236,8 +240,8 @@ class DataNode(Node):
                 self._second = stamp_ns // 10**9
                 self._report(stamp_ns)
 
-    def spin_data(self, timeout: float = LONGEST_WAIT) -> None:
-        """Wait for data for at most ``timeout`` [s] and handle all that is there."""
+    def spin_data(self, timeout: float = LONGEST_WAIT) -> int:
+        """Wait for data for at most ``timeout`` [s], handle what is there, return how much."""
         with self.between_samples:
             if self._leaving:
                 self._forget_leaving()
@@ -262,6 +266,24 @@ class DataNode(Node):
             self._report_at = now + REPORT
             with self.between_samples:
                 self._report()
+        return handled
+
+    def compiling(self) -> AbstractContextManager[None]:
+        """Return a context for work that may compile, which takes half a minute the first time.
+
+        It says so, and where the node is asked to stop a BlfError ends it before the next
+        function; none takes more than a few seconds.
+        """
+        since = time.monotonic()
+
+        def before_compilation() -> None:
+            if self.stop.is_set():
+                raise BlfError('asked to stop while it was compiling')
+            if time.monotonic() > since + SILENCE:
+                self.get_logger().info('compiling for this machine: once, up to half a minute',
+                                       once=True)
+
+        return before_each_compilation(before_compilation)
 
     def later(self, handler: Handler, data: bytes, info: dict[str, int]) -> None:
         """Hand the message to ``handler`` again with the next that is heard, or after a while.
@@ -284,7 +306,7 @@ class DataNode(Node):
                               self.context)
         if self._executor_alone is None:
             self._executor_alone = self._new_executor()
-        return PlainWait(self._executor_alone)
+        return PlainWait(functools.partial(self._serve_once, self._executor_alone))
 
     def _new_executor(self) -> SingleThreadedExecutor:
         executor = SingleThreadedExecutor(context=self.context)
@@ -377,15 +399,18 @@ class DataNode(Node):
 
     def _serve(self, executor: SingleThreadedExecutor) -> None:
         while self.up:
-            try:
-                executor.spin_once(timeout_sec=REQUESTS_WAIT)
-            except ExternalShutdownException:
-                self.stop.set()
-            except HandleGone:  # the loop has just given back what the wait was to hold
-                continue
-            except Exception as error:  # one bad request must not take all services away
-                if self.up:
-                    self.drop('failed request', f'{type(error).__name__}: {error}')
+            self._serve_once(executor, REQUESTS_WAIT)
+
+    def _serve_once(self, executor: SingleThreadedExecutor, timeout: float) -> None:
+        try:
+            executor.spin_once(timeout_sec=timeout)
+        except ExternalShutdownException:
+            self.stop.set()
+        except HandleGone:  # the loop has just given back what the wait was to hold
+            return
+        except Exception as error:  # one bad request must not take all services away
+            if self.up:
+                self.drop('failed request', f'{type(error).__name__}: {error}')
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
         """Return level, message and values for the diagnostics (REP 107)."""

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+import functools
 import time
 from typing import Protocol
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
-from rclpy.executors import Executor
 from rclpy.lifecycle.node import LifecycleNodeMixin
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -31,8 +31,9 @@ try:
 except ImportError:
     DIRECT, HandleGone = False, RuntimeError
 
-__all__ = ['DIRECT', 'DataGroup', 'DirectChannel', 'DirectWait', 'HandleGone', 'PlainChannel',
-           'PlainWait', 'lifecycle_state', 'overrides_of', 'take_all', 'take_over_clock']
+__all__ = ['DIRECT', 'MOST', 'DataGroup', 'DirectChannel', 'DirectWait', 'HandleGone',
+           'PlainChannel', 'PlainWait', 'answer_transitions', 'end_transitions',
+           'lifecycle_state', 'overrides_of', 'take_all', 'take_over_clock']
 
 Message = tuple[bytes, dict[str, int]]
 Handler = Callable[[bytes, dict[str, int]], bool | None]
@@ -118,13 +119,13 @@ class DirectWait:
 class PlainWait:
     """Serves whatever the executor has, data and requests alike, one at a time."""
 
-    def __init__(self, executor: Executor) -> None:
-        """Take the executor that has the node."""
-        self._executor = executor
+    def __init__(self, serve: Callable[[float], None]) -> None:
+        """Take what lets an executor serve once, within a time [s]."""
+        self._serve = serve
 
     def wait(self, timeout: float) -> None:
         """Return after one callback of any kind, or when ``timeout`` [s] has passed."""
-        self._executor.spin_once(timeout_sec=max(timeout, 0.0))
+        self._serve(max(timeout, 0.0))
 
 
 def take_over_clock(node: Node) -> None:
@@ -140,9 +141,24 @@ def take_over_clock(node: Node) -> None:
         source._clock_sub = None
 
 
-def lifecycle_state(node: LifecycleNodeMixin) -> int:
-    """Return the present state, a constant of lifecycle_msgs/State."""
-    return int(node._state_machine.current_state[0])
+def lifecycle_state(node: LifecycleNodeMixin) -> tuple[int, str]:
+    """Return the present state: a constant of lifecycle_msgs/State and its name."""
+    number, name = node._state_machine.current_state
+    return int(number), str(name)
+
+
+def end_transitions(node: LifecycleNodeMixin) -> None:
+    """Give back the state machine, which rclpy's own ``destroy_node`` forgets.
+
+    It holds the node: others would see it, and ask it, until the garbage is collected.
+    """
+    node._state_machine.destroy_when_not_in_use()
+
+
+def answer_transitions(node: LifecycleNodeMixin, answer: Callable[..., object]) -> None:
+    """Let ``answer(rclpy's own answer, request, response)`` answer requests for a transition."""
+    service = node._service_change_state
+    service.callback = functools.partial(answer, service.callback)
 
 
 def overrides_of(node: Node) -> Mapping[str, Parameter]:

@@ -60,9 +60,10 @@ class IdentifierNode(DataNode):
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
         """Build the identifier from the parameters."""
         super().__init__('identifier', context=context, **options)
-        self.arm = arm_of(self)
-        self.identifier = build_identifier(self.values, self.arm, self._where_it_was())
-        self.identifier.warm_up()
+        with self.compiling():
+            self.arm = arm_of(self)
+            self.identifier = build_identifier(self.values, self.arm, self._where_it_was())
+            self.identifier.warm_up()
         self._check_rank()
         self._changes = 0
         # A few, because a backlog of states needs the terms of their own times.

@@ -11,13 +11,18 @@ from collections.abc import Callable
 from typing import Any
 
 from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
 
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.nodes.data_node import DataNode
-from adaptive_blf_control.nodes.direct_wait import lifecycle_state
+from adaptive_blf_control.nodes.direct_wait import (
+    answer_transitions,
+    end_transitions,
+    lifecycle_state,
+)
 
 __all__ = ['ManagedNode']
 
@@ -34,6 +39,7 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
         """Make the node; with ``autostart`` configure it, BlfError where that fails."""
         DataNode.__init__(self, kind, context=context, **options)
         LifecycleNodeMixin.__init__(self)
+        answer_transitions(self, self._answer_request)
         self.active = False
         self._refused: BlfError | None = None
         self._by_itself = False
@@ -42,6 +48,11 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
             error = self._refused
             self.destroy_node()
             raise error or BlfError(f'{kind} could not be configured')
+
+    def destroy_node(self) -> None:
+        """Leave the graph."""
+        super().destroy_node()
+        end_transitions(self)
 
     def configure(self) -> None:
         """Validate, build and compile everything; make topics."""
@@ -72,21 +83,42 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
     def deactivate_by_itself(self) -> None:
         """Deactivate, unless a request is changing the state at this very moment."""
         try:
-            self.trigger_deactivate()
+            with self.between_samples:
+                self.trigger_deactivate()
         except RuntimeError as error:  # rcl: no such transition from there
             self.get_logger().warning(f'not deactivated: {error}')
 
     @property
     def state_id(self) -> int:
         """Present state, a constant of lifecycle_msgs/State."""
-        return lifecycle_state(self)
+        return lifecycle_state(self)[0]
 
     def _changes(self, trigger: Callable[[], TransitionCallbackReturn]) -> bool:
-        self._refused, self._by_itself = None, True
-        try:
-            return trigger() == TransitionCallbackReturn.SUCCESS
-        finally:
-            self._by_itself = False
+        with self.between_samples:
+            self._refused, self._by_itself = None, True
+            try:
+                return trigger() == TransitionCallbackReturn.SUCCESS
+            finally:
+                self._by_itself = False
+
+    def _answer_request(self, answer: Callable[..., Any], request: ChangeState.Request,
+                        response: ChangeState.Response) -> ChangeState.Response:
+        """Answer whoever asks for a transition, also for one that there is not from here.
+
+        rclpy raises there and answers nothing. The whole request is between two samples: in the
+        middle of one the node may be activating itself.
+        """
+        with self.between_samples:
+            try:
+                answered: ChangeState.Response = answer(request, response)
+            except RuntimeError as error:  # rcl's
+                asked = request.transition.label or request.transition.id
+                state = lifecycle_state(self)[1]
+                self.fault('refused', f'transition {asked!r}: there is none from {state!r}: '
+                                      f'{str(error).split(", at /")[0]}')
+                response.success = False
+                return response
+            return answered
 
     def _transition(self, action: Callable[[], None]) -> TransitionCallbackReturn:
         try:
@@ -111,7 +143,10 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; what cannot be used refuses it with its reason."""
-        return self._transition(self.configure)
+        def action() -> None:
+            with self.compiling():
+                self.configure()
+        return self._transition(action)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate, or refuse with joint, value and bound."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ ROS_TYPES = {
     'string_array': ParameterType.PARAMETER_STRING_ARRAY,
 }
 SIM_TIME = 'use_sim_time'  # rclpy's own, and writable there
-LARGEST = 1.7976931348623157e308
+LARGEST_INT = 2**31 - 1  # rqt's sliders hold no more
 
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:
@@ -59,12 +60,12 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
     # Ranges apply to scalars only; arrays are checked by our own validation.
     if parameter.kind == 'double' and (low is not None or high is not None):
         message.floating_point_range = [FloatingPointRange(
-            from_value=float(-LARGEST if low is None else low),
-            to_value=float(LARGEST if high is None else high), step=0.0)]
+            from_value=float(-math.inf if low is None else low),
+            to_value=float(math.inf if high is None else high), step=0.0)]
     if parameter.kind == 'int' and (low is not None or high is not None):
         message.integer_range = [IntegerRange(
-            from_value=int(-2**31 if low is None else low),
-            to_value=int(2**31 if high is None else high), step=1)]
+            from_value=int(-LARGEST_INT if low is None else low),
+            to_value=int(LARGEST_INT if high is None else high), step=1)]
     return message
 
 

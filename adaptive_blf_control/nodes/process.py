@@ -11,10 +11,9 @@ import time
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.logging import get_logger, get_logger_level, LoggingSeverity, set_logger_level
+from rclpy.logging import get_logger_level, LoggingSeverity, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 
-from adaptive_blf_control.compiled import before_each_compilation
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.nodes.data_node import DataNode
 from adaptive_blf_control.nodes.node_parameters import check_files, explain_files
@@ -23,7 +22,6 @@ from adaptive_blf_control.nodes.stop_flag import StopFlag
 __all__ = ['initialise', 'run_node', 'stop_on_signals']
 
 SHARED_MEMORY = Path('/dev/shm')
-SILENCE = 2.0  # s after which it is said what takes so long
 
 
 def stop_on_signals() -> StopFlag:
@@ -46,9 +44,8 @@ def stop_on_signals() -> StopFlag:
 def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -> int:
     """Run a node as a process: signals, clear errors, clean shutdown.
 
-    A signal takes effect before the next sample; while the node is being made, before the next
-    compilation (a first start compiles for half a minute, no function for more than a few
-    seconds) or else when it is made.
+    A signal takes effect before the next sample; while the node is being made, where that
+    compiles or waits (:meth:`DataNode.compiling`), or else when it is made.
 
     Args:
         kind: Name of the node, for messages.
@@ -63,22 +60,13 @@ def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -
     """
     stop = stop_on_signals()
 
-    def leave_if_asked() -> None:
-        if stop.signal:
-            raise SystemExit(128 + stop.signal)  # nothing was sent yet
-
-    def before_compiling() -> None:
-        leave_if_asked()
-        if time.monotonic() > begun + SILENCE:
-            logger.info('compiling for this machine: once, up to half a minute', once=True)
-
     try:
         initialise(kind, args)
-        begun, logger = time.monotonic(), get_logger(kind)
-        with before_each_compilation(before_compiling):
-            node = make(stop=stop)
+        node = make(stop=stop)
     except (BlfError, ParameterException, RuntimeError) as error:
-        leave_if_asked()
+        if stop.signal:
+            rclpy.try_shutdown()
+            raise SystemExit(128 + stop.signal) from None  # nothing was sent yet
         print(f'{kind}: {error}', file=sys.stderr)
         rclpy.try_shutdown()
         return 2

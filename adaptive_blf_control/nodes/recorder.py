@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 import importlib
 import sys
 import time
@@ -24,6 +25,7 @@ from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.nodes.answers import stamp_of
 from adaptive_blf_control.nodes.data_node import DataNode
+from adaptive_blf_control.nodes.direct_wait import MOST
 from adaptive_blf_control.nodes.process import run_node
 from adaptive_blf_control.nodes.sample_dates import has_sample_time, SampleDates
 from adaptive_blf_control.parameters.yaml_file import PARAMETERS_KEY
@@ -163,6 +165,7 @@ class Recorder(DataNode):
                 self.bag.add_topic(topic, type_name, qos=self._offered_qos(topic))
             self.bag.write(topic, data, *(min(max(t, 0), LATEST) for t in (log_ns, publish_ns)))
         except BagError as error:
+            self._unwritten[topic] = self._unwritten.get(topic, 0) + 1
             self._fail(str(error))
 
     def _write_dated(self, now_ns: int | None = None) -> None:
@@ -193,10 +196,12 @@ class Recorder(DataNode):
             self._failure = reason
             self.exit_code = 1
             self.get_logger().error(f'recording stopped, what was written is kept: {reason}')
+            with suppress(BagError):  # says the same again
+                self.bag.close()
 
-    def spin_data(self, timeout: float = BATCH) -> None:
+    def spin_data(self, timeout: float = BATCH) -> int:
         """Take what has arrived within the last ``timeout`` [s]."""
-        super().spin_data(timeout)
+        return super().spin_data(timeout)
 
     def idle(self) -> None:
         """Flush and look for topics and publishers that were not known yet."""
@@ -259,8 +264,8 @@ class Recorder(DataNode):
 
     def finish(self) -> None:
         """Drain what has arrived, then close file, index and metadata."""
-        if self.context.ok():
-            self.spin_data(0.0)
+        while self.context.ok() and self.spin_data(0.0) >= MOST:
+            pass  # more than is taken at a time had piled up
         self._write_dated()
         try:
             self._keep_settings()
@@ -273,7 +278,7 @@ class Recorder(DataNode):
                 self._fail(str(error))
         counts = self.bag.counts
         for topic, received in self.received.items():
-            unwritten = self._unwritten.get(topic, 0)
+            unwritten = self._unwritten.get(topic, 0) + self.bag.torn.get(topic, 0)
             self.get_logger().info(f'{topic}: received {received}, written {counts.get(topic, 0)}'
                                    + (f', dropped {unwritten}' if unwritten else '')
                                    + f', lost {self.lost[topic]}')

@@ -110,7 +110,7 @@ ARM_DRIVER: Table = ARM + MANAGED + (
     Parameter('duration', 'double', 0.0,
               'End the run after this time; 0 runs until stopped.', 's', 0.0, read_only=False),
     Parameter('command_timeout', 'double', 0.1,
-              'Without a new command for this long the torque goes to zero.', 's', 0.0,
+              'Without a new command for this long the torque goes to zero.', 's', 0.0, 60.0,
               exclusive=True, read_only=False),
     Parameter('timeout_action', 'string', 'zero',
               'What the drives do after command_timeout: zero: no torque; damping: a torque '
@@ -269,7 +269,7 @@ CONTROLLER: Table = ARM + MANAGED + (
               0.0, exclusive=True, length=2, read_only=False),
     Parameter('state_timeout', 'double', 0.1,
               'Without a new joint state for this long a zero torque is commanded.', 's', 0.0,
-              exclusive=True, read_only=False),
+              60.0, exclusive=True, read_only=False),
     Parameter('monitor_decimation', 'int', 10,
               'Publish reference and barrier every this many samples, with the smallest margins '
               'since the last time; the tracking error goes out with every sample.', '', 1,

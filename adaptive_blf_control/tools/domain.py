@@ -18,6 +18,7 @@ __all__ = ['DOMAINS', 'own_domain']
 
 # On Linux the ports of these domains keep clear of the ephemeral ones; 0 is everybody's default.
 DOMAINS = range(1, 102)
+PARTICIPANTS = 20  # of a domain that are looked for: the first may have ended before the others
 
 
 @contextmanager
@@ -72,10 +73,11 @@ def _lock(path: Path) -> int | None:
 
 
 def _is_silent(domain: int) -> bool:
-    """Whether the discovery port of the domain's first participant is free."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(('', 7410 + 250 * domain))
-        except OSError:
-            return False
+    """Whether the discovery ports of the domain's first participants are free."""
+    for participant in range(PARTICIPANTS):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(('', 7410 + 250 * domain + 2 * participant))
+            except OSError:
+                return False
     return True

@@ -227,7 +227,8 @@ with BagWriter(sys.argv[1]) as writer:
     try:
         for i in range(100):
             writer.write('/a', data, i)
-            writer.flush()
+            if i % int(sys.argv[2]) == 0:
+                writer.flush()
     except BagError as exc:
         print(exc)
     try:
@@ -258,14 +259,20 @@ def test_killed_process_loses_nothing_that_was_flushed(tmp_path):
     assert [topic.name for topic in load_metadata(tmp_path / 'run').topics] == ['/a']
 
 
-def test_full_disk_is_reported_with_the_path_and_leaves_a_readable_bag(tmp_path):
+@pytest.mark.parametrize('together', [1, 7, 1000])  # messages from flush to flush
+def test_full_disk_is_reported_with_the_path_and_leaves_a_readable_bag(tmp_path, together):
     pytest.importorskip('resource')
-    first, second = run(FILL_THE_DISK, tmp_path / 'run').splitlines()
+    first, second = run(FILL_THE_DISK, tmp_path / 'run', together).splitlines()
     assert 'run_0.mcap: cannot be written' in first
     assert 'after a disk error' in second
     bag = read_bag(tmp_path / 'run')
     assert not bag.complete
-    assert bag.topics['/a'].count >= 35
+    numbers = [message.log_time_ns for message in bag]
+    assert len(numbers) >= 35
+    assert numbers == list(range(len(numbers)))
+    metadata = load_metadata(tmp_path / 'run')
+    assert metadata.message_count == metadata.topics[0].message_count == len(numbers)
+    assert metadata.files[0].duration_ns == numbers[-1]
 
 
 def test_a_long_recording_does_not_grow_and_has_the_index_of_every_chunk(tmp_path):

@@ -294,6 +294,28 @@ OTHER = SumOfSinusoids(np.array([0.1, 0.2]), np.array([[0.5], [0.7]]), np.full((
                        np.zeros((2, 1)))
 
 
+def test_a_tighter_safety_set_may_not_leave_the_present_error_outside_during_a_smooth_start():
+    posture = np.array([0.5, 0.0])
+    rest = SumOfSinusoids(np.zeros(2), np.zeros((2, 1)), np.ones((2, 1)), np.zeros((2, 1)))
+    law = controller(reference=SmoothStart(rest, 2.0, posture))
+    q = law.reference.at(1.0).position + np.array([0.12, 0.0])
+    tight = JointInterval([-1.17, -2.17], [0.51, 2.2])
+    with pytest.raises(SetViolation, match='present error outside') as caught:
+        law.retune(1.0, q, safety=tight)
+    assert (caught.value.joint, caught.value.value) == ('joint1', pytest.approx(0.12))
+    assert caught.value.bound == pytest.approx(0.5 * (0.01 + 0.2))
+    assert law.safety.upper[0] == 1.2
+    law.retune(1.0, q - np.array([0.1, 0.0]), safety=tight)
+    assert law.safety.upper[0] == 0.51
+
+
+def test_a_wider_safety_set_is_taken_whatever_the_error():
+    law = controller()
+    outside = TASK.at(4.0).position + np.array([0.25, 0.0])
+    law.retune(4.0, outside, safety=JointInterval([-1.5, -2.5], [1.5, 2.5]))
+    assert law.safety.upper[0] == 1.5
+
+
 def test_a_new_reference_is_joined_without_a_jump():
     law, t = controller(widen=1.0), 4.0
     before = law.reference.at(t)

@@ -212,8 +212,13 @@ class Process:
         return self._file.read_text(encoding='utf-8', errors='replace')
 
     def wait(self, timeout: float = 60.0) -> int:
-        """Wait for its end and return the exit status."""
-        return self.popen.wait(timeout)
+        """Wait for its end and return the exit status; where it does not end, say where it is."""
+        try:
+            return self.popen.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self.popen.send_signal(signal.SIGABRT)  # PYTHONFAULTHANDLER: the stack of each thread
+            self.popen.wait()
+            raise AssertionError(f'runs after {timeout:g} s:\n{self.text}') from None
 
     def signal(self, number: signal.Signals) -> int:
         """Send a signal, wait for the end and return the exit status."""
@@ -241,7 +246,8 @@ class Processes:
         self.domain = self._claim.enter_context(own_domain())
         profile = folder / 'announce.xml'
         profile.write_text(FAST_DISCOVERY, encoding='utf-8')
-        self.environment = {**os.environ, 'ROS_DOMAIN_ID': str(self.domain),
+        self.environment = {**os.environ, 'PYTHONFAULTHANDLER': '1',
+                            'ROS_DOMAIN_ID': str(self.domain),
                             'ROS_LOG_DIR': str(folder / 'log'),
                             'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
         self._started: list[Process] = []

@@ -622,7 +622,7 @@ def test_a_trajectory_that_took_long_to_compute_begins_later(rig, monkeypatch) -
 @pytest.mark.parametrize('of_our_kind', [True, False])
 def test_a_controller_gives_way_to_another_that_appears_at_its_start_not_to_whoever_shouts(
         rig, wait_until, of_our_kind) -> None:
-    rig = rig(state_timeout=100.0)
+    rig = rig(state_timeout=60.0)
     rig.answer(_state(0.0))
     others = [rig.peer.create_publisher(Float64MultiArray, COMMANDS, 10)]
     if of_our_kind:
@@ -640,7 +640,7 @@ def test_a_controller_gives_way_to_another_that_appears_at_its_start_not_to_whoe
 @pytest.mark.parametrize('recorded', [False, True])
 def test_where_nobody_listens_any_longer_the_torque_counts_as_lost(
         graph, rig, wait_until, recorded) -> None:
-    rig = rig(state_timeout=100.0)
+    rig = rig(state_timeout=60.0)
     rig.answer(_state(0.0))
     if recorded:  # which moves no arm
         recorder = graph.add(Node('recorder', context=graph.context))

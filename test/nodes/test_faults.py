@@ -17,6 +17,8 @@ import time
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
@@ -76,7 +78,7 @@ class _Arm:
 
     def __init__(self, graph, wait_until, **parameters: Any) -> None:
         self.node = graph.make(ControllerNode, **{**TASK, **parameters})
-        peer = graph.peer()
+        peer = self._peer = graph.peer()
         self.commands = peer.listen(Float64MultiArray, COMMANDS)
         self.errors = peer.listen(JointState, TRACKING_ERROR)
         self.references = peer.listen(JointState, REFERENCE)
@@ -443,6 +445,27 @@ def test_an_identifier_that_was_killed_goes_on_learning_where_it_was(
         assert 'Traceback' not in process.text
 
 
+def test_an_estimate_that_does_not_come_or_is_old_is_a_warning(arm, wait_until) -> None:
+    arm = arm(state_timeout=60.0, reference__joint1__amplitude=[0.0])
+    estimates = arm._peer.create_publisher(JointState, THETA_HAT, 10)
+    arm.begin([0.0, 0.0])
+    warn = DiagnosticStatus.WARN
+    wait_until(lambda: _says(arm.diagnostics, 'controller', warn, 'no estimate yet',
+                             'initial_estimate'))
+    estimate = JointState(name=list(PARAMETERS), position=TASK['initial_estimate'])
+
+    def heard() -> bool:
+        estimates.publish(estimate)
+        arm.publish([0.0, 0.0])
+        return _says(arm.diagnostics, 'controller', DiagnosticStatus.OK, 'running')
+
+    wait_until(heard, what='the estimate')
+    status = _statuses(arm.diagnostics, 'controller')[-1]
+    assert 0.0 <= float({v.key: v.value for v in status.values}['age of the estimate [s]']) <= 1.0
+    wait_until(lambda: _says(arm.diagnostics, 'controller', warn, 'no estimate for',
+                             'the last one is used'))
+
+
 def test_a_controller_that_was_killed_takes_the_arm_over_again_from_where_it_is(
         process_loop, wait_until) -> None:
     start, peer, commands = process_loop
@@ -537,18 +560,29 @@ def _check_closed(bag: Path) -> None:
 
 
 @pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(('kind', 'number', 'autostart', 'code'), [
+    ('identifier', signal.SIGINT, None, 130), ('controller', signal.SIGTERM, 'true', 143),
+    ('controller', signal.SIGINT, 'false', 0)])
 def test_a_signal_during_the_first_compilation_ends_a_node_before_the_next_function(
-        processes, wait_until, tmp_path, number) -> None:
+        processes, graph_of, wait_until, tmp_path, kind, number, autostart, code) -> None:
     package = Path(adaptive_blf_control.__file__).parent
     shutil.copytree(package, tmp_path / package.name,  # without machine code of earlier starts
                     ignore=shutil.ignore_patterns('__pycache__'))
-    process = processes.start('controller', folder=tmp_path)
+    given = ['--ros-args', '-p', f'autostart:={autostart}'] if autostart else []
+    process = processes.start(kind, *given, folder=tmp_path)
+    if autostart == 'false':  # then a request makes it compile
+        client = graph_of(processes.domain).peer().create_client(
+            ChangeState, f'/{kind}/change_state')
+        assert client.wait_for_service(60.0)
+        client.call_async(ChangeState.Request(transition=Transition(label='configure')))
     compiled = functools.partial(tmp_path.rglob, '*.nbi')
     wait_until(lambda: any(compiled()), 60.0, 'the first compiled function')
     wait_until(lambda: 'compiling for this machine' in process.text, 60.0, 'word of it')
-    assert process.signal(number) == 128 + number
+    assert process.signal(number) == code
     assert 'Traceback' not in process.text
+    if kind == 'identifier':
+        assert not any('windowed_step' in file.name for file in compiled())
+        return
     assert not any('law.answer' in file.name for file in compiled())  # needed last
 
 

@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import subprocess
 import sys
+import threading
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 import numpy as np
@@ -163,6 +166,84 @@ def test_autostart_makes_run_enough_and_can_still_be_deactivated(cell) -> None:
     assert cell.state('controller') == 'inactive'  # and does not come back by itself
 
 
+@pytest.mark.parametrize('executor', ['direct', 'plain'])
+def test_a_transition_that_there_is_not_from_here_is_answered_and_changes_nothing(
+        cell, executor) -> None:
+    cell = cell(executor=executor)
+    for node, machine in (('arm_driver', cell.driver), ('controller', cell.controller)):
+        for number in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE, 77):
+            request = ChangeState.Request(transition=Transition(id=number))
+            assert not cell.peer.call(ChangeState, f'/{node}/change_state', request).success
+            assert f"transition {number}: there is none from 'unconfigured'" in machine.last_fault
+        assert not cell.change(node, 'activate')
+        assert cell.state(node) == 'unconfigured'
+    cell.moves('arm_driver configure', 'arm_driver activate')
+    assert not cell.change('arm_driver', 'activate')
+    assert cell.state('arm_driver') == 'active'
+
+
+@pytest.mark.parametrize('executor', ['direct', 'plain'])
+def test_a_node_that_waits_to_be_configured_says_so_in_its_diagnostics(
+        cell, wait_until, executor) -> None:
+    cell = cell(executor=executor)
+    heard = cell.peer.listen(DiagnosticArray, '/diagnostics')
+    told: dict[str, DiagnosticStatus] = {}
+
+    def both() -> bool:
+        for data, _ in list(heard):
+            status = deserialize_message(data, DiagnosticArray).status[0]
+            told[status.name.partition(':')[0]] = status
+        return set(told) == {'arm_driver', 'controller'}
+
+    wait_until(both, what='diagnostics of both')
+    for status in told.values():
+        assert (status.level, status.message) == (DiagnosticStatus.WARN, 'unconfigured')
+    assert not cell.driver.drops
+    assert cell.driver.last_fault == ''
+
+
+def test_a_request_in_the_middle_of_a_transition_waits_for_its_end(cell, monkeypatch) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slow(node: ControllerNode) -> None:
+        begun.set()
+        assert go_on.wait(20.0)
+        activate(node)
+
+    activate = ControllerNode.activate
+    monkeypatch.setattr(ControllerNode, 'activate', slow)
+    cell = cell(autostart=True)  # activates itself, in its loop
+    assert begun.wait(20.0)
+    request = ChangeState.Request(transition=Transition(label='deactivate'))
+    client = cell.peer.create_client(ChangeState, '/controller/change_state')
+    assert client.wait_for_service(20.0)
+    future = client.call_async(request)
+    cell.hears(JOINT_STATES)  # time for it to be taken
+    assert not future.done()
+    go_on.set()
+    cell._wait_until(future.done, what='the answer')
+    assert future.result().success
+    assert cell.state('controller') == 'inactive'
+
+
+def test_a_ramp_is_no_steeper_than_the_rate_limit(cell, wait_until) -> None:
+    cell = cell(law={'ramp_time': 0.01})
+    cell.moves('arm_driver configure', 'arm_driver activate', 'controller configure')
+    cell.knows_the_arm()
+    cell.moves('controller activate')
+    cell.hears(COMMANDS, 100)
+    with cell.controller.between_samples:  # slower than the motion needs, so only now
+        slow = 10.0 * np.abs(cell.controller.output.torque)
+        cell.controller.values['torque_rate_limit'] = slow.tolist()
+    cell.moves('controller deactivate')
+    wait_until(lambda: not cell.torques[-1].any(), what='zero torque')
+    answers = len(cell.sent[ADAPTATION_TERM])
+    ramp = cell.torques[answers - 1:]
+    assert len(ramp) > 90  # 0.1 s, not 0.01
+    steepest = np.abs(np.diff(ramp, axis=0)).max(axis=0) / 1e-3
+    assert (steepest < 1.1 * slow).all()
+
+
 def test_what_cannot_be_used_is_refused_while_configuring_with_its_reason(cell) -> None:
     cell = cell(law={'performance__upper': [0.2, 0.9]}, arm={'true_parameters': [1.0, 2.0]})
     assert not cell.change('controller', 'configure')
@@ -301,6 +382,23 @@ def test_shutdown_ends_the_nodes_and_a_moving_arm_gets_zero_torque(cell, autosta
         cell.moves(f'{node} shutdown')
         assert cell.runners[node].join() == 0
     assert not cell.torques.size or not cell.torques[-1].any()
+
+
+@pytest.mark.parametrize('kind', [ArmDriver, ControllerNode])
+def test_a_node_that_was_destroyed_is_seen_and_asked_no_more(
+        graph, graph_of, wait_until, kind) -> None:
+    peer = graph_of(graph.context.get_domain_id()).peer()
+    wait_until(lambda: peer.get_node_names() == ['peer'])
+    gc.disable()  # which would hide what keeps it
+    try:
+        node = graph.make(kind)
+        name = node.get_name()
+        wait_until(lambda: name in peer.get_node_names(), what='the node')
+        graph.run(node).end()
+        node.destroy_node()
+        wait_until(lambda: peer.get_node_names() == ['peer'], what='the end of the node')
+    finally:
+        gc.enable()
 
 
 def test_shutdown_ends_the_process_with_status_0(processes, graph_of, wait_until) -> None:

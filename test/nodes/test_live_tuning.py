@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+import math
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ KINDS = {'arm_driver': ArmDriver, 'identifier': IdentifierNode, 'controller': Co
          'recorder': Recorder}
 THETA = [3.473, 0.196, 0.242, 5.3, 1.1]
 TASK = {  # a controller whose states come when the test sends them
-    'initial_estimate': THETA, 'state_timeout': 3600.0, 'reference__smooth_start': 0.0,
+    'initial_estimate': THETA, 'state_timeout': 60.0, 'reference__smooth_start': 0.0,
     'reference__resume_time': 0.5, 'k2': [10.0, 4.0],
     'performance__lower': [-0.15], 'performance__upper': [0.15],
     'reference__joint1__amplitude': [0.3], 'reference__joint1__frequency': [0.5],
@@ -39,7 +40,7 @@ ERROR, QD = np.array([0.05, -0.06]), [0.1, 0.2]
 TRUE = ThreeLinkArm().nominal.tolist()
 ARM = {  # a driver in which everything that can change is in use
     'arm': 'three_link', 'joints': ['joint1', 'joint2', 'joint3'], 'true_model': 'given',
-    'true_parameters': TRUE, 'rate': 50.0, 'command_timeout': 3600.0,
+    'true_parameters': TRUE, 'rate': 50.0, 'command_timeout': 60.0,
     'sensors__model': 'encoder', 'schedule__time': [5000.0], 'schedule__parameter': ['payload'],
     'schedule__value': [20.0],
 }
@@ -53,7 +54,7 @@ NEW: dict[str, dict[str, Any]] = {
         'sensors.model': 'perfect', 'sensors.encoder_counts': 500,
         'sensors.gear_ratio': 50.0, 'sensors.velocity_time_constant': 0.01,
         'sensors.torque_noise': 0.2, 'sensors.seed': 7, 'dead_time': 3, 'substeps': 2,
-        'torque_limit': [30.0, 20.0, 10.0], 'duration': 5000.0, 'command_timeout': 1800.0,
+        'torque_limit': [30.0, 20.0, 10.0], 'duration': 5000.0, 'command_timeout': 30.0,
         'timeout_action': 'damping', 'damping': [1.0, 2.0, 3.0], 'lockstep.rate': 2.0,
     },
     'identifier': {
@@ -77,7 +78,7 @@ NEW: dict[str, dict[str, Any]] = {
         'reference.joint2.frequency': [0.3], 'reference.joint2.phase': [-0.2],
         'reference.smooth_start': 1.0, 'reference.resume_time': 1.5, 'guarantee.mode': 'bound',
         'guarantee.theta_error': 5.0, 'guarantee.smallest_gamma': 0.5,
-        'guarantee.mass': [0.2, 5.0], 'state_timeout': 1800.0, 'monitor_decimation': 3,
+        'guarantee.mass': [0.2, 5.0], 'state_timeout': 30.0, 'monitor_decimation': 3,
     },
     'recorder': {},
 }
@@ -362,10 +363,11 @@ def test_descriptors_tell_rqt_text_unit_range_and_what_may_change(lives, kind) -
         ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
         bounded = parameter.minimum is not None or parameter.maximum is not None
         assert len(ranges) == (bounded and parameter.kind in ('int', 'double'))
-        if ranges and parameter.minimum is not None:
-            assert ranges[0].from_value == parameter.minimum
-        if ranges and parameter.maximum is not None:
-            assert ranges[0].to_value == parameter.maximum
+        if ranges:  # rqt puts integers on a slider, and open ends of the others on a curve
+            most = 2**31 - 1 if parameter.kind == 'int' else math.inf
+            assert [ranges[0].from_value, ranges[0].to_value] == [
+                other if bound is None else bound for bound, other in (
+                    (parameter.minimum, -most), (parameter.maximum, most))]
         for part in (parameter.range_text(), *parameter.choices):
             assert part in descriptor.additional_constraints
 
@@ -605,7 +607,7 @@ class _Decoded:
 
 def test_a_rate_set_by_service_is_that_of_the_stamps_from_the_next_state_on(
         driver, wait_until) -> None:
-    live = driver(rate=100.0, command_timeout=3600.0)
+    live = driver(rate=100.0, command_timeout=60.0)
     live.send(2.0, -1.0)
     wait_until(lambda: len(live.messages) > 20 and live.node.started)
     assert live.set({'rate': 250.0}).successful
@@ -628,7 +630,7 @@ def test_a_rate_set_by_service_is_that_of_the_stamps_from_the_next_state_on(
 
 def test_a_torque_limit_of_the_drives_acts_on_the_command_that_is_held(driver,
                                                                        wait_until) -> None:
-    live = driver(rate=100.0, command_timeout=3600.0)
+    live = driver(rate=100.0, command_timeout=60.0)
     live.send(2.0, -1.0)
     wait_until(lambda: len(live.messages) and np.allclose(live.messages[-1].effort, (2.0, -1.0)))
     assert live.set({'torque_limit': [1.5, 0.25]}).successful
@@ -639,7 +641,7 @@ def test_a_torque_limit_of_the_drives_acts_on_the_command_that_is_held(driver,
 
 
 def test_true_parameters_set_by_service_move_the_arm_from_then_on(driver, wait_until) -> None:
-    live = driver(rate=100.0, command_timeout=3600.0, true_model='given', true_parameters=THETA)
+    live = driver(rate=100.0, command_timeout=60.0, true_model='given', true_parameters=THETA)
     live.send(2.0, -1.0)
     wait_until(lambda: len(live.messages) and np.allclose(live.messages[-1].effort, (2.0, -1.0)))
     heavy = [2.0 * x for x in THETA]
@@ -665,7 +667,7 @@ def test_true_parameters_set_by_service_move_the_arm_from_then_on(driver, wait_u
     ({'substeps': 0}, ['substeps', '1']),
 ])
 def test_a_driver_that_refuses_goes_on_as_it_was(driver, wait_until, values, words) -> None:
-    live = driver(rate=100.0, command_timeout=3600.0, true_model='given', true_parameters=THETA)
+    live = driver(rate=100.0, command_timeout=60.0, true_model='given', true_parameters=THETA)
     live.send(2.0, -1.0)
     wait_until(lambda: live.node.started)
     node, before = live.node, dict(live.node.values)
@@ -682,7 +684,7 @@ def test_a_driver_that_refuses_goes_on_as_it_was(driver, wait_until, values, wor
 
 
 def test_a_duration_set_by_service_ends_the_run(driver, wait_until) -> None:
-    live = driver(rate=100.0, command_timeout=3600.0)
+    live = driver(rate=100.0, command_timeout=60.0)
     live.send(0.0, 0.0)
     wait_until(lambda: live.node.started)
     assert live.set({'duration': 0.05}).successful
@@ -700,6 +702,18 @@ def test_damping_set_by_service_is_what_the_drives_do_without_commands(driver,
     wait_until(lambda: len(live.messages) > count + 1)
     np.testing.assert_allclose(live.messages[count + 1].effort, np.array([-0.5, -0.25]) * np.array(
         live.messages[count].velocity), rtol=1e-9)
+
+
+def test_an_action_that_changes_while_commands_are_missing_is_taken_at_once(
+        driver, wait_until) -> None:
+    live = driver(rate=100.0, initial_velocity=[1.0, -1.0], timeout_action='damping')
+    live.send(0.0, 0.0)
+    wait_until(lambda: np.any(live.messages[-1].effort), what='damping')
+    for action in ('zero', 'damping'):
+        assert live.set({'timeout_action': action}).successful
+        count = len(live.messages) + 2
+        wait_until(lambda count=count: len(live.messages) > count + 3)
+        assert np.any(live.messages[count].effort) == (action == 'damping')
 
 
 def test_an_identifier_goes_on_learning_through_changes_and_refusals(

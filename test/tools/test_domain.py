@@ -33,13 +33,14 @@ def test_a_wanted_domain_is_taken_unless_another_run_holds_it(tmp_path: Path) ->
         assert again == 42
 
 
-def test_a_domain_in_which_a_node_listens_is_passed_over(tmp_path: Path) -> None:
+@pytest.mark.parametrize('participant', [0, 1, 7])
+def test_a_domain_in_which_a_node_listens_is_passed_over(tmp_path: Path, participant: int) -> None:
     with ExitStack() as stack:
         listening = set()
         for domain in range(1, 40):
             port = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             with suppress(OSError):  # someone listens there already
-                port.bind(('', 7410 + 250 * domain))
+                port.bind(('', 7410 + 250 * domain + 2 * participant))
             listening.add(domain)
         for _ in range(30):
             with own_domain(folder=tmp_path) as domain:
