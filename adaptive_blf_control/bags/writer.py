@@ -200,11 +200,12 @@ class BagWriter:
         finally:
             self._closed = True
             try:
-                try:
+                if self._broken:
+                    with suppress(OSError):  # what is in its buffer does not fit either
+                        self._stream.close()
+                    self._count_again()
+                else:
                     self._stream.close()
-                finally:
-                    if self._broken:
-                        self._count_again()
                 save_metadata(self.path, self._metadata())
             except OSError as exc:
                 if not self._broken:

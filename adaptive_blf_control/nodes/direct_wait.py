@@ -152,7 +152,9 @@ def end_transitions(node: LifecycleNodeMixin) -> None:
 
     It holds the node: others would see it, and ask it, until the garbage is collected.
     """
-    node._state_machine.destroy_when_not_in_use()
+    machine = getattr(node, '_state_machine', None)
+    if machine is not None:  # None in a node that could not be made
+        machine.destroy_when_not_in_use()
 
 
 def answer_transitions(node: LifecycleNodeMixin, answer: Callable[..., object]) -> None:

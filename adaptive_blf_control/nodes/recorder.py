@@ -157,16 +157,19 @@ class Recorder(DataNode):
     def _write(self, topic: str, type_name: str, data: bytes, log_ns: int,
                publish_ns: int) -> None:
         if self._failure is not None:
-            self.drops['disk'] = self.drops.get('disk', 0) + 1
-            self._unwritten[topic] = self._unwritten.get(topic, 0) + 1
+            self._not_written(topic, 1)
             return
         try:
             if topic not in self.bag.counts:
                 self.bag.add_topic(topic, type_name, qos=self._offered_qos(topic))
             self.bag.write(topic, data, *(min(max(t, 0), LATEST) for t in (log_ns, publish_ns)))
         except BagError as error:
-            self._unwritten[topic] = self._unwritten.get(topic, 0) + 1
+            self._not_written(topic, 1)
             self._fail(str(error))
+
+    def _not_written(self, topic: str, count: int) -> None:
+        self.drops['disk'] = self.drops.get('disk', 0) + count
+        self._unwritten[topic] = self._unwritten.get(topic, 0) + count
 
     def _write_dated(self, now_ns: int | None = None) -> None:
         """Write what is dated by now under ``use_sim_time``; all that is left without a time."""
@@ -198,6 +201,8 @@ class Recorder(DataNode):
             self.get_logger().error(f'recording stopped, what was written is kept: {reason}')
             with suppress(BagError):  # says the same again
                 self.bag.close()
+            for topic, count in self.bag.torn.items():
+                self._not_written(topic, count)
 
     def spin_data(self, timeout: float = BATCH) -> int:
         """Take what has arrived within the last ``timeout`` [s]."""
@@ -278,7 +283,7 @@ class Recorder(DataNode):
                 self._fail(str(error))
         counts = self.bag.counts
         for topic, received in self.received.items():
-            unwritten = self._unwritten.get(topic, 0) + self.bag.torn.get(topic, 0)
+            unwritten = self._unwritten.get(topic, 0)
             self.get_logger().info(f'{topic}: received {received}, written {counts.get(topic, 0)}'
                                    + (f', dropped {unwritten}' if unwritten else '')
                                    + f', lost {self.lost[topic]}')

@@ -34,7 +34,7 @@ from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
 from adaptive_blf_control.parameters.yaml_file import node_values, PARAMETERS_KEY
 from adaptive_blf_control.tools.soak_figures import account_of
-from adaptive_blf_control.topics import JOINT_TRAJECTORY, TOPICS
+from adaptive_blf_control.topics import HISTORY_RANK, JOINT_TRAJECTORY, TOPICS
 
 TYPES = {'sensor_msgs/msg/JointState': JointState, 'std_msgs/msg/Int32': Int32,
          'std_msgs/msg/Float64': Float64, 'std_msgs/msg/Float64MultiArray': Float64MultiArray,
@@ -301,14 +301,14 @@ def test_a_full_disk_ends_the_recording_with_what_was_written(processes, graph_o
 
 def test_all_that_has_piled_up_is_taken_before_the_bag_is_closed(graph, wait_until,
                                                                  tmp_path) -> None:
-    recorder = graph.make(Recorder, bag=str(tmp_path / 'bag'), topics=['number'])
-    publisher = graph.peer().create_publisher(Int32, 'number', 5000)
+    recorder = graph.make(Recorder, bag=str(tmp_path / 'bag'), topics=[HISTORY_RANK])
+    publisher = graph.peer().create_publisher(Int32, HISTORY_RANK, 5000)
     wait_until(lambda: publisher.get_subscription_count() == 1, what='the match')
     for number in range(2500):  # more than is taken at a time
         publisher.publish(Int32(data=number))
     assert publisher.wait_for_all_acked(Duration(seconds=20.0))
     recorder.finish()
-    assert _numbers(tmp_path / 'bag') == list(range(2500))
+    assert _numbers(tmp_path / 'bag', f'/{HISTORY_RANK}') == list(range(2500))
 
 
 def test_a_topic_whose_type_is_known_only_later_is_recorded(graph, wait_until, tmp_path) -> None:
