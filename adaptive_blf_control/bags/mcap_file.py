@@ -8,6 +8,7 @@ the end of the file cuts is read up to its last whole message where it is not co
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 import mmap
 from pathlib import Path
 import struct
@@ -96,35 +97,45 @@ class McapFile:
         return {channel.topic: parse_qos(channel.metadata.get('offered_qos_profiles', ''))
                 for channel in self.details.values()}
 
-    def messages(self, start: int = 0) -> Iterator[tuple[int, int, bytes]]:
+    def messages(self) -> Iterator[tuple[int, int, bytes]]:
         """Yield channel id, log time [ns] and data up to the end of the file or a break.
-
-        Args:
-            start: First byte of the record to begin with; 0 for the start of the file. What
-                stands in front of it has to be in `channels`.
 
         Raises:
             BagError: the file cannot be opened.
         """
-        for channel, log_time, _, data in self.timed_messages(start):
+        for channel, log_time, _, data in self.timed_messages():
             yield channel, log_time, data
 
-    def timed_messages(self, start: int = 0) -> Iterator[tuple[int, int, int, bytes]]:
+    def continued(self, content: bytes) -> Iterator[tuple[int, int]]:
+        """Yield channel id and log time [ns] of the messages in a later part of the file.
+
+        Args:
+            content: Whole records, but for the last one. The channels of their messages have to
+                be in `channels` or among them.
+        """
+        with suppress(_BreakError):
+            for channel, log_time, _, _ in self._follow(content, 0):
+                yield channel, log_time
+
+    def timed_messages(self) -> Iterator[tuple[int, int, int, bytes]]:
         """Yield channel id, log time [ns], publish time [ns] and data; see `messages`."""
         self.problem = None
         try:
             with self.path.open('rb') as stream, \
                     mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
-                yield from self._file(content, start)
+                yield from self._file(content)
         except (OSError, ValueError) as exc:  # mmap: ValueError for an empty file
             raise BagError(f'{self.path}: cannot be read: {exc}') from exc
         except _BreakError as exc:
             self.problem = f'{self.path}: {exc}'
 
-    def _file(self, content: mmap.mmap, start: int) -> Iterator[tuple[int, int, int, bytes]]:
+    def _file(self, content: mmap.mmap) -> Iterator[tuple[int, int, int, bytes]]:
         if content[:len(MAGIC)] != MAGIC:
             raise _BreakError('is not an MCAP file: wrong first bytes')
-        position, end = max(start, len(MAGIC)), len(content)
+        yield from self._follow(content, len(MAGIC))
+
+    def _follow(self, content: _Buffer, position: int) -> Iterator[tuple[int, int, int, bytes]]:
+        end = len(content)
         while True:
             if position + _HEAD.size > end:
                 raise _BreakError(f'ends at byte {end} without footer: the file is truncated')
@@ -183,7 +194,7 @@ class McapFile:
         self.details[number] = ChannelDetails(topic, schema.name, encoding, schema.encoding,
                                               schema.text, fields.texts())
 
-    def _chunk(self, content: mmap.mmap, body: int, end: int, *, whole: bool) -> bytes:
+    def _chunk(self, content: _Buffer, body: int, end: int, *, whole: bool) -> bytes:
         """Return the records of a chunk, of a cut one those that are there."""
         fields = _Fields(content, body, end)
         if end - body < _CHUNK_HEAD.size:
@@ -204,7 +215,7 @@ class McapFile:
             raise _BreakError(f'chunk at byte {body} is damaged: wrong length or checksum')
         return data
 
-    def _read_metadata(self, content: mmap.mmap, body: int, end: int) -> None:
+    def _read_metadata(self, content: _Buffer, body: int, end: int) -> None:
         fields = _Fields(content, body, end)
         if fields.text() == 'rosbag2':
             self._serialized_metadata = fields.texts().get(

@@ -94,7 +94,8 @@ class BagWriter:
             self._guard(lambda: spool_chunk_index(self._writer, self.path))
             self._guard(self._begin)
         except BagError:
-            self._stream.close()
+            with suppress(OSError):  # the same again
+                self._stream.close()
             raise
 
     def __enter__(self) -> BagWriter:
@@ -281,8 +282,9 @@ class BagWriter:
         file = McapFile(self.file)
         file.channels.update((number, Channel(topic, self._topics[topic].type_name))
                              for topic, number in self._channels.items())
-        with suppress(BagError):
-            for channel, log_time, _ in file.messages(position):
+        with suppress(OSError), self.file.open('rb') as stream:
+            stream.seek(position)
+            for channel, log_time in file.continued(stream.read()):
                 self._counts[file.channels[channel].topic] += 1
                 self._start_ns = min(self._start_ns, log_time)
                 self._end_ns = max(self._end_ns, log_time)

@@ -19,7 +19,6 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from lifecycle_msgs.msg import State
 import numpy as np
 from rclpy.context import Context
 from sensor_msgs.msg import JointState
@@ -298,7 +297,7 @@ class ArmDriver(ManagedNode):
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
         """Report brakes, watchdog, round trip and missed periods."""
-        if self.state_id == State.PRIMARY_STATE_UNCONFIGURED:
+        if not self._ready:
             return DiagnosticStatus.WARN, 'unconfigured', {}
         values = {} if self.lockstep else self._timing()
         publishers = [] if self.lockstep else self.get_publishers_info_by_topic(COMMANDS)

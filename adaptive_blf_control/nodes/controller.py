@@ -169,7 +169,7 @@ class ControllerNode(ManagedNode):
                            f'{timeout:g} s: activation needs to know where the arm is')
 
     def deactivate(self) -> None:
-        """Bring the torque to zero over ``ramp_time`` and give the command topic back."""
+        """Bring the torque down to zero and give the command topic back."""
         commands, last = self._commands, self.output
         if commands is None:
             return

@@ -33,6 +33,7 @@ from adaptive_blf_control.nodes.direct_wait import (
     DirectChannel,
     DirectWait,
     HandleGone,
+    MOST,
     PlainChannel,
     PlainWait,
     take_over_clock,
@@ -66,6 +67,8 @@ LAST_WORDS = 0.3  # s to deliver the last messages at the end
 SAY_AGAIN = 1.0  # s between two log lines about the same reason
 SWITCH = 2e-5  # s the loop waits at most, each time, for a thread that answers a request
 REPORT = 1.0  # s between two diagnostics
+DRAIN = 5.0  # s
+EMPTY_PASSES = 20
 SILENCE = 2.0  # s after which it is said what takes so long
 
 Handler = Callable[[bytes, dict[str, int]], bool | None]
@@ -268,18 +271,27 @@ class DataNode(Node):
                 self._report()
         return handled
 
+    def take_the_rest(self) -> None:
+        """Handle all that has arrived, for at most ``DRAIN``: who sends may not stop."""
+        # The executor serves one message at a time, and in between what is none.
+        least, needed = (MOST, 1) if self._direct else (1, EMPTY_PASSES)
+        give_up, empty = time.monotonic() + DRAIN, 0
+        while empty < needed and time.monotonic() < give_up:
+            empty = 0 if self.spin_data(0.0) >= least else empty + 1
+
     def compiling(self) -> AbstractContextManager[None]:
         """Return a context for work that may compile, which takes half a minute the first time.
 
         It says so, and where the node is asked to stop a BlfError ends it before the next
         function; none takes more than a few seconds.
         """
-        since = time.monotonic()
+        begun: list[float] = []
 
         def before_compilation() -> None:
             if self.stop.is_set():
                 raise BlfError('asked to stop while it was compiling')
-            if time.monotonic() > since + SILENCE:
+            begun.append(time.monotonic())
+            if begun[-1] > begun[0] + SILENCE:
                 self.get_logger().info('compiling for this machine: once, up to half a minute',
                                        once=True)
 

@@ -25,7 +25,6 @@ from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.nodes.answers import stamp_of
 from adaptive_blf_control.nodes.data_node import DataNode
-from adaptive_blf_control.nodes.direct_wait import MOST
 from adaptive_blf_control.nodes.process import run_node
 from adaptive_blf_control.nodes.sample_dates import has_sample_time, SampleDates
 from adaptive_blf_control.parameters.yaml_file import PARAMETERS_KEY
@@ -269,8 +268,8 @@ class Recorder(DataNode):
 
     def finish(self) -> None:
         """Drain what has arrived, then close file, index and metadata."""
-        while self.context.ok() and self.spin_data(0.0) >= MOST:
-            pass  # more than is taken at a time had piled up
+        if self.context.ok():
+            self.take_the_rest()
         self._write_dated()
         try:
             self._keep_settings()

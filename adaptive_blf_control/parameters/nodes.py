@@ -56,7 +56,8 @@ MANAGED: Table = RUNTIME + (
     Parameter('autostart', 'bool', True,
               'Configure and activate by itself; false waits for lifecycle requests.'),
     Parameter('ramp_time', 'double', 0.2, 'Time over which the torque goes to zero on '
-              'deactivation.', 's', 0.0, 5.0, read_only=False),
+              'deactivation; the controller takes longer where torque_rate_limit asks for it.',
+              's', 0.0, 5.0, read_only=False),
 )
 
 ARM_DRIVER: Table = ARM + MANAGED + (

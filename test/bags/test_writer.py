@@ -238,6 +238,19 @@ with BagWriter(sys.argv[1]) as writer:
 """
 
 
+BEGIN_ON_A_FULL_DISK = """
+import resource, signal, sys
+from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.errors import BagError
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300))
+try:
+    BagWriter(sys.argv[1])
+except BagError as exc:
+    print(exc)
+"""
+
+
 def run(script, *arguments, status=0):
     """Run a script in a process of its own and return what it printed."""
     done = subprocess.run([sys.executable, '-c', script, *map(str, arguments)], timeout=60,
@@ -273,6 +286,12 @@ def test_full_disk_is_reported_with_the_path_and_leaves_a_readable_bag(tmp_path,
     metadata = load_metadata(tmp_path / 'run')
     assert metadata.message_count == metadata.topics[0].message_count == len(numbers)
     assert metadata.files[0].duration_ns == numbers[-1]
+
+
+def test_a_disk_that_is_full_from_the_start_is_reported_with_the_path(tmp_path):
+    pytest.importorskip('resource')
+    told = run(BEGIN_ON_A_FULL_DISK, tmp_path / 'run')
+    assert 'run_0.mcap: cannot be written' in told
 
 
 def test_a_long_recording_does_not_grow_and_has_the_index_of_every_chunk(tmp_path):

@@ -212,7 +212,7 @@ def test_a_request_in_the_middle_of_a_transition_waits_for_its_end(cell, monkeyp
 
     activate = ControllerNode.activate
     monkeypatch.setattr(ControllerNode, 'activate', slow)
-    cell = cell(autostart=True)  # activates itself, in its loop
+    cell = cell(autostart=True, law={'state_timeout': 60.0})  # activates itself, in its loop
     assert begun.wait(20.0)
     request = ChangeState.Request(transition=Transition(label='deactivate'))
     client = cell.peer.create_client(ChangeState, '/controller/change_state')
@@ -233,13 +233,15 @@ def test_a_ramp_is_no_steeper_than_the_rate_limit(cell, wait_until) -> None:
     cell.moves('controller activate')
     cell.hears(COMMANDS, 100)
     with cell.controller.between_samples:  # slower than the motion needs, so only now
-        slow = 10.0 * np.abs(cell.controller.output.torque)
+        slow = np.abs(cell.controller.output.torque)
         cell.controller.values['torque_rate_limit'] = slow.tolist()
     cell.moves('controller deactivate')
     wait_until(lambda: not cell.torques[-1].any(), what='zero torque')
     answers = len(cell.sent[ADAPTATION_TERM])
     ramp = cell.torques[answers - 1:]
-    assert len(ramp) > 90  # 0.1 s, not 0.01
+    expected = (np.abs(ramp[0]) / slow).max() * 1e3  # steps of 1 ms
+    assert expected > 20.0  # where ramp_time alone would make 10
+    assert len(ramp) == pytest.approx(expected, abs=2.0)
     steepest = np.abs(np.diff(ramp, axis=0)).max(axis=0) / 1e-3
     assert (steepest < 1.1 * slow).all()
 

@@ -299,9 +299,11 @@ def test_a_full_disk_ends_the_recording_with_what_was_written(processes, graph_o
     assert _metadata(bag)['message_count'] == len(numbers)
 
 
-def test_all_that_has_piled_up_is_taken_before_the_bag_is_closed(graph, wait_until,
-                                                                 tmp_path) -> None:
-    recorder = graph.make(Recorder, bag=str(tmp_path / 'bag'), topics=[HISTORY_RANK])
+@pytest.mark.parametrize('executor', ['direct', 'plain'])
+def test_all_that_has_piled_up_is_taken_before_the_bag_is_closed(
+        graph, wait_until, tmp_path, executor) -> None:
+    recorder = graph.make(Recorder, bag=str(tmp_path / 'bag'), topics=[HISTORY_RANK],
+                          executor=executor)
     publisher = graph.peer().create_publisher(Int32, HISTORY_RANK, 5000)
     wait_until(lambda: publisher.get_subscription_count() == 1, what='the match')
     for number in range(2500):  # more than is taken at a time
