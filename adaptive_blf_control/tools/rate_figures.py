@@ -19,7 +19,8 @@ from adaptive_blf_control.report.diagnostics import decode_diagnostics
 from adaptive_blf_control.tools.soak_figures import account_of
 from adaptive_blf_control.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
 
-__all__ = ['Loop', 'Run', 'Row', 'Usage', 'median', 'of_bag', 'of_bare', 'usage_of']
+__all__ = ['Loop', 'Run', 'Row', 'Usage', 'median', 'of_bag', 'of_bare', 'stolen_time',
+           'usage_of']
 
 TAIL = 0.1  # s at the end that are not judged: the last states may find nobody
 CALLBACK = 'callback so far p50, p99, p99.9, largest [ms]'
@@ -66,6 +67,7 @@ class Loop(NamedTuple):
         met: Periods with a state that was answered, if late [%].
         in_time: Periods with a state that was answered before the next one was due [%].
         cores: Processor time of all processes together [cores].
+        stolen: Processor time that the host of a virtual machine gave to others meanwhile [%].
     """
 
     p50: float
@@ -75,6 +77,7 @@ class Loop(NamedTuple):
     met: float
     in_time: float
     cores: float
+    stolen: float = NAN
 
 
 class Run(NamedTuple):
@@ -104,6 +107,16 @@ def usage_of(pid: int) -> tuple[float, float] | None:
     return ticks / os.sysconf('SC_CLK_TCK'), pages * os.sysconf('SC_PAGE_SIZE') * 1e-6
 
 
+def stolen_time() -> tuple[float, float]:
+    """Return the time the host has taken from this machine, and all time, both so far [ticks]."""
+    try:
+        line = Path('/proc/stat').read_text(encoding='ascii').partition('\n')[0]
+        ticks = [float(text) for text in line.split()[1:9]]  # user .. steal
+    except (OSError, ValueError):
+        return NAN, NAN
+    return (ticks[7], sum(ticks)) if len(ticks) == 8 else (NAN, NAN)
+
+
 def _row(times_ns: np.ndarray, rate: float, begin_ns: int, end_ns: int) -> Row:
     """Count what was served from ``begin_ns`` until before ``end_ns``."""
     span = (end_ns - begin_ns) * 1e-9
@@ -123,7 +136,7 @@ def _window(times_ns: np.ndarray, rate: float, settle: float, what: str) -> tupl
 
 
 def of_bare(files: Mapping[str, Path], usage: Mapping[str, Usage], rate: float,
-            settle: float) -> Run:
+            settle: float, stolen: float = NAN) -> Run:
     """Return the figures of a run of `bare_echo` from the files its nodes saved.
 
     Raises:
@@ -141,10 +154,11 @@ def of_bare(files: Mapping[str, Path], usage: Mapping[str, Usage], rate: float,
     met, in_time = (100.0 * min(count / rows['driver'].due, 1.0)
                     for count in (inside.size, np.count_nonzero(inside <= 1e3 / rate)))
     p50, p99, p999, largest = map(float, quantiles)
-    return Run(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage)))
+    return Run(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), stolen))
 
 
-def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, settle: float) -> Run:
+def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, settle: float,
+           stolen: float = NAN) -> Run:
     """Return the figures of a run of the four nodes.
 
     Args:
@@ -153,6 +167,7 @@ def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, settle:
         usage: Processor time and memory by node.
         rate: Rate of the states [Hz].
         settle: What is left out after the first answered state [s].
+        stolen: See :class:`Loop`.
 
     Raises:
         BagError: the bag cannot be read, or has no motion that is long enough.
@@ -176,7 +191,7 @@ def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, settle:
     p50, p99, p999, largest = content.figures('arm_driver', ROUND_TRIP)
     in_time, = content.figures('arm_driver', IN_TIME, 1)
     in_time = min(in_time, met)  # a command has no stamp, and the driver may take it for another's
-    return Run(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage)))
+    return Run(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), stolen))
 
 
 class _Content:

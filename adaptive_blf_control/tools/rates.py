@@ -10,6 +10,7 @@ import math
 from pathlib import Path
 import tempfile
 import time
+from typing import NamedTuple
 
 from adaptive_blf_control.errors import BlfError, MissingExtra, ParameterError
 from adaptive_blf_control.nodes.loop_statistics import SETTLE
@@ -21,6 +22,7 @@ from adaptive_blf_control.tools.rate_figures import (
     of_bare,
     Row,
     Run,
+    stolen_time,
     Usage,
     usage_of,
 )
@@ -38,8 +40,9 @@ grid without a state, its answer, its estimate, also where the recorder lost the
 it; of the recorder: messages that did not reach the bag, all run long. Met: periods with a state
 and its answer, if late; in time: before the next state was due. One callback of the recorder
 takes what came within 10 ms. The bare echo: typed messages, `rclpy.spin`, no control and no
-recorder. CPU: % of a core. The last line of each rate compares: under 1 the four nodes are better,
-in the periods over 1.
+recorder. CPU: % of a core. Stolen: what the host of a virtual machine gave to others of its
+processors' time meanwhile; what was due then is missed. The last line of each rate compares: under
+1 the four nodes are better, in the periods over 1.
 """
 
 
@@ -108,10 +111,10 @@ def _ours(options: argparse.Namespace, rate: float) -> Run:
         output = Path(folder)
         with NodeProcesses((options.config / 'two_link.yaml').resolve(), options.seconds, output,
                            _settings(options, rate)) as nodes:
-            usage = _watch(nodes, 'controller', options.seconds, settle)
+            usage, stolen = _watch(nodes, 'controller', options.seconds, settle)
             _refusals(nodes)
             log = nodes.text('recorder')
-        return of_bag(output / 'bag', log, usage, rate, settle)
+        return of_bag(output / 'bag', log, usage, rate, settle, stolen)
 
 
 def _bare(seconds: float, rate: float) -> Run:
@@ -122,12 +125,15 @@ def _bare(seconds: float, rate: float) -> Run:
                            str(file), '--rate', str(rate), '--seconds', str(seconds)]
                     for name, file in files.items()}
         with Processes(commands, Path(folder)) as nodes:
-            usage = _watch(nodes, 'driver', seconds, settle)
-        return of_bare(files, usage, rate, settle)
+            usage, stolen = _watch(nodes, 'driver', seconds, settle)
+        return of_bare(files, usage, rate, settle, stolen)
 
 
-def _watch(nodes: Processes, herald: str, seconds: float, settle: float) -> dict[str, Usage]:
-    """Wait until the run is over and return what each process used while the arm moved.
+def _watch(nodes: Processes, herald: str, seconds: float,
+           settle: float) -> tuple[dict[str, Usage], float]:
+    """Wait until the run is over; return what each process used while the arm moved.
+
+    The second is what the host took away meanwhile [%].
 
     Args:
         nodes: The processes, started.
@@ -141,7 +147,7 @@ def _watch(nodes: Processes, herald: str, seconds: float, settle: float) -> dict
     *_, leader = nodes.processes
     started = time.monotonic()
     moving = math.inf
-    looks: list[tuple[float, dict[str, tuple[float, float]]]] = []
+    looks: list[_Look] = []
     while nodes.processes[leader].poll() is None:
         now = time.monotonic()
         bad = nodes.failed()
@@ -153,7 +159,8 @@ def _watch(nodes: Processes, herald: str, seconds: float, settle: float) -> dict
             raise BlfError(_story(nodes, [herald, leader], 'took too long'))
         if moving + settle <= now <= moving + seconds:
             look = {name: usage_of(process.pid) for name, process in nodes.processes.items()}
-            looks.append((now, {name: one for name, one in look.items() if one}))
+            looks.append(_Look(now, {name: one for name, one in look.items() if one},
+                               *stolen_time()))
         time.sleep(LOOK)
     bad = list(dict.fromkeys(nodes.failed() + nodes.end()))
     if bad:
@@ -161,14 +168,24 @@ def _watch(nodes: Processes, herald: str, seconds: float, settle: float) -> dict
     return _usage(nodes, looks)
 
 
-def _usage(nodes: Processes, looks: Sequence[tuple[float, dict[str, tuple[float, float]]]],
-           ) -> dict[str, Usage]:
-    whole = [(t, look) for t, look in looks if len(look) == len(nodes.processes)]
+class _Look(NamedTuple):
+    """Processor time [s] and memory [MB] by process, stolen and all time [ticks], at ``t`` [s]."""
+
+    t: float
+    usage: dict[str, tuple[float, float]]
+    stolen: float
+    all: float
+
+
+def _usage(nodes: Processes, looks: Sequence[_Look]) -> tuple[dict[str, Usage], float]:
+    whole = [look for look in looks if len(look.usage) == len(nodes.processes)]
     if len(whole) < 2:
         raise BlfError(_story(nodes, list(nodes.processes), 'ended before it could be measured'))
-    (begin, before), (end, after) = whole[0], whole[-1]
-    return {name: Usage(100.0 * (after[name][0] - before[name][0]) / (end - begin), after[name][1])
-            for name in nodes.processes}
+    before, after = whole[0], whole[-1]
+    used = {name: Usage(100.0 * (after.usage[name][0] - before.usage[name][0])
+                        / (after.t - before.t), after.usage[name][1]) for name in nodes.processes}
+    ticks = after.all - before.all
+    return used, 100.0 * (after.stolen - before.stolen) / ticks if ticks else math.nan
 
 
 def _story(nodes: Processes, names: Sequence[str], what: str) -> str:
@@ -192,12 +209,12 @@ def _tables(rate: float, ours: Run, bare: Run) -> str:
     lines += [_line(name, ours.rows[name]) for name in OURS]
     lines += [_line(f'bare_{name}', bare.rows[name]) for name in reversed(BARE)]
     lines += ['', '| loop | round trip p50 [ms] | p99 | p99.9 | largest | periods met [%] | '
-                  'in time [%] | cores |',
-              '|---|---|---|---|---|---|---|---|']
+                  'in time [%] | cores | stolen [%] |',
+              '|---|---|---|---|---|---|---|---|---|']
     for name, loop in (('four nodes', ours.loop), ('bare echo', bare.loop)):
         lines.append(f'| {name} | ' + ' | '.join(_text(value, 3) for value in loop[:4])
                      + f' | {_text(loop.met, 3)} | {_text(loop.in_time, 3)} | '
-                     f'{_text(loop.cores, 2)} |')
+                     f'{_text(loop.cores, 2)} | {_text(loop.stolen, 2)} |')
     lines.append('| four nodes / bare echo | ' + ' | '.join(_ratios(ours.loop, bare.loop)) + ' |')
     return '\n'.join(lines) + '\n'
 
@@ -214,5 +231,6 @@ def _text(value: float, digits: int) -> str:
 
 
 def _ratios(ours: Loop, bare: Loop) -> list[str]:
-    return [_text(mine / other if other else math.nan, 3 if name in ('met', 'in_time') else 2)
+    return [_text(mine / other if other and name != 'stolen' else math.nan,
+                  3 if name in ('met', 'in_time') else 2)
             for name, mine, other in zip(Loop._fields, ours, bare)]
