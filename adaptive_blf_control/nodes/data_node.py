@@ -60,7 +60,7 @@ REQUESTS_WAIT = 10.0  # s
 DEPTH = 100
 # Messages that a publisher keeps for a reliable reader that falls behind. Fast DDS goes through
 # them when it is told every 3 s what has arrived, and what is published meanwhile waits.
-KEPT = 30
+KEPT = 100
 KEPT_LOCKSTEP = 1000  # the recorder is not waited for, and nothing is late there
 TOO_LATE = 2**31 * 10**9  # ns, the first time that header.stamp cannot hold
 LAST_WORDS = 0.3  # s to deliver the last messages at the end
