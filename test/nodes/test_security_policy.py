@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import gc
 from pathlib import Path
 import time
 from xml.etree import ElementTree
@@ -84,8 +83,6 @@ def test_only_the_controller_may_command_and_only_the_driver_listens(policy: Gra
 def test_everything_a_running_node_uses_is_granted_and_the_other_way_round(
         graph, graph_of: Callable, wait_until: Callable, tmp_path: Path, policy: Granted,
         lockstep: bool) -> None:
-    gc.unfreeze()  # a loop freezes what it finds, so nodes of earlier tests are still in the graph
-    gc.collect()
     made = {name: graph.make(kind, use_sim_time=lockstep, **(
         {'bag': str(tmp_path / 'bag')} if name == 'recorder' else {'initial_estimate': [1.0]}
         if name in ('controller', 'identifier') else {})) for name, kind in KINDS.items()}
