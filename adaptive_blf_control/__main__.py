@@ -7,7 +7,7 @@ import importlib
 import sys
 
 from adaptive_blf_control import __version__
-from adaptive_blf_control.executables import EXECUTABLES, module_of, NODES, TOOLS
+from adaptive_blf_control.executables import BENCHES, EXECUTABLES, module_of, NODES, TOOLS
 
 __all__ = ['main', 'usage']
 
@@ -21,7 +21,8 @@ def usage() -> str:
 
     return (f'usage: {PROGRAM} EXECUTABLE [ARGUMENTS]\n\n'
             f'nodes (take --ros-args --params-file FILE):\n{rows(NODES)}\n\n'
-            f'tools (each has --help):\n{rows(TOOLS)}')
+            f'tools (each has --help):\n{rows(TOOLS)}\n\n'
+            f'benchmarks and studies (each has --help):\n{rows(BENCHES)}')
 
 
 def main(args: list[str] | None = None) -> int:

@@ -6,7 +6,7 @@ It imports nothing, because ``setup.py`` reads it on machines where numpy is not
 
 from __future__ import annotations
 
-__all__ = ['EXECUTABLES', 'NODES', 'TOOLS', 'console_scripts', 'module_of']
+__all__ = ['BENCHES', 'EXECUTABLES', 'NODES', 'TOOLS', 'console_scripts', 'module_of']
 
 NODES: dict[str, str] = {
     'arm_driver': 'simulated arm: takes torque commands, publishes joint states',
@@ -19,18 +19,25 @@ NODES: dict[str, str] = {
 TOOLS: dict[str, str] = {
     'demo': "the four nodes as separate processes on the paper's two-link task",
     'simulate': 'the closed loop of a scenario without ROS, as fast as it runs',
-    'compare': 'our law against other laws, and the study of sensor noise',
     'identify': 'learn the parameters of a measured robot from its log',
     'play': 'publish a bag again with its clock, where there is no rosbag2',
     'recover': 'make a bag that a crash left unfinished readable again',
     'report': 'a page to look at, or figures for a paper, from bags alone',
     'parameters': 'the parameter tables of the nodes as Markdown',
-    'soak': 'the four processes for an hour: memory, latency, every message accounted for',
-    'bench': 'measure every figure of docs/benchmarks.md on this machine',
 }
 """Command line tools: name to one line of help. Module: ``adaptive_blf_control.tools.<name>``."""
 
-EXECUTABLES: dict[str, str] = {**NODES, **TOOLS}
+BENCHES: dict[str, str] = {
+    'compare': 'our law against other laws, and the study of sensor noise',
+    'soak': 'the four processes for an hour: memory, latency, every message accounted for',
+    'bench': 'measure every figure of docs/benchmarks.md on this machine',
+}
+"""Benchmarks and studies: name to one line of help, in ``adaptive_blf_control.bench.<name>``."""
+
+_ROOMS: dict[str, dict[str, str]] = {'nodes': NODES, 'tools': TOOLS, 'bench': BENCHES}
+
+EXECUTABLES: dict[str, str] = {name: summary for table in _ROOMS.values()
+                               for name, summary in table.items()}
 """All executables: name to one line of help."""
 
 
@@ -45,7 +52,7 @@ def module_of(executable: str) -> str:
     """
     if executable not in EXECUTABLES:
         raise KeyError(executable)
-    room = 'nodes' if executable in NODES else 'tools'
+    room = next(room for room, table in _ROOMS.items() if executable in table)
     return f'adaptive_blf_control.{room}.{executable}'
 
 

@@ -10,8 +10,8 @@ import re
 import pytest
 
 from adaptive_blf_control.executables import EXECUTABLES
+from adaptive_blf_control.messages.topics import TOPICS
 from adaptive_blf_control.tools.parameters import markdown
-from adaptive_blf_control.topics import TOPICS
 
 DOCS = sorted(Path(__file__).resolve().parents[1].glob('docs/*.md'))
 ROOT = Path(__file__).resolve().parents[1]

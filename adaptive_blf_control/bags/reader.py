@@ -13,16 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.bags import mcap_file, sqlite_file
-from adaptive_blf_control.bags.cdr import (
+from adaptive_blf_control.bags.metadata import BagMetadata, load_metadata, METADATA_NAME
+from adaptive_blf_control.bags.storage import BagMessage, StorageFile
+from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.cdr import (
     decode_float64,
     decode_float64_array,
     decode_int32,
     decode_joint_state,
     JointStateReader,
 )
-from adaptive_blf_control.bags.metadata import BagMetadata, load_metadata, METADATA_NAME
-from adaptive_blf_control.bags.storage import BagMessage, StorageFile
-from adaptive_blf_control.errors import BagError
 
 __all__ = ['Bag', 'BagMessage', 'JointSeries', 'TopicInfo', 'read_bag', 'storage_files']
 

@@ -13,7 +13,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from adaptive_blf_control.bags.definitions import MessageDefinition
 from adaptive_blf_control.bags.mcap_file import ChannelDetails, MAGIC, McapFile
 from adaptive_blf_control.bags.metadata import (
     BagMetadata,
@@ -28,6 +27,7 @@ from adaptive_blf_control.bags.metadata import (
 from adaptive_blf_control.bags.reader import storage_files
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.definitions import MessageDefinition
 
 __all__ = ['KEPT_NAME', 'Recovery', 'recover_bag']
 

@@ -14,7 +14,6 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.writer import CompressionType, Writer
 
 from adaptive_blf_control import __version__
-from adaptive_blf_control.bags.definitions import message_definition, MessageDefinition
 from adaptive_blf_control.bags.mcap_file import McapFile
 from adaptive_blf_control.bags.metadata import (
     BagMetadata,
@@ -28,6 +27,7 @@ from adaptive_blf_control.bags.metadata import (
 from adaptive_blf_control.bags.spooled_index import spool_chunk_index
 from adaptive_blf_control.bags.storage import Channel
 from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.definitions import message_definition, MessageDefinition
 
 __all__ = ['CHUNK_SIZE', 'BagWriter']
 

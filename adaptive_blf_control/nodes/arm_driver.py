@@ -24,18 +24,18 @@ from rclpy.context import Context
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from adaptive_blf_control.bags.cdr import decode_float64_array
-from adaptive_blf_control.bags.joint_state import JointStateCodec
+from adaptive_blf_control.configuration.build import build_plant
 from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.cdr import decode_float64_array
+from adaptive_blf_control.messages.joint_state import JointStateCodec
+from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES
 from adaptive_blf_control.nodes.arm_lockstep import ArmLockstep
 from adaptive_blf_control.nodes.command_source import CommandSource
-from adaptive_blf_control.nodes.loop_statistics import Histogram
-from adaptive_blf_control.nodes.managed_node import ManagedNode
-from adaptive_blf_control.nodes.process import run_node
-from adaptive_blf_control.nodes.robot_description import arm_of
-from adaptive_blf_control.parameters.build import build_plant
 from adaptive_blf_control.parameters.table import broadcast
-from adaptive_blf_control.topics import COMMANDS, JOINT_STATES
+from adaptive_blf_control.runtime.loop_statistics import Histogram
+from adaptive_blf_control.runtime.managed_node import ManagedNode
+from adaptive_blf_control.runtime.process import run_node
+from adaptive_blf_control.runtime.robot_description import arm_of
 
 __all__ = ['ArmDriver', 'main']
 

@@ -20,8 +20,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.nodes.answers import stamp_of
-from adaptive_blf_control.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
+from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
+from adaptive_blf_control.runtime.answers import stamp_of
 
 if TYPE_CHECKING:
     from adaptive_blf_control.nodes.arm_driver import ArmDriver

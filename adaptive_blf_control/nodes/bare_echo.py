@@ -22,7 +22,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from adaptive_blf_control.topics import COMMANDS, JOINT_STATES, THETA_HAT
+from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, THETA_HAT
 
 __all__ = ['NODES', 'main']
 

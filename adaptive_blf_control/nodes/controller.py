@@ -25,8 +25,11 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec
-from adaptive_blf_control.bags.joint_state import JointStateReader
+from adaptive_blf_control.configuration.build import (
+    build_controller,
+    controller_parts,
+    initial_theta,
+)
 from adaptive_blf_control.control.controller import (
     Controller,
     ControlOutput,
@@ -35,25 +38,22 @@ from adaptive_blf_control.control.controller import (
 )
 from adaptive_blf_control.control.reference import Posture, settled, SmoothStart
 from adaptive_blf_control.errors import BagError, BlfError, ParameterError, SetViolation
-from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
-from adaptive_blf_control.nodes.data_node import LONGEST_WAIT, TOO_LATE
-from adaptive_blf_control.nodes.joint_trajectory import reference_through
-from adaptive_blf_control.nodes.managed_node import ManagedNode
-from adaptive_blf_control.nodes.process import run_node
-from adaptive_blf_control.nodes.robot_description import arm_of
-from adaptive_blf_control.parameters.build import (
-    build_controller,
-    controller_parts,
-    initial_theta,
-)
-from adaptive_blf_control.parameters.table import broadcast
-from adaptive_blf_control.topics import (
+from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
+from adaptive_blf_control.messages.joint_state import JointStateReader
+from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
     COMMANDS,
     JOINT_STATES,
     JOINT_TRAJECTORY,
     THETA_HAT,
 )
+from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
+from adaptive_blf_control.nodes.joint_trajectory import reference_through
+from adaptive_blf_control.parameters.table import broadcast
+from adaptive_blf_control.runtime.data_node import LONGEST_WAIT, TOO_LATE
+from adaptive_blf_control.runtime.managed_node import ManagedNode
+from adaptive_blf_control.runtime.process import run_node
+from adaptive_blf_control.runtime.robot_description import arm_of
 
 __all__ = ['ControllerNode', 'main']
 

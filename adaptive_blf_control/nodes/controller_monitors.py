@@ -6,12 +6,12 @@ from __future__ import annotations
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from adaptive_blf_control.bags.controller_codecs import ControllerCodecs, MonitorStream
 from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.nodes.data_node import DataNode
-from adaptive_blf_control.topics import BARRIER, GUARANTEE, REFERENCE, TRACKING_ERROR
+from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
+from adaptive_blf_control.messages.topics import BARRIER, GUARANTEE, REFERENCE, TRACKING_ERROR
+from adaptive_blf_control.runtime.data_node import DataNode
 
 __all__ = ['ControllerMonitors']
 

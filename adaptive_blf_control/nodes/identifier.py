@@ -21,8 +21,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Int32
 from std_srvs.srv import Trigger
 
-from adaptive_blf_control.bags.cdr import encode_float64, encode_int32
-from adaptive_blf_control.bags.joint_state import JointStateCodec, JointStateReader
+from adaptive_blf_control.configuration.build import build_identifier, identifier_settings
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.identification.estimate_file import (
     estimate_path,
@@ -31,11 +30,9 @@ from adaptive_blf_control.identification.estimate_file import (
 )
 from adaptive_blf_control.identification.news import HistoryNews
 from adaptive_blf_control.identification.rank_condition import rank_warning
-from adaptive_blf_control.nodes.data_node import DataNode, DEPTH, TOO_LATE
-from adaptive_blf_control.nodes.process import run_node
-from adaptive_blf_control.nodes.robot_description import arm_of
-from adaptive_blf_control.parameters.build import build_identifier, identifier_settings
-from adaptive_blf_control.topics import (
+from adaptive_blf_control.messages.cdr import encode_float64, encode_int32
+from adaptive_blf_control.messages.joint_state import JointStateCodec, JointStateReader
+from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
     EXCITATION,
     HISTORY_RANK,
@@ -43,6 +40,9 @@ from adaptive_blf_control.topics import (
     JOINT_STATES,
     THETA_HAT,
 )
+from adaptive_blf_control.runtime.data_node import DataNode, DEPTH, TOO_LATE
+from adaptive_blf_control.runtime.process import run_node
+from adaptive_blf_control.runtime.robot_description import arm_of
 
 __all__ = ['IdentifierNode', 'main']
 

@@ -19,11 +19,11 @@ from rosgraph_msgs.msg import Clock
 
 from adaptive_blf_control.bags.reader import BagMessage, read_bag
 from adaptive_blf_control.errors import BagError, ParameterError
-from adaptive_blf_control.nodes.answers import message_class
+from adaptive_blf_control.messages.topics import THETA_HAT
 from adaptive_blf_control.nodes.player_lockstep import choose_topics, Lockstep
-from adaptive_blf_control.nodes.process import stop_on_signals
-from adaptive_blf_control.nodes.stop_flag import StopFlag
-from adaptive_blf_control.topics import THETA_HAT
+from adaptive_blf_control.runtime.answers import message_class
+from adaptive_blf_control.runtime.process import stop_on_signals
+from adaptive_blf_control.runtime.stop_flag import StopFlag
 
 __all__ = ['Player', 'PlaySettings', 'account', 'play', 'qos_of']
 

@@ -14,12 +14,12 @@ import time
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from adaptive_blf_control.bags.joint_state import decode_joint_state
 from adaptive_blf_control.bags.reader import Bag, BagMessage, JOINT_STATE
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.nodes.answers import Answers, NoAnswer, stamp_of
-from adaptive_blf_control.nodes.data_node import TOO_LATE
-from adaptive_blf_control.topics import ADAPTATION_TERM, COMMANDS, JOINT_STATES
+from adaptive_blf_control.messages.joint_state import decode_joint_state
+from adaptive_blf_control.messages.topics import ADAPTATION_TERM, COMMANDS, JOINT_STATES
+from adaptive_blf_control.runtime.answers import Answers, NoAnswer, stamp_of
+from adaptive_blf_control.runtime.data_node import TOO_LATE
 
 __all__ = ['Lockstep', 'choose_topics', 'states_topic']
 

@@ -19,16 +19,16 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 import yaml
 
-from adaptive_blf_control.bags.definitions import message_definition
 from adaptive_blf_control.bags.metadata import default_qos
 from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.configuration.parameter_file import PARAMETERS_KEY
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.nodes.answers import stamp_of
-from adaptive_blf_control.nodes.data_node import DataNode
-from adaptive_blf_control.nodes.process import run_node
-from adaptive_blf_control.nodes.sample_dates import has_sample_time, SampleDates
-from adaptive_blf_control.parameters.yaml_file import PARAMETERS_KEY
-from adaptive_blf_control.topics import JOINT_STATES, TOPICS
+from adaptive_blf_control.messages.definitions import message_definition
+from adaptive_blf_control.messages.topics import JOINT_STATES, TOPICS
+from adaptive_blf_control.runtime.answers import stamp_of
+from adaptive_blf_control.runtime.data_node import DataNode
+from adaptive_blf_control.runtime.process import run_node
+from adaptive_blf_control.runtime.sample_dates import has_sample_time, SampleDates
 
 __all__ = ['Recorder', 'main']
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.report.lyapunov import arm_of
-from adaptive_blf_control.report.recording import Recording, Series
+from adaptive_blf_control.runs.lyapunov import arm_of
+from adaptive_blf_control.runs.recording import Recording, Series
 
 __all__ = ['FRAMES', 'Animation', 'animate', 'skeleton']
 

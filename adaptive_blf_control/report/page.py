@@ -10,11 +10,9 @@ import json
 from typing import Any
 
 from adaptive_blf_control import __version__
-from adaptive_blf_control.parameters.nodes import TABLES
+from adaptive_blf_control.configuration.node_tables import TABLES
 from adaptive_blf_control.parameters.table import per_joint
 from adaptive_blf_control.report.animation import animate
-from adaptive_blf_control.report.lyapunov import Promised
-from adaptive_blf_control.report.numbers import verdict
 from adaptive_blf_control.report.panels import BAG_COLOURS, Panel, Section, sections, time_span
 from adaptive_blf_control.report.plotly_figures import (
     animation_figure,
@@ -23,7 +21,9 @@ from adaptive_blf_control.report.plotly_figures import (
     plotly_js,
     y_axis,
 )
-from adaptive_blf_control.report.recording import Recording
+from adaptive_blf_control.runs.lyapunov import Promised
+from adaptive_blf_control.runs.numbers import verdict
+from adaptive_blf_control.runs.recording import Recording
 
 __all__ = ['number_text', 'page']
 

@@ -9,11 +9,11 @@ from itertools import cycle, islice
 
 import numpy as np
 
-from adaptive_blf_control.report.lyapunov import Promised, true_over_time
-from adaptive_blf_control.report.margins import margins_of
-from adaptive_blf_control.report.recording import Recording, Series
-from adaptive_blf_control.report.thinning import POINTS, thin
-from adaptive_blf_control.report.timing import command_delays_ms, intervals_ms
+from adaptive_blf_control.runs.lyapunov import Promised, true_over_time
+from adaptive_blf_control.runs.margins import margins_of
+from adaptive_blf_control.runs.recording import Recording, Series
+from adaptive_blf_control.runs.thinning import POINTS, thin
+from adaptive_blf_control.runs.timing import command_delays_ms, intervals_ms
 
 __all__ = ['BAG_COLOURS', 'Band', 'Curve', 'INK', 'Panel', 'Section', 'sections', 'time_span']
 

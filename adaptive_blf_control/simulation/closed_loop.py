@@ -8,28 +8,19 @@ was held over the interval that ends now), then the arm moves on under the new t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 import time
-from typing import Any
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.parameters.build import (
-    build_arm,
-    build_controller,
-    build_identifier,
-    build_plant,
-    initial_theta,
-)
-from adaptive_blf_control.parameters.yaml_file import node_values
 from adaptive_blf_control.simulation.plant import Plant
 from adaptive_blf_control.simulation.sensors import Measurement
 
-__all__ = ['ClosedLoop', 'Sample', 'Trace', 'build_closed_loop', 'sample_time']
+__all__ = ['ClosedLoop', 'Sample', 'Trace', 'sample_time']
 
 
 def sample_time(k: int, period: float) -> float:
@@ -159,14 +150,3 @@ class ClosedLoop:
         wall = time.perf_counter() - begin
         times = np.array([sample_time(k, self.period) for k in range(steps)])
         return Trace(times, q, qd, e1, torque, theta_hat, rank, sigma_min, wall)
-
-
-def build_closed_loop(data: Mapping[str, Any]) -> ClosedLoop:
-    """Build the loop from a parameter file's data, as the nodes would from the same file."""
-    driver, controller, identifier = (
-        node_values(data, node) for node in ('arm_driver', 'controller', 'identifier'))
-    plant = build_plant(driver, build_arm(driver))
-    arm = build_arm(controller)
-    return ClosedLoop(plant, build_controller(controller, arm, plant.measured_position()),
-                      build_identifier(identifier, build_arm(identifier)), 1.0 / driver['rate'],
-                      initial_theta(controller, arm), controller['model'] == 'known')

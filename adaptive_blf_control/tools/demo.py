@@ -11,13 +11,13 @@ import sys
 import time
 
 from adaptive_blf_control.bags.reader import read_bag
+from adaptive_blf_control.configuration.parameter_file import load_yaml, node_values
 from adaptive_blf_control.errors import BlfError, MissingExtra
-from adaptive_blf_control.parameters.yaml_file import load_yaml, node_values
-from adaptive_blf_control.tools.bag_run import rates, run_of_bag
-from adaptive_blf_control.tools.plot import plot_run
-from adaptive_blf_control.tools.processes import NodeProcesses, NODES, scenario
+from adaptive_blf_control.report.plot import plot_run
+from adaptive_blf_control.runs.bag_run import rates, run_of_bag
+from adaptive_blf_control.runs.summary import summarise, table
+from adaptive_blf_control.runtime.processes import NodeProcesses, NODES, scenario
 from adaptive_blf_control.tools.report import write_page
-from adaptive_blf_control.tools.summary import summarise, table
 
 __all__ = ['main']
 

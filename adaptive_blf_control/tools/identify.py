@@ -15,17 +15,17 @@ from typing import Any
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.bags.logs import load_log
-from adaptive_blf_control.errors import BlfError, LogError, ParameterError
-from adaptive_blf_control.identification.estimate_file import write_estimate
-from adaptive_blf_control.parameters.build import build_arm, build_identifier
-from adaptive_blf_control.parameters.yaml_file import (
+from adaptive_blf_control.configuration.build import build_arm, build_identifier
+from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,
     given_values,
     load_yaml,
     node_values,
 )
-from adaptive_blf_control.tools.log_pass import choose_spans, learn, NO_TEST
-from adaptive_blf_control.tools.log_report import figures_of, table
+from adaptive_blf_control.errors import BlfError, LogError, ParameterError
+from adaptive_blf_control.identification.estimate_file import write_estimate
+from adaptive_blf_control.runs.log_pass import choose_spans, learn, NO_TEST
+from adaptive_blf_control.runs.log_report import figures_of, table
 
 __all__ = ['REAL_ROBOT', 'main']
 

@@ -7,7 +7,7 @@ import argparse
 import json
 import sys
 
-from adaptive_blf_control.parameters.nodes import ARM, TABLES
+from adaptive_blf_control.configuration.node_tables import ARM, TABLES
 from adaptive_blf_control.parameters.table import Parameter
 
 __all__ = ['main', 'markdown']
@@ -15,7 +15,8 @@ __all__ = ['main', 'markdown']
 HEAD = """# Parameters
 
 Written by `python -m adaptive_blf_control parameters`; a test keeps it equal to the tables in
-`adaptive_blf_control/parameters/nodes.py`, which also drive declaration, descriptors and checks.
+`adaptive_blf_control/configuration/node_tables.py`, which also drive declaration, descriptors and
+checks.
 
 A list of length n (joints) or m (parameters) may be given as one element that stands for all.
 "live" can be changed with `ros2 param set` while the node runs; the rest is read-only.

@@ -13,7 +13,7 @@ from importlib import util
 import sys
 
 from adaptive_blf_control.errors import BlfError, MissingExtra
-from adaptive_blf_control.topics import THETA_HAT
+from adaptive_blf_control.messages.topics import THETA_HAT
 
 __all__ = ['main']
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import sys
 
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.report.lyapunov import promised_of
-from adaptive_blf_control.report.numbers import report_figures, verdict
 from adaptive_blf_control.report.page import page
 from adaptive_blf_control.report.panels import sections
 from adaptive_blf_control.report.png import write_png
-from adaptive_blf_control.report.recording import read_recording, Recording
+from adaptive_blf_control.runs.lyapunov import promised_of
+from adaptive_blf_control.runs.numbers import report_figures, verdict
+from adaptive_blf_control.runs.recording import read_recording, Recording
 
 __all__ = ['main', 'write_page']
 

@@ -5,35 +5,23 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 from pathlib import Path
 import sys
 
+from adaptive_blf_control.command_line import seconds
+from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.parameter_file import (
+    apply_settings,
+    load_yaml,
+    node_values,
+)
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.identification.rank_condition import rank_warning
-from adaptive_blf_control.parameters.yaml_file import apply_settings, load_yaml, node_values
-from adaptive_blf_control.simulation.closed_loop import build_closed_loop, ClosedLoop, Trace
-from adaptive_blf_control.simulation.promise import promise_of_trace
-from adaptive_blf_control.tools.summary import Run, summarise, table
-from adaptive_blf_control.tools.torque_error import torque_error_of_trace, torque_line
+from adaptive_blf_control.runs.promise import promise_of_trace
+from adaptive_blf_control.runs.summary import run_of_trace, summarise, table
+from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
 
-__all__ = ['main', 'run_of_trace', 'seconds']
-
-
-def run_of_trace(loop: ClosedLoop, trace: Trace) -> Run:
-    """Return a trace of the closed loop as a run to summarise."""
-    return Run(loop.arm.joints, loop.arm.parameters, trace.t, trace.q, trace.e1, trace.t,
-               trace.theta_hat, int(trace.rank[-1]), float(trace.sigma_min[-1]),
-               loop.controller.safety, loop.controller.performance,
-               loop.plant.truth(loop.arm.parameters))
-
-
-def seconds(text: str) -> float:
-    """Read a time > 0 s from the command line."""
-    value = float(text)
-    if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f'{text}: expected a time > 0 s')
-    return value
+__all__ = ['main']
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -62,7 +50,7 @@ def main(args: list[str] | None = None) -> int:
         if options.bag is None:
             trace = loop.run(duration)
         else:
-            from adaptive_blf_control.simulation.bag_observer import BagObserver
+            from adaptive_blf_control.runs.bag_observer import BagObserver
             with BagObserver(options.bag, loop, data) as observer:
                 trace = loop.run(duration, observer)
     except BlfError as error:

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adaptive_blf_control.bags.cdr import encode_int32, JointStateCodec
 from adaptive_blf_control.bags.logs import load_log
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import LogError
+from adaptive_blf_control.messages.cdr import encode_int32, JointStateCodec
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 HEADER = 't,q1,q2,qd1,qd2,tau1,tau2'

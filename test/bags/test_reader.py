@@ -10,12 +10,6 @@ import sqlite3
 import numpy as np
 import pytest
 
-from adaptive_blf_control.bags.cdr import (
-    encode_float64,
-    encode_int32,
-    Float64MultiArrayCodec,
-    JointStateCodec,
-)
 from adaptive_blf_control.bags.metadata import (
     BagMetadata,
     dump_yaml,
@@ -25,6 +19,12 @@ from adaptive_blf_control.bags.metadata import (
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.cdr import (
+    encode_float64,
+    encode_int32,
+    Float64MultiArrayCodec,
+    JointStateCodec,
+)
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 

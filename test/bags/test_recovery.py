@@ -10,13 +10,13 @@ import shutil
 import pytest
 import yaml
 
-from adaptive_blf_control.bags.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
 from adaptive_blf_control.bags.mcap_file import McapFile
 from adaptive_blf_control.bags.metadata import default_qos, load_metadata
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.bags.recovery import KEPT_NAME, recover_bag
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
 from adaptive_blf_control.tools import recover
 
 START = 1_700_000_000_000_000_000

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 import yaml
 
-from adaptive_blf_control.bags.cdr import (
+from adaptive_blf_control.bags.metadata import default_qos, load_metadata
+from adaptive_blf_control.bags.reader import read_bag
+from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.cdr import (
     encode_float64,
     encode_int32,
     Float64MultiArrayCodec,
     JointStateCodec,
 )
-from adaptive_blf_control.bags.definitions import embedded_definition, message_definition
-from adaptive_blf_control.bags.metadata import default_qos, load_metadata
-from adaptive_blf_control.bags.reader import read_bag
-from adaptive_blf_control.bags.writer import BagWriter
-from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.definitions import embedded_definition, message_definition
 
 START = 1_700_000_000_000_000_000
 TOPICS = {
@@ -203,7 +203,7 @@ def test_error_inside_the_context_keeps_what_was_written(tmp_path):
 
 WRITE_AND_DIE = """
 import os, sys
-from adaptive_blf_control.bags.cdr import encode_int32
+from adaptive_blf_control.messages.cdr import encode_int32
 from adaptive_blf_control.bags.writer import BagWriter
 writer = BagWriter(sys.argv[1], custom_data={'k': 'v'})
 writer.add_topic('/a', 'std_msgs/msg/Int32')
@@ -216,7 +216,7 @@ os._exit(9)
 
 FILL_THE_DISK = """
 import resource, signal, sys
-from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec
+from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor
-from adaptive_blf_control.parameters.yaml_file import apply_settings, load_yaml
-from adaptive_blf_control.simulation.closed_loop import build_closed_loop
 
 TRUE = np.array([3.0, -1.0, 0.5])
 

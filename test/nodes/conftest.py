@@ -25,8 +25,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
-from adaptive_blf_control.tools.domain import own_domain
-from adaptive_blf_control.tools.processes import FAST_DISCOVERY
+from adaptive_blf_control.runtime.domain import own_domain
+from adaptive_blf_control.runtime.processes import FAST_DISCOVERY
 
 URDF = """<robot name="pair">
   <link name="base"/>

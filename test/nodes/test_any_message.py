@@ -27,17 +27,22 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.bags.cdr import decode_float64_array
 from adaptive_blf_control.bags.reader import read_bag
+from adaptive_blf_control.configuration.parameter_file import node_values
 from adaptive_blf_control.errors import BlfError, SetViolation
-from adaptive_blf_control.nodes.answers import Answers
+from adaptive_blf_control.messages.cdr import decode_float64_array
+from adaptive_blf_control.messages.topics import (
+    COMMANDS,
+    JOINT_STATES,
+    JOINT_TRAJECTORY,
+    THETA_HAT,
+)
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
-from adaptive_blf_control.nodes.robot_description import arm_from
-from adaptive_blf_control.parameters.yaml_file import node_values
-from adaptive_blf_control.topics import COMMANDS, JOINT_STATES, JOINT_TRAJECTORY, THETA_HAT
+from adaptive_blf_control.runtime.answers import Answers
+from adaptive_blf_control.runtime.robot_description import arm_from
 
 hypothesis = pytest.importorskip('hypothesis')
 st = hypothesis.strategies

@@ -13,9 +13,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.bags.cdr import Float64MultiArrayCodec
-from adaptive_blf_control.nodes import arm_driver, data_node
+from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
+from adaptive_blf_control.nodes import arm_driver
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
+from adaptive_blf_control.runtime import data_node
 
 THETA = [3.473, 0.196, 0.242, 5.3, 1.1]
 DYNAMICS = TwoLinkArm().dynamics(np.array(THETA))

@@ -18,14 +18,11 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.bags.cdr import decode_float64_array
+from adaptive_blf_control.configuration.build import build_controller
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.errors import ParameterError, SetViolation
-from adaptive_blf_control.nodes import controller as controller_module
-from adaptive_blf_control.nodes.controller import ControllerNode
-from adaptive_blf_control.nodes.joint_trajectory import reference_through
-from adaptive_blf_control.parameters.build import build_controller
-from adaptive_blf_control.topics import (
+from adaptive_blf_control.messages.cdr import decode_float64_array
+from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
     BARRIER,
     COMMANDS,
@@ -35,6 +32,9 @@ from adaptive_blf_control.topics import (
     THETA_HAT,
     TRACKING_ERROR,
 )
+from adaptive_blf_control.nodes import controller as controller_module
+from adaptive_blf_control.nodes.controller import ControllerNode
+from adaptive_blf_control.nodes.joint_trajectory import reference_through
 
 TASK = {
     'k1': [1000.0, 800.0], 'k2': [60.0, 8.0], 'torque_limit': [200.0, 100.0],

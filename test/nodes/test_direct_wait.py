@@ -11,9 +11,9 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32
 
-from adaptive_blf_control.bags.cdr import decode_int32, encode_int32
+from adaptive_blf_control.messages.cdr import decode_int32, encode_int32
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
-from adaptive_blf_control.nodes.direct_wait import DataGroup, DirectWait, take_all
+from adaptive_blf_control.runtime.direct_wait import DataGroup, DirectWait, take_all
 
 
 def _pair(graph, wait_until, topic: str = 'number'):

@@ -28,14 +28,11 @@ import yaml
 
 import adaptive_blf_control
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.bags.cdr import decode_float64_array, decode_joint_state
 from adaptive_blf_control.bags.reader import Bag, read_bag
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.errors import BagError, SetViolation
-from adaptive_blf_control.nodes.arm_driver import ArmDriver
-from adaptive_blf_control.nodes.controller import ControllerNode, GIVE_WAY
-from adaptive_blf_control.nodes.identifier import IdentifierNode
-from adaptive_blf_control.topics import (
+from adaptive_blf_control.messages.cdr import decode_float64_array, decode_joint_state
+from adaptive_blf_control.messages.topics import (
     BARRIER,
     COMMANDS,
     JOINT_STATES,
@@ -43,6 +40,9 @@ from adaptive_blf_control.topics import (
     THETA_HAT,
     TRACKING_ERROR,
 )
+from adaptive_blf_control.nodes.arm_driver import ArmDriver
+from adaptive_blf_control.nodes.controller import ControllerNode, GIVE_WAY
+from adaptive_blf_control.nodes.identifier import IdentifierNode
 
 LIMIT = [200.0, 100.0]
 TASK = {

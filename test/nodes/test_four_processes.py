@@ -19,27 +19,27 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.bags.cdr import decode_float64_array
 from adaptive_blf_control.bags.reader import read_bag
+from adaptive_blf_control.configuration.parameter_file import load_yaml, node_values
 from adaptive_blf_control.errors import ArmError
 from adaptive_blf_control.executables import NODES
 from adaptive_blf_control.identification.estimate_file import read_estimate
-from adaptive_blf_control.nodes import robot_description
-from adaptive_blf_control.nodes.arm_driver import ArmDriver
-from adaptive_blf_control.nodes.controller import ControllerNode
-from adaptive_blf_control.nodes.data_node import DataNode
-from adaptive_blf_control.nodes.process import run_node
-from adaptive_blf_control.nodes.stop_flag import StopFlag
-from adaptive_blf_control.parameters.yaml_file import load_yaml, node_values
-from adaptive_blf_control.report.diagnostics import decode_diagnostics
-from adaptive_blf_control.tools.bag_run import bag_parameters
-from adaptive_blf_control.topics import (
+from adaptive_blf_control.messages.cdr import decode_float64_array
+from adaptive_blf_control.messages.diagnostics_reader import decode_diagnostics
+from adaptive_blf_control.messages.topics import (
     COMMANDS,
     GUARANTEE,
     JOINT_STATES,
     JOINT_TRAJECTORY,
     TOPICS,
 )
+from adaptive_blf_control.nodes.arm_driver import ArmDriver
+from adaptive_blf_control.nodes.controller import ControllerNode
+from adaptive_blf_control.runs.bag_run import bag_parameters
+from adaptive_blf_control.runtime import robot_description
+from adaptive_blf_control.runtime.data_node import DataNode
+from adaptive_blf_control.runtime.process import run_node
+from adaptive_blf_control.runtime.stop_flag import StopFlag
 
 # Spoken on only if asked for, and where a parameter changes.
 QUIET = (GUARANTEE, JOINT_TRAJECTORY, '/parameter_events')

@@ -16,17 +16,17 @@ from std_msgs.msg import Float64, Int32
 from std_srvs.srv import Trigger
 import yaml
 
-from adaptive_blf_control.bags.cdr import decode_float64, decode_int32
-from adaptive_blf_control.nodes.identifier import IdentifierNode
-from adaptive_blf_control.parameters.yaml_file import load_yaml
-from adaptive_blf_control.simulation.closed_loop import build_closed_loop
-from adaptive_blf_control.topics import (
+from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.parameter_file import load_yaml
+from adaptive_blf_control.messages.cdr import decode_float64, decode_int32
+from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
     THETA_HAT,
 )
+from adaptive_blf_control.nodes.identifier import IdentifierNode
 
 THETA = np.array([3.473, 0.196, 0.242, 5.3, 1.1])
 PARAMETERS = ('p1', 'p2', 'p3', 'fv_joint1', 'fv_joint2')

@@ -20,18 +20,18 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from adaptive_blf_control.bags.cdr import decode_float64_array
-from adaptive_blf_control.bags.joint_state import decode_joint_state
-from adaptive_blf_control.nodes.arm_driver import ArmDriver
-from adaptive_blf_control.nodes.controller import ControllerNode
-from adaptive_blf_control.nodes.identifier import IdentifierNode
-from adaptive_blf_control.topics import (
+from adaptive_blf_control.messages.cdr import decode_float64_array
+from adaptive_blf_control.messages.joint_state import decode_joint_state
+from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
     COMMANDS,
     JOINT_STATES,
     THETA_HAT,
     TRACKING_ERROR,
 )
+from adaptive_blf_control.nodes.arm_driver import ArmDriver
+from adaptive_blf_control.nodes.controller import ControllerNode
+from adaptive_blf_control.nodes.identifier import IdentifierNode
 
 RATE = 200.0  # Hz: two processors and other people's work
 ARM = {'rate': RATE, 'true_model': 'given', 'true_parameters': [3.473, 0.196, 0.242, 5.3, 1.1],

@@ -17,14 +17,14 @@ from std_msgs.msg import Float64MultiArray
 
 from adaptive_blf_control.arms.three_link import ThreeLinkArm
 from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.configuration.node_tables import TABLES
 from adaptive_blf_control.control.reference import SumOfSinusoids
+from adaptive_blf_control.messages.topics import COMMANDS, GUARANTEE, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
-from adaptive_blf_control.parameters.nodes import TABLES
 from adaptive_blf_control.parameters.table import per_joint
-from adaptive_blf_control.topics import COMMANDS, GUARANTEE, JOINT_STATES, THETA_HAT
 
 KINDS = {'arm_driver': ArmDriver, 'identifier': IdentifierNode, 'controller': ControllerNode,
          'recorder': Recorder}

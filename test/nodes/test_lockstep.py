@@ -16,19 +16,22 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 import yaml
 
-from adaptive_blf_control.bags.cdr import decode_float64_array
-from adaptive_blf_control.bags.joint_state import decode_joint_state
 from adaptive_blf_control.bags.reader import Bag, read_bag
+from adaptive_blf_control.configuration.build import build_arm, build_closed_loop, controller_parts
+from adaptive_blf_control.configuration.parameter_file import (
+    apply_settings,
+    load_yaml,
+    node_values,
+)
+from adaptive_blf_control.messages.cdr import decode_float64_array
+from adaptive_blf_control.messages.joint_state import decode_joint_state
+from adaptive_blf_control.messages.topics import TOPICS
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.arm_lockstep import EPOCH_NS, LockstepTimeout
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
-from adaptive_blf_control.parameters.build import build_arm, controller_parts
-from adaptive_blf_control.parameters.yaml_file import apply_settings, load_yaml, node_values
-from adaptive_blf_control.simulation.bag_observer import BagObserver
-from adaptive_blf_control.simulation.closed_loop import build_closed_loop
-from adaptive_blf_control.topics import TOPICS
+from adaptive_blf_control.runs.bag_observer import BagObserver
 
 KINDS = {'recorder': Recorder, 'identifier': IdentifierNode, 'controller': ControllerNode,
          'arm_driver': ArmDriver}

@@ -14,21 +14,21 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from adaptive_blf_control.bags.cdr import decode_joint_state
-from adaptive_blf_control.bags.joint_state import JointStateCodec
 from adaptive_blf_control.bags.logs import load_log
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.configuration.build import build_arm, build_identifier
+from adaptive_blf_control.configuration.parameter_file import given_values, load_yaml, node_values
 from adaptive_blf_control.errors import BagError, ParameterError
 from adaptive_blf_control.identification.estimate_file import read_estimate
-from adaptive_blf_control.nodes.answers import NoAnswer, stamp_of
+from adaptive_blf_control.messages.cdr import decode_joint_state
+from adaptive_blf_control.messages.joint_state import JointStateCodec
+from adaptive_blf_control.messages.topics import TOPICS
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.player import account, Player, PlaySettings
-from adaptive_blf_control.parameters.build import build_arm, build_identifier
-from adaptive_blf_control.parameters.yaml_file import given_values, load_yaml, node_values
+from adaptive_blf_control.runtime.answers import NoAnswer, stamp_of
 from adaptive_blf_control.tools.identify import main as identify
 from adaptive_blf_control.tools.simulate import main as simulate
-from adaptive_blf_control.topics import TOPICS
 
 STATES, TERMS, THETA = '/joint_states', '/controller/adaptation_term', '/identifier/theta_hat'
 # So weak that each state leaves its mark: the last estimate is off by 8e-8 or more without it.

@@ -20,15 +20,15 @@ from rclpy.context import Context
 from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
 
+from adaptive_blf_control.configuration.node_tables import TABLES
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.executables import module_of, NODES
-from adaptive_blf_control.nodes import process
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
-from adaptive_blf_control.parameters.nodes import TABLES
 from adaptive_blf_control.parameters.table import per_joint
+from adaptive_blf_control.runtime import process
 
 KINDS = {'arm_driver': ArmDriver, 'identifier': IdentifierNode, 'controller': ControllerNode,
          'recorder': Recorder}

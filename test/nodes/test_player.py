@@ -21,19 +21,19 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Int32
 
-from adaptive_blf_control.bags.cdr import (
+from adaptive_blf_control.bags.metadata import default_qos
+from adaptive_blf_control.bags.reader import Bag, read_bag
+from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.errors import BagError, ParameterError
+from adaptive_blf_control.messages.cdr import (
     encode_float64,
     encode_int32,
     Float64MultiArrayCodec,
     JointStateCodec,
 )
-from adaptive_blf_control.bags.metadata import default_qos
-from adaptive_blf_control.bags.reader import Bag, read_bag
-from adaptive_blf_control.bags.writer import BagWriter
-from adaptive_blf_control.errors import BagError, ParameterError
+from adaptive_blf_control.messages.topics import TOPICS
 from adaptive_blf_control.nodes.player import Player, PlaySettings, qos_of
 from adaptive_blf_control.nodes.recorder import Recorder
-from adaptive_blf_control.topics import TOPICS
 
 START = 1_700_000_000_500_000_000
 STEP = 1_000_000  # ns

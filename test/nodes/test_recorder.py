@@ -25,16 +25,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, Int32, String
 import yaml
 
-from adaptive_blf_control.bags.cdr import encode_int32
 from adaptive_blf_control.bags.reader import read_bag
+from adaptive_blf_control.bench.soak_figures import account_of
+from adaptive_blf_control.configuration.parameter_file import node_values, PARAMETERS_KEY
 from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.cdr import encode_int32
+from adaptive_blf_control.messages.topics import HISTORY_RANK, JOINT_TRAJECTORY, TOPICS
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
-from adaptive_blf_control.parameters.yaml_file import node_values, PARAMETERS_KEY
-from adaptive_blf_control.tools.soak_figures import account_of
-from adaptive_blf_control.topics import HISTORY_RANK, JOINT_TRAJECTORY, TOPICS
 
 TYPES = {'sensor_msgs/msg/JointState': JointState, 'std_msgs/msg/Int32': Int32,
          'std_msgs/msg/Float64': Float64, 'std_msgs/msg/Float64MultiArray': Float64MultiArray,

@@ -12,11 +12,11 @@ import pytest
 from rclpy.node import Node, NodeNameNonExistentError
 
 from adaptive_blf_control.executables import NODES
+from adaptive_blf_control.messages.topics import JOINT_TRAJECTORY, TOPICS
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
-from adaptive_blf_control.topics import JOINT_TRAJECTORY, TOPICS
 
 KINDS = {'arm_driver': ArmDriver, 'controller': ControllerNode, 'identifier': IdentifierNode,
          'recorder': Recorder}

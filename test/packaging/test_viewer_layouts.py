@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.bags.controller_codecs import barrier_names
-from adaptive_blf_control.parameters.yaml_file import load_yaml, node_values
-from adaptive_blf_control.topics import (
+from adaptive_blf_control.configuration.parameter_file import load_yaml, node_values
+from adaptive_blf_control.messages.controller_codecs import barrier_names
+from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
     BARRIER,
     COMMANDS,

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
+from adaptive_blf_control.configuration.node_tables import TABLES
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.parameters.nodes import TABLES
 from adaptive_blf_control.parameters.table import (
     broadcast,
     JOINT,

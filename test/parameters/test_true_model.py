@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.three_link import three_link_parameters
+from adaptive_blf_control.configuration.build import build_arm, true_theta
+from adaptive_blf_control.configuration.parameter_file import apply_settings, node_values
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.parameters.build import build_arm, true_theta
-from adaptive_blf_control.parameters.yaml_file import apply_settings, node_values
 
 
 def theta(*settings: str) -> np.ndarray:

@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 import yaml
 
-from adaptive_blf_control.bags.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
-from adaptive_blf_control.bags.controller_codecs import barrier_names
-from adaptive_blf_control.bags.joint_state import JointStateCodec
 from adaptive_blf_control.bags.writer import BagWriter
-from adaptive_blf_control.parameters.build import build_arm
-from adaptive_blf_control.parameters.yaml_file import node_values, PARAMETERS_KEY
-from adaptive_blf_control.topics import (
+from adaptive_blf_control.configuration.build import build_arm
+from adaptive_blf_control.configuration.parameter_file import node_values, PARAMETERS_KEY
+from adaptive_blf_control.messages.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
+from adaptive_blf_control.messages.controller_codecs import barrier_names
+from adaptive_blf_control.messages.joint_state import JointStateCodec
+from adaptive_blf_control.messages.topics import (
     BARRIER,
     COMMANDS,
     HISTORY_RANK,

@@ -9,13 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from adaptive_blf_control.bags.cdr import encode_float64
 from adaptive_blf_control.bags.writer import BagWriter
-from adaptive_blf_control.report.numbers import figures
-from adaptive_blf_control.report.panels import sections
-from adaptive_blf_control.report.recording import read_recording
-from adaptive_blf_control.tools.report import main
-from adaptive_blf_control.topics import (
+from adaptive_blf_control.messages.cdr import encode_float64
+from adaptive_blf_control.messages.topics import (
     BARRIER,
     COMMANDS,
     HISTORY_RANK,
@@ -26,6 +22,10 @@ from adaptive_blf_control.topics import (
     TOPICS,
     TRACKING_ERROR,
 )
+from adaptive_blf_control.report.panels import sections
+from adaptive_blf_control.runs.numbers import figures
+from adaptive_blf_control.runs.recording import read_recording
+from adaptive_blf_control.tools.report import main
 
 MakeBag = Callable[..., Path]
 SHOWN = (BARRIER, COMMANDS, HISTORY_RANK, HISTORY_SIGMA_MIN, JOINT_STATES, REFERENCE, THETA_HAT,

@@ -11,11 +11,11 @@ import struct
 import numpy as np
 import pytest
 
-from adaptive_blf_control.bags.cdr_cursor import encode_string
-from adaptive_blf_control.report.diagnostics import drop_counters
-from adaptive_blf_control.report.lyapunov import promised_of
-from adaptive_blf_control.report.numbers import figures, verdict
-from adaptive_blf_control.report.recording import read_recording
+from adaptive_blf_control.messages.cdr_cursor import encode_string
+from adaptive_blf_control.messages.diagnostics_reader import drop_counters
+from adaptive_blf_control.runs.lyapunov import promised_of
+from adaptive_blf_control.runs.numbers import figures, verdict
+from adaptive_blf_control.runs.recording import read_recording
 from adaptive_blf_control.tools.report import main
 
 MakeBag = Callable[..., Path]

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.parameters.yaml_file import load_yaml
-from adaptive_blf_control.simulation.baselines.comparison import FIXED, LAWS, run_law
-from adaptive_blf_control.simulation.baselines.gains import gains_like
-from adaptive_blf_control.simulation.baselines.integral_cl import IntegralWindow
-from adaptive_blf_control.simulation.closed_loop import build_closed_loop
-from adaptive_blf_control.tools.law_figures import (
+from adaptive_blf_control.bench.comparison import FIXED, LAWS, run_law
+from adaptive_blf_control.bench.integral_cl import IntegralWindow
+from adaptive_blf_control.bench.law_figures import (
     COLUMNS,
     law_figures,
     markdown_row,
 )
+from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.parameter_file import load_yaml
+from adaptive_blf_control.simulation.baselines.gains import gains_like
 
 
 @pytest.fixture

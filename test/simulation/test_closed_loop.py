@@ -13,16 +13,11 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.compiled import COMPILED
+from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import ParameterError, SetViolation
-from adaptive_blf_control.parameters.yaml_file import apply_settings, load_yaml
-from adaptive_blf_control.simulation.closed_loop import (
-    build_closed_loop,
-    ClosedLoop,
-    Sample,
-    sample_time,
-)
-from adaptive_blf_control.tools.simulate import run_of_trace
-from adaptive_blf_control.tools.summary import summarise
+from adaptive_blf_control.runs.summary import run_of_trace, summarise
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample, sample_time
 
 PAPER_GAINS = ('controller.k1=[40.0, 30.0]', 'controller.k2=[30.0, 40.0]',
                'identifier.kt=10.0', 'identifier.kh=10.0')
@@ -217,8 +212,8 @@ SHORT_RUN = """
 import sys
 import numpy as np
 from adaptive_blf_control.compiled import COMPILED
-from adaptive_blf_control.parameters.yaml_file import load_yaml
-from adaptive_blf_control.simulation.closed_loop import build_closed_loop
+from adaptive_blf_control.configuration.parameter_file import load_yaml
+from adaptive_blf_control.configuration.build import build_closed_loop
 assert not COMPILED
 trace = build_closed_loop(load_yaml(sys.argv[1])).run(0.3)
 np.savez(sys.argv[2], **{name: getattr(trace, name) for name in sys.argv[3:]})

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``bench``: measure the figures of docs/benchmarks.md on this machine, printed as Markdown."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+import json
+import os
+from pathlib import Path
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.bench import rates
+from adaptive_blf_control.compiled import COMPILED
+from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.parameter_file import load_yaml
+from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.runs.summary import run_of_trace, summarise
+
+__all__ = ['main']
+
+SCENARIOS = (('two_link_paper', 50.0), ('two_link_paper', 100.0), ('two_link', 20.0),
+             ('two_link_payload_step', 100.0), ('three_link', 143.0), ('three_link_paper', 143.0),
+             ('three_link_encoder', 120.0), ('panda', 20.0))
+REPEATS = 3
+# Held-out RMSE [N·m] of batch least squares with the same torque filter (0.1 s), joint by joint.
+MEASURED = {
+    'panda': ('panda_gaz2019/panda_exciting_traj.csv', 'panda_gaz2019/panda_gaz2019.urdf',
+              (0.165, 0.211, 0.141, 0.127, 0.059, 0.052, 0.042)),
+    'ur10': ('ur10_unisa2025/ur10_exciting_trajectory.db3', 'ur10_unisa2025/ur10_dh.urdf',
+             (2.109, 3.101, 1.233, 0.389, 0.452, 1.769)),
+}
+
+
+def _machine() -> None:
+    print(f'\nPython {platform.python_version()}, numpy {np.__version__}, '
+          f'{"numba" if COMPILED else "no numba"}, {os.cpu_count()} cores, '
+          f'{platform.machine()}, load {os.getloadavg()[0]:.1f}\n')
+
+
+def _scenarios(options: argparse.Namespace) -> None:
+    print('## Closed loop offline (`simulate`)\n')
+    _machine()
+    print('| scenario | left | largest error [rad] | settled [s] | parameter error | of | rank | '
+          'x real time, median |')
+    print('|---|---|---|---|---|---|---|---|')
+    for name, duration in SCENARIOS:
+        data = load_yaml(options.config / f'{name}.yaml')
+        speeds: list[float] = []
+        figures: dict[str, Any] = {}
+        for _ in range(REPEATS if duration <= 20.0 else 1):
+            loop = build_closed_loop(data)
+            loop.warm_up()
+            trace = loop.run(duration)
+            speeds.append(float(trace.t[-1] / trace.wall_s))
+            figures = summarise(run_of_trace(loop, trace))
+        settled = ', '.join('no' if time is None else f'{time:.2f}'
+                            for time in figures['theta_settling_times_s'])
+        print(f'| {name}, {duration:g} s | {figures["set_violations"]} | '
+              f'{max(figures["max_abs_error"]):.4f} | '
+              f'{settled} | {figures["theta_error_norm"]:.2g} | '
+              f'{figures["theta_true_norm"]:.3g} | '
+              f'{figures["history_rank"]} | {statistics.median(speeds):.1f} |', flush=True)
+
+
+def _run_json(arguments: list[str]) -> dict[str, Any]:
+    done = subprocess.run([sys.executable, '-m', 'adaptive_blf_control', *arguments, '--json'],
+                          capture_output=True, text=True, check=False)
+    start = done.stdout.find('{')
+    if start < 0:
+        raise RuntimeError(f'{arguments[0]} printed no figures:\n{done.stdout}{done.stderr}')
+    return dict(json.loads(done.stdout[start:]))
+
+
+def _processes(options: argparse.Namespace) -> None:
+    print('\n## Four processes, real time (`demo`)\n')
+    _machine()
+    print('| run | left | largest error [rad] | settled [s] | parameter error | driver, '
+          'controller, identifier [Hz] |')
+    print('|---|---|---|---|---|---|')
+    for number in range(REPEATS):
+        with tempfile.TemporaryDirectory() as folder:
+            figures = _run_json(['demo', '--config', str(options.config / 'two_link.yaml'),
+                                 '--output', str(Path(folder) / 'run')])
+        held = figures['rates_hz']
+        settled = figures['theta_settling_time_s']
+        print(f'| two_link, 20 s, run {number + 1} | {figures["set_violations"]} | '
+              f'{max(figures["max_abs_error"]):.4f} | '
+              f'{"no" if settled is None else format(settled, ".2f")} | '
+              f'{figures["theta_error_norm"]:.2g} | '
+              f'{held["arm_driver"]:.0f}, {held["controller"]:.0f}, {held["identifier"]:.0f} |',
+              flush=True)
+
+
+def _measured(options: argparse.Namespace) -> None:
+    print('\n## Measured robots (`identify`)\n')
+    if options.logs is None or not options.logs.is_dir():
+        print(f'Skipped: the folder of measured logs is not there (--logs {options.logs}).')
+        return
+    _machine()
+    print('Second half after learning on the first; RMSE of the filtered torque [N·m].\n')
+    print('| robot | ours, joint by joint | mean | batch (given), mean | ratio | rank of '
+          'columns | insertions | us per sample |')
+    print('|---|---|---|---|---|---|---|---|')
+    for robot, (log, urdf, batch) in MEASURED.items():
+        with tempfile.TemporaryDirectory() as folder:
+            figures = _run_json([
+                'identify', str(options.logs / log), '--urdf', str(options.logs / urdf),
+                '--config', str(options.config / f'{robot}_identification.yaml'),
+                '--output', str(Path(folder) / 'theta_hat.yaml')])
+        ours = figures['test_rmse']
+        ours = list(ours.values()) if isinstance(ours, dict) else ours
+        mean, reference = statistics.mean(ours), statistics.mean(batch)
+        print(f'| {robot} | {" ".join(f"{value:.3f}" for value in ours)} | {mean:.4f} | '
+              f'{reference:.4f} | {mean / reference:.3f} | {figures["history_rank"]} of '
+              f'{figures["columns"]} | {figures["insertions"]} | '
+              f'{figures["us_per_sample"]:.0f} |', flush=True)
+
+
+def _rates(options: argparse.Namespace) -> None:
+    print('\n## Rate and latency (`bench rates`)\n')
+    _machine()
+    rates.run(options)
+
+
+PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
+    'scenarios': _scenarios, 'processes': _processes, 'measured': _measured, 'rates': _rates}
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the parts that were asked for, all without a name."""
+    parser = argparse.ArgumentParser(prog='bench', description=__doc__)
+    parser.add_argument('parts', nargs='*', help=f'of {", ".join(PARTS)}; default: all')
+    parser.add_argument('--config', type=Path, default=Path('config'), metavar='DIR',
+                        help='folder of the scenarios')
+    parser.add_argument('--logs', type=Path, default=Path('../shared/realdata'), metavar='DIR',
+                        help='folder of the measured logs')
+    rates.add_options(parser)
+    options = parser.parse_args(args)
+    unknown = [part for part in options.parts if part not in PARTS]
+    if unknown:
+        parser.error(f'no part {unknown[0]!r}: expected of {", ".join(PARTS)}')
+    try:
+        for part in options.parts or PARTS:
+            PARTS[part](options)
+    except BlfError as error:
+        print(f'bench: {error}', file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

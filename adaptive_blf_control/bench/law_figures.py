@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is compared between laws: tracking, margins, learning, effort and chatter."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.bench.comparison import LawRun
+from adaptive_blf_control.runs.summary import SETTLED, settling_time
+from adaptive_blf_control.runs.torque_error import PredictedTorque
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop
+
+__all__ = ['COLUMNS', 'law_figures', 'markdown_row']
+
+EVERY = 20
+"""The estimate is looked at every this many samples."""
+
+
+def _rms(values: np.ndarray) -> np.ndarray:
+    return np.asarray(np.sqrt(np.mean(values ** 2, axis=0)))
+
+
+def law_figures(loop: ClosedLoop, run: LawRun) -> dict[str, Any]:
+    """Return the figures of a run, per joint in the order of the joints, and overall.
+
+    Overall is the RMS over all joints for RMS values, the worst joint otherwise. Settling times
+    are None where the law has no estimate or never settles: of θ̃ (1 % in norm) and of the torque
+    predicted along the reference (1 %, every joint).
+    """
+    safety, performance = loop.controller.safety, loop.controller.performance
+    margin = performance.margin(run.e1).min(axis=0)
+    left = ~((performance.margin(run.e1) > 0.0) & (safety.margin(run.q) > 0.0)).all(axis=1)
+    joints = {'rms_error': _rms(run.e1), 'max_abs_error': np.abs(run.e1).max(axis=0),
+              'min_margin': margin, 'rms_torque': _rms(run.torque),
+              'chatter': _rms(np.diff(run.torque, axis=0))}
+    figures: dict[str, Any] = {name: value.tolist() for name, value in joints.items()}
+    figures['set_violations'] = int(np.count_nonzero(left))
+    figures['overall'] = {
+        name: float(value.min() if name == 'min_margin' else value.max()
+                    if name == 'max_abs_error' else _rms(value))
+        for name, value in joints.items()}
+    figures.update(_learning(loop, run))
+    return figures
+
+
+def _learning(loop: ClosedLoop, run: LawRun) -> dict[str, Any]:
+    figures: dict[str, Any] = {'theta_error': None, 'theta_settling_time_s': None,
+                               'predicted_torque_error': None, 'torque_settling_time_s': None}
+    if run.theta is None:
+        return figures
+    t, theta = run.t[::EVERY], run.theta[::EVERY]
+    true = loop.plant.truth(loop.arm.parameters)[-1][1]
+    relative = np.linalg.norm(theta - true, axis=1) / np.linalg.norm(true)
+    predicted = PredictedTorque(loop.arm, loop.controller.reference,
+                                float(run.t[-1])).error(theta, true)
+    figures['theta_error'] = float(relative[-1])
+    figures['theta_settling_time_s'] = settling_time(t, relative, SETTLED)
+    figures['predicted_torque_error'] = predicted[-1].tolist()
+    figures['torque_settling_time_s'] = settling_time(t, predicted.max(axis=1), SETTLED)
+    return figures
+
+
+COLUMNS = ('law', 'RMS e1 [mrad]', 'largest e1 [mrad]', 'margin [mrad]', 'samples outside',
+           'theta within 1 % [s]', 'torque within 1 % [s]', 'torque error at the end [%]',
+           'RMS torque [N·m]', 'chatter [mN·m]')
+"""Columns of the table; joints are separated by slashes."""
+
+
+def _joints(values: list[float], factor: float, digits: int = 3) -> str:
+    return ' / '.join(f'{factor * value:.{digits}g}' for value in values)
+
+
+def _seconds(value: float | None, learns: bool) -> str:
+    return '–' if not learns else 'no' if value is None else f'{value:.2f}'
+
+
+def markdown_row(name: str, figures: dict[str, Any], learns: bool) -> str:
+    """Return one row of the table; ``learns`` is False for laws with a fixed model or none."""
+    error = figures['predicted_torque_error']
+    cells = [
+        name, _joints(figures['rms_error'], 1e3), _joints(figures['max_abs_error'], 1e3),
+        _joints(figures['min_margin'], 1e3), str(figures['set_violations']),
+        _seconds(figures['theta_settling_time_s'], learns),
+        _seconds(figures['torque_settling_time_s'], learns),
+        '–' if error is None or not all(map(math.isfinite, error)) else _joints(error, 1e2, 2),
+        _joints(figures['rms_torque'], 1.0), _joints(figures['chatter'], 1e3)]
+    return '| ' + ' | '.join(cells) + ' |'

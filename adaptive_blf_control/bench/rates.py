@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``bench rates``: what rate the four nodes hold, beside three that do no control at all."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from importlib import util
+import math
+from pathlib import Path
+import tempfile
+import time
+from typing import NamedTuple
+
+from adaptive_blf_control.bench.rate_figures import (
+    Loop,
+    median,
+    of_bag,
+    of_bare,
+    Row,
+    Run,
+    stolen_time,
+    Usage,
+    usage_of,
+)
+from adaptive_blf_control.errors import BlfError, MissingExtra, ParameterError
+from adaptive_blf_control.runtime.loop_statistics import SETTLE
+from adaptive_blf_control.runtime.processes import NodeProcesses, Processes
+
+__all__ = ['add_options', 'run']
+
+RATES = (250.0, 500.0, 1000.0)  # Hz
+OURS = ('arm_driver', 'controller', 'identifier', 'recorder')
+BARE = ('listener', 'echo', 'driver')  # in the order of their start
+PATIENCE = 90.0  # s until the arm has to move: the first run compiles the laws
+LOOK = 0.1  # s between looks at the processes
+NOTES = """\
+Not judged: the first {settle:g} s of motion, and the last 0.1 s. Missed: periods of the driver's
+grid without a state, its answer, its estimate, also where the recorder lost the message that shows
+it; of the recorder: messages that did not reach the bag, all run long. Met: periods with a state
+and its answer, if late; in time: before the next state was due. One callback of the recorder
+takes what came within 10 ms. The bare echo: typed messages, `rclpy.spin`, no control and no
+recorder. CPU: % of a core. Stolen: what the host of a virtual machine gave to others of its
+processors' time meanwhile; what was due then is missed. The last line of each rate compares: under
+1 the four nodes are better, in the periods over 1.
+"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the part `rates` understands."""
+    group = parser.add_argument_group('rates')
+    group.add_argument('--seconds', type=float, default=30.0, metavar='S',
+                       help='motion at each rate (default: 30)')
+    group.add_argument('--rates', type=float, nargs='+', default=list(RATES), metavar='HZ',
+                       help='rates of the driver (default: 250 500 1000)')
+    group.add_argument('--repeats', type=int, default=1, metavar='N',
+                       help='runs at each rate, ours and bare in turn; medians are printed')
+    group.add_argument('--executor', choices=('direct', 'plain'), default='direct',
+                       help='how the nodes wait for data (default: direct)')
+    group.add_argument('--realtime', type=int, default=0, metavar='PRIORITY',
+                       help='SCHED_FIFO for the driver, less by one each for controller, '
+                            'identifier and recorder, and locked memory; 0: as usual')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Measure and print; BlfError with the output of the node where one fails."""
+    _check(options)
+    print(NOTES.format(settle=_settle(options.seconds)))
+    for rate in options.rates:
+        ours: list[Run] = []
+        bare: list[Run] = []
+        for _ in range(options.repeats):
+            ours.append(_ours(options, rate))
+            bare.append(_bare(options.seconds, rate))
+        print(_tables(rate, median(ours), median(bare)), flush=True)
+
+
+def _check(options: argparse.Namespace) -> None:
+    if util.find_spec('rclpy') is None:
+        raise MissingExtra('rclpy', 'ros', 'the four nodes')
+    if not 1.0 <= options.seconds <= 1e5:
+        raise ParameterError('--seconds', options.seconds, '1 to 1e5')
+    if options.repeats < 1:
+        raise ParameterError('--repeats', options.repeats, '1 or more')
+    if options.realtime and not len(OURS) <= options.realtime <= 99:
+        raise ParameterError('--realtime', options.realtime,
+                             f'{len(OURS)} to 99, or 0 for as usual')
+    for rate in options.rates:
+        if not 1.0 <= rate <= 10_000.0:
+            raise ParameterError('--rates', rate, '1 to 10000')
+
+
+def _settle(seconds: float) -> float:
+    """Return what is left out at the start [s]; nothing of a run that is hardly longer."""
+    return SETTLE if seconds >= 2.0 * SETTLE else 0.0
+
+
+def _settings(options: argparse.Namespace, rate: float) -> dict[str, list[str]]:
+    settings = {name: [f'executor:={options.executor}'] for name in OURS}
+    settings['arm_driver'].append(f'rate:={rate!r}')
+    if options.realtime:
+        for lower, name in enumerate(OURS):
+            settings[name] += [f'realtime.priority:={options.realtime - lower}',
+                               'realtime.lock_memory:=true']
+    return settings
+
+
+def _ours(options: argparse.Namespace, rate: float) -> Run:
+    settle = _settle(options.seconds)
+    with tempfile.TemporaryDirectory(prefix='rates_') as folder:
+        output = Path(folder)
+        with NodeProcesses((options.config / 'two_link.yaml').resolve(), options.seconds, output,
+                           _settings(options, rate)) as nodes:
+            usage, stolen = _watch(nodes, 'controller', options.seconds, settle)
+            _refusals(nodes)
+            log = nodes.text('recorder')
+        return of_bag(output / 'bag', log, usage, rate, settle, stolen)
+
+
+def _bare(seconds: float, rate: float) -> Run:
+    settle = _settle(seconds)
+    with tempfile.TemporaryDirectory(prefix='rates_') as folder:
+        files = {name: Path(folder) / f'{name}.npz' for name in BARE}
+        commands = {name: ['-m', 'adaptive_blf_control.nodes.bare_echo', name, '--output',
+                           str(file), '--rate', str(rate), '--seconds', str(seconds)]
+                    for name, file in files.items()}
+        with Processes(commands, Path(folder)) as nodes:
+            usage, stolen = _watch(nodes, 'driver', seconds, settle)
+        return of_bare(files, usage, rate, settle, stolen)
+
+
+def _watch(nodes: Processes, herald: str, seconds: float,
+           settle: float) -> tuple[dict[str, Usage], float]:
+    """Wait until the run is over; return what each process used while the arm moved.
+
+    The second is what the host took away meanwhile [%].
+
+    Args:
+        nodes: The processes, started.
+        herald: The one that prints when the motion begins.
+        seconds: How long it lasts [s].
+        settle: How much of its start is left out [s].
+
+    Raises:
+        BlfError: a process failed, or took too long; with what it printed.
+    """
+    *_, leader = nodes.processes
+    started = time.monotonic()
+    moving = math.inf
+    looks: list[_Look] = []
+    while nodes.processes[leader].poll() is None:
+        now = time.monotonic()
+        bad = nodes.failed()
+        if bad:
+            raise BlfError(_story(nodes, bad, 'did not end well'))
+        if math.isinf(moving) and 'motion begins' in nodes.text(herald):
+            moving = now
+        if now - min(moving, started + PATIENCE) > 1.5 * seconds + 10.0:
+            raise BlfError(_story(nodes, [herald, leader], 'took too long'))
+        if moving + settle <= now <= moving + seconds:
+            look = {name: usage_of(process.pid) for name, process in nodes.processes.items()}
+            looks.append(_Look(now, {name: one for name, one in look.items() if one},
+                               *stolen_time()))
+        time.sleep(LOOK)
+    bad = list(dict.fromkeys(nodes.failed() + nodes.end()))
+    if bad:
+        raise BlfError(_story(nodes, bad, 'did not end well'))
+    return _usage(nodes, looks)
+
+
+class _Look(NamedTuple):
+    """Processor time [s] and memory [MB] by process, stolen and all time [ticks], at ``t`` [s]."""
+
+    t: float
+    usage: dict[str, tuple[float, float]]
+    stolen: float
+    all: float
+
+
+def _usage(nodes: Processes, looks: Sequence[_Look]) -> tuple[dict[str, Usage], float]:
+    whole = [look for look in looks if len(look.usage) == len(nodes.processes)]
+    if len(whole) < 2:
+        raise BlfError(_story(nodes, list(nodes.processes), 'ended before it could be measured'))
+    before, after = whole[0], whole[-1]
+    used = {name: Usage(100.0 * (after.usage[name][0] - before.usage[name][0])
+                        / (after.t - before.t), after.usage[name][1]) for name in nodes.processes}
+    ticks = after.all - before.all
+    return used, 100.0 * (after.stolen - before.stolen) / ticks if ticks else math.nan
+
+
+def _story(nodes: Processes, names: Sequence[str], what: str) -> str:
+    return '\n'.join(f'{name} {what}, it printed:\n{nodes.text(name).rstrip()}'
+                     for name in dict.fromkeys(names))
+
+
+def _refusals(nodes: Processes) -> None:
+    """Say which node did not get the priority or the memory it asked for."""
+    for name in nodes.processes:
+        for line in nodes.text(name).splitlines():
+            if 'running as usual' in line or 'no wait sets to use' in line:
+                print(f'{name}: {line.rpartition("]: ")[2]}\n')
+
+
+def _tables(rate: float, ours: Run, bare: Run) -> str:
+    lines = [f'### {rate:g} Hz\n',
+             '| process | rate [Hz] | missed | missed [%] | callback p50 [ms] | p99 | largest | '
+             'CPU [%] | memory [MB] |',
+             '|---|---|---|---|---|---|---|---|---|']
+    lines += [_line(name, ours.rows[name]) for name in OURS]
+    lines += [_line(f'bare_{name}', bare.rows[name]) for name in reversed(BARE)]
+    lines += ['', '| loop | round trip p50 [ms] | p99 | p99.9 | largest | periods met [%] | '
+                  'in time [%] | cores | stolen [%] |',
+              '|---|---|---|---|---|---|---|---|---|']
+    for name, loop in (('four nodes', ours.loop), ('bare echo', bare.loop)):
+        lines.append(f'| {name} | ' + ' | '.join(_text(value, 3) for value in loop[:4])
+                     + f' | {_text(loop.met, 3)} | {_text(loop.in_time, 3)} | '
+                     f'{_text(loop.cores, 2)} | {_text(loop.stolen, 2)} |')
+    lines.append('| four nodes / bare echo | ' + ' | '.join(_ratios(ours.loop, bare.loop)) + ' |')
+    return '\n'.join(lines) + '\n'
+
+
+def _line(name: str, row: Row) -> str:
+    percent = 100.0 * row.missed / row.due if row.due else math.nan
+    return (f'| {name} | {_text(row.rate, 1)} | {row.missed:g} | {_text(percent, 3)} | '
+            f'{_text(row.p50, 3)} | {_text(row.p99, 3)} | {_text(row.largest, 3)} | '
+            f'{_text(row.cpu, 1)} | {_text(row.memory, 1)} |')
+
+
+def _text(value: float, digits: int) -> str:
+    return '–' if math.isnan(value) else f'{value:.{digits}f}'
+
+
+def _ratios(ours: Loop, bare: Loop) -> list[str]:
+    return [_text(mine / other if other and name != 'stolen' else math.nan,
+                  3 if name in ('met', 'in_time') else 2)
+            for name, mine, other in zip(Loop._fields, ours, bare)]

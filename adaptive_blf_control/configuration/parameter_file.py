@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameter files read without ROS, by the same rules: later sections win.
+
+A section applies to a node when its key is ``/**``, the node's name, or ends in ``/NAME``. Our
+files use ``/**/NAME``, which ROS also matches under a namespace. A name in ``/**`` has to be known
+to at least one node; a name in a node's own section to that node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from adaptive_blf_control.configuration.node_tables import TABLES
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.table import (
+    JOINT,
+    Parameter,
+    per_joint,
+    validated,
+    value_problem,
+)
+
+__all__ = ['PARAMETERS_KEY', 'ROS_OWN', 'apply_settings', 'given_values', 'known_elsewhere',
+           'load_yaml', 'node_values']
+
+
+PARAMETERS_KEY = 'ros__parameters'  # a run's parameter file in a bag's custom_data
+# What ROS itself declares on every node; accepted everywhere, used by nothing here.
+ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+
+
+def load_yaml(path: str | Path) -> dict[str, Any]:
+    """Read a parameter file; ParameterError names the file and line where it is malformed."""
+    path = Path(path)
+    try:
+        data = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise ParameterError('params-file', str(path),
+                             f'a readable YAML file ({error.strerror})') from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ParameterError('params-file', str(path), f'well-formed YAML: {error}') from None
+    if not isinstance(data, dict):
+        raise ParameterError('params-file', str(path),
+                             'a mapping of node names to ros__parameters')
+    for key, section in data.items():
+        if not isinstance(key, str):
+            raise ParameterError('params-file', str(path), f'a name of a node, not {key!r}')
+        if not isinstance(section, dict) or set(section) != {'ros__parameters'} or \
+                not isinstance(section['ros__parameters'], dict):
+            raise ParameterError('params-file', str(path),
+                                 f'under {key!r} one key ros__parameters with a mapping')
+    return data
+
+
+def _flat(mapping: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    for key, value in mapping.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f'{prefix}{key}.')
+        else:
+            yield f'{prefix}{key}', value
+
+
+def _applies(key: str, node: str) -> bool:
+    return key in ('/**', node) or key.endswith(f'/{node}')
+
+
+def given_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
+    """Return what a parameter file gives to ``node``, flat, without what only others know.
+
+    Raises:
+        ParameterError: a name that the section's nodes do not declare.
+    """
+    joints = _joints(data, node)
+    given: dict[str, Any] = {}
+    for key, section in data.items():
+        if not _applies(key, node):
+            continue
+        for name, value in _flat(section['ros__parameters']):
+            if key == '/**' and not _knows(TABLES[node], name, joints):
+                if not any(_knows(table, name, joints) for table in TABLES.values()):
+                    raise ParameterError(name, value, 'a parameter that one of the nodes knows')
+                continue
+            given[name] = value
+    return given
+
+
+def _joints(data: Mapping[str, Any], node: str) -> list[str]:
+    joints: Any = None
+    for key, section in data.items():
+        if _applies(key, node):
+            joints = section['ros__parameters'].get('joints', joints)
+    if joints is None:
+        joints = next((p.default for p in TABLES[node] if p.name == 'joints'), [])
+    return [j for j in joints if isinstance(j, str)] if isinstance(joints, list) else []
+
+
+def known_elsewhere(name: str, node: str) -> bool:
+    """Return whether ``node`` does not declare ``name`` while another node does."""
+    return not _knows(TABLES[node], name, []) and any(
+        _knows(table, name, []) for table in TABLES.values())
+
+
+def _knows(table: tuple[Parameter, ...], name: str, joints: list[str]) -> bool:
+    return name.startswith(ROS_OWN) or name in per_joint(table, joints) or any(
+        p.name.split(JOINT)[0] == name.split('.')[0] + '.' and JOINT in p.name for p in table)
+
+
+def node_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
+    """Return all validated parameters of one node from a parameter file."""
+    given = given_values(data, node)
+    given = {name: value for name, value in given.items() if not name.startswith(ROS_OWN)}
+    table = per_joint(TABLES[node], _joints(data, node))
+    joints = given.get('joints', next((p.default for p in table.values() if p.name == 'joints'),
+                                      []))
+    problem = value_problem(table['joints'], joints, {}) if 'joints' in table else None
+    if problem:  # said first: most other names and lengths hang on it
+        raise ParameterError(f'{node}.joints', joints, problem)
+    return validated(table.values(), given, node, {'joints': len(joints)})
+
+
+def apply_settings(data: dict[str, Any], settings: list[str]) -> dict[str, Any]:
+    """Apply ``[node.]name=value`` settings to a parameter file's data.
+
+    Without a node's name a setting goes to every node. Values are YAML: ``controller.k2=[30.0]``.
+    """
+    for setting in settings:
+        name, equals, text = setting.partition('=')
+        if not equals or not name:
+            raise ParameterError('--set', setting, 'NODE.NAME=VALUE')
+        head, _, tail = name.partition('.')
+        node, key = (head, tail) if head in TABLES and tail else ('**', name)
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError:
+            raise ParameterError('--set', setting, 'a YAML value after =') from None
+        home = data.setdefault('/**' if node == '**' else f'/**/{node}', {'ros__parameters': {}})
+        # Other sections that apply to the node may come later in the file, and later ones win.
+        others = [section for name, section in data.items()
+                  if (node == '**' or name == node or name.endswith(f'/{node}'))
+                  and key in dict(_flat(section['ros__parameters']))]
+        for section in (home, *others):
+            _merge(section['ros__parameters'], _nested(key, value))
+    return data
+
+
+def _nested(name: str, value: Any) -> dict[str, Any]:
+    for part in reversed(name.split('.')):
+        value = {part: value}
+    return dict(value)
+
+
+def _merge(into: dict[str, Any], other: Mapping[str, Any]) -> None:
+    for key, value in other.items():
+        if isinstance(value, dict) and isinstance(into.get(key), dict):
+            _merge(into[key], value)
+        else:
+            into[key] = value

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CDR codecs for the messages on the real-time path, without ROS.
+
+XCDR1 as DDS carries it: a 4-byte encapsulation header (00 01 00 00 for little endian), then the
+fields, each aligned to its size counted from the byte after the header, strings and sequences
+preceded by a uint32 count. Encoders write little endian with zero padding and exact length, as a
+raw subscription delivers it; decoders read both byte orders and raise BagError with the offset on
+anything else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+import struct
+from types import MappingProxyType
+
+import numpy as np
+
+from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.cdr_cursor import Cursor, ENCAPSULATION_LE
+from adaptive_blf_control.messages.joint_state import (
+    decode_joint_state,
+    JointStateCodec,
+    JointStateReader,
+    JointStateRecord,
+)
+
+__all__ = ['DECODERS', 'Float64MultiArrayCodec', 'JointStateCodec', 'JointStateReader',
+           'JointStateRecord', 'decode_float64', 'decode_float64_array', 'decode_int32',
+           'decode_joint_state', 'encode_float64', 'encode_int32']
+
+_FLOAT64 = struct.Struct('<4sd')
+_INT32 = struct.Struct('<4si')
+# layout.dim empty, layout.data_offset 0, then the count of data.
+_PLAIN_ARRAY = ENCAPSULATION_LE + bytes(8)
+_ARRAY_COUNT = struct.Struct('<I')
+_ARRAY_START = 20
+
+
+class Float64MultiArrayCodec:
+    """Encoder for std_msgs/msg/Float64MultiArray of fixed length and empty layout."""
+
+    def __init__(self, n: int) -> None:
+        """Lay out a message of `n` doubles."""
+        self.n = n
+        gap = bytes(4 if n else 0)  # an empty sequence has no alignment gap behind its count
+        self._buffer = bytearray(_PLAIN_ARRAY + _ARRAY_COUNT.pack(n) + gap + bytes(8 * n))
+        self._view = np.frombuffer(self._buffer, '<f8', n, _ARRAY_START if n else 0)
+
+    def encode(self, values: Sequence[float] | np.ndarray) -> bytes:
+        """Return the message for values of shape (n,); BagError where the length differs."""
+        if len(values) != self.n:
+            raise BagError(f'Float64MultiArray gets {len(values)} values: expected {self.n}')
+        try:
+            self._view[:] = values
+        except (ValueError, TypeError) as exc:
+            raise BagError(f'Float64MultiArray: {exc}: expected {self.n} numbers') from exc
+        return bytes(self._buffer)
+
+
+def decode_float64_array(data: bytes) -> np.ndarray:
+    """Return the `data` of a Float64MultiArray, shape (count,); its layout is checked, then left.
+
+    Raises:
+        BagError: truncated or garbage input, with the offset.
+    """
+    if type(data) is not bytes:
+        data = bytes(data)
+    if data.startswith(_PLAIN_ARRAY) and len(data) >= _ARRAY_START:
+        (count,) = _ARRAY_COUNT.unpack_from(data, 12)
+        if _ARRAY_START + 8 * count <= len(data):
+            return np.frombuffer(data, '<f8', count, _ARRAY_START).astype(np.float64)
+    cursor = Cursor(data, 'Float64MultiArray')
+    for i in range(cursor.count(12, 'layout.dim')):
+        cursor.string(f'layout.dim[{i}].label')
+        cursor.uint32(f'layout.dim[{i}].size')
+        cursor.uint32(f'layout.dim[{i}].stride')
+    cursor.uint32('layout.data_offset')
+    return cursor.doubles('data')
+
+
+def encode_float64(value: float) -> bytes:
+    """Return a std_msgs/msg/Float64."""
+    return _FLOAT64.pack(ENCAPSULATION_LE, value)
+
+
+def decode_float64(data: bytes) -> float:
+    """Return the value of a std_msgs/msg/Float64; BagError where it is truncated."""
+    return Cursor(bytes(data), 'Float64').double('data')
+
+
+def encode_int32(value: int) -> bytes:
+    """Return a std_msgs/msg/Int32; BagError where the value does not fit."""
+    try:
+        return _INT32.pack(ENCAPSULATION_LE, value)
+    except struct.error as exc:
+        raise BagError(f'Int32 gets {value!r}: expected -2**31 to 2**31 - 1') from exc
+
+
+def decode_int32(data: bytes) -> int:
+    """Return the value of a std_msgs/msg/Int32; BagError where it is truncated."""
+    return Cursor(bytes(data), 'Int32').int32('data')
+
+
+DECODERS: Mapping[str, Callable[[bytes], object]] = MappingProxyType({
+    'sensor_msgs/msg/JointState': decode_joint_state,
+    'std_msgs/msg/Float64MultiArray': decode_float64_array,
+    'std_msgs/msg/Float64': decode_float64,
+    'std_msgs/msg/Int32': decode_int32,
+})

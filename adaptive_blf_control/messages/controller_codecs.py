@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controller's messages about itself: adaptation term, reference, errors, margins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from adaptive_blf_control.control.controller import ControlOutput
+from adaptive_blf_control.control.guarantee import Guarantee
+from adaptive_blf_control.messages.joint_state import JointStateCodec
+from adaptive_blf_control.messages.topics import BARRIER, REFERENCE, TRACKING_ERROR
+
+__all__ = ['ControllerCodecs', 'MonitorStream', 'barrier_names', 'guarantee_names']
+
+
+def barrier_names(joints: Sequence[str]) -> list[str]:
+    """Return the names on ``controller/barrier``: margins to both sets per joint, then V."""
+    return [f'{joint}.{what}' for what in ('safety_margin', 'performance_margin')
+            for joint in joints] + ['V']
+
+
+def guarantee_names(joints: Sequence[str]) -> list[str]:
+    """Return the names on ``controller/guarantee``: (39), (41) per joint, V(0), (40)."""
+    return [f'{joint}.{what}' for what in ('error_lower', 'error_upper', 'output_lower',
+                                           'output_upper')
+            for joint in joints] + ['V0', 'e2_norm']
+
+
+class ControllerCodecs:
+    """Encodes what the controller publishes beside the torque, for the node and for a bag."""
+
+    def __init__(self, joints: Sequence[str], parameters: Sequence[str]) -> None:
+        """Prepare the templates for these joint and parameter names."""
+        self._term = JointStateCodec(parameters, fields=('position',))
+        # y_d, its velocity, and its acceleration [rad/s²] in the third array, effort.
+        self._reference = JointStateCodec(joints)
+        self._error = JointStateCodec(joints, fields=('position', 'velocity'))
+        self._barrier = JointStateCodec(barrier_names(joints), fields=('position',))
+        self._guarantee = JointStateCodec(guarantee_names(joints), fields=('position',))
+
+    def guarantee(self, stamp: int, promised: Guarantee) -> bytes:
+        """Encode what Theorem 2 promises; ``stamp`` in ns."""
+        return self._guarantee.encode(stamp, np.concatenate([
+            promised.error_lower, promised.error_upper, promised.output_lower,
+            promised.output_upper, [promised.value, promised.e2_norm]]))
+
+    def adaptation_term(self, stamp: int, output: ControlOutput) -> bytes:
+        """Encode Xᵀe2 of (37) by parameter name; ``stamp`` in ns."""
+        return self._term.encode(stamp, output.adaptation_term)
+
+    def tracking_error(self, stamp: int, output: ControlOutput) -> bytes:
+        """Encode e1 with e2; ``stamp`` in ns."""
+        return self._error.encode(stamp, output.e1, output.e2)
+
+    def monitors(self, stamp: int, output: ControlOutput, margins: np.ndarray,
+                 lyapunov: float) -> dict[str, bytes]:
+        """Encode the reference, and margins (2n,) [rad] with V; by topic."""
+        return {
+            REFERENCE: self._reference.encode(stamp, *output.reference),
+            BARRIER: self._barrier.encode(stamp, np.append(margins, lyapunov)),
+        }
+
+
+class MonitorStream:
+    """What goes out about each sample: the errors always, the rest thinned out.
+
+    Margins are the smallest since they were sent last: thinning hides no sample outside a set.
+
+    Attributes:
+        samples: Samples seen.
+        lyapunov: V at the last sample for which it was asked.
+    """
+
+    def __init__(self, codecs: ControllerCodecs) -> None:
+        """Start with nothing seen."""
+        self.samples = 0
+        self.lyapunov = 0.0
+        self._codecs = codecs
+        self._least: np.ndarray | None = None
+
+    def messages(self, stamp: int, output: ControlOutput, margins: np.ndarray,
+                 decimation: int, lyapunov: Callable[[], float]) -> dict[str, bytes]:
+        """Return the messages of a sample by topic.
+
+        Args:
+            stamp: Of the sample [ns].
+            output: What the controller computed.
+            margins: Distances to both sets, shape (2n,) [rad].
+            decimation: Reference, margins and V go out every this many samples.
+            lyapunov: Computes V; called for those samples only.
+        """
+        messages = {TRACKING_ERROR: self._codecs.tracking_error(stamp, output)}
+        least = margins if self._least is None else np.minimum(self._least, margins)
+        if self.samples % decimation == 0:
+            self.lyapunov = lyapunov()
+            messages.update(self._codecs.monitors(stamp, output, least, self.lyapunov))
+            self._least = None
+        else:
+            self._least = least
+        self.samples += 1
+        return messages

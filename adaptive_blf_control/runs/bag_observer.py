@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes an offline run as a bag in the recorder's form, with the topics of the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import yaml
+
+from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.configuration.node_tables import TABLES
+from adaptive_blf_control.configuration.parameter_file import node_values, PARAMETERS_KEY
+from adaptive_blf_control.identification.news import HistoryNews
+from adaptive_blf_control.messages.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
+from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
+from adaptive_blf_control.messages.joint_state import JointStateCodec
+from adaptive_blf_control.messages.topics import (
+    ADAPTATION_TERM,
+    COMMANDS,
+    EXCITATION,
+    HISTORY_RANK,
+    HISTORY_SIGMA_MIN,
+    JOINT_STATES,
+    THETA_HAT,
+    TOPICS,
+)
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample
+
+__all__ = ['BagObserver']
+
+
+class BagObserver:
+    """Context manager and observer of :meth:`ClosedLoop.run`; stamps start at ``epoch``."""
+
+    def __init__(self, path: Path, loop: ClosedLoop, data: Mapping[str, Any],
+                 epoch_ns: int = 1_000_000_000) -> None:
+        """Open the bag; BagError where the folder exists.
+
+        Args:
+            path: Folder of the bag.
+            loop: The loop that will run.
+            data: The scenario's parameter file, kept in the bag.
+            epoch_ns: Stamp of the first sample; fixed, so that equal runs give equal bags.
+        """
+        self._loop = loop
+        self._epoch_ns = epoch_ns
+        arm = loop.arm
+        parameters = {f'/{node}': {'ros__parameters': node_values(data, node)}
+                      for node in TABLES if node != 'recorder'}
+        self._bag = BagWriter(path, custom_data={
+            PARAMETERS_KEY: yaml.safe_dump(parameters, sort_keys=False)})
+        for topic, type_name in TOPICS.items():
+            if not topic.startswith('/'):  # those belong to nodes
+                self._bag.add_topic(f'/{topic}', type_name)
+        self._state = JointStateCodec(arm.joints, 'base_link')
+        self._theta = JointStateCodec(arm.parameters, fields=('position',))
+        self._torque = Float64MultiArrayCodec(arm.n)
+        self._controller = ControllerCodecs(arm.joints, arm.parameters)
+        self._decimation = node_values(data, 'controller')['monitor_decimation']
+        self._monitors = MonitorStream(self._controller)
+        self._news = HistoryNews()
+
+    def __enter__(self) -> BagObserver:
+        """Return the observer."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        """Close the bag."""
+        self._bag.close()
+
+    def __call__(self, sample: Sample) -> None:
+        """Write one sample in the order the nodes would have sent it."""
+        stamp = self._epoch_ns + int(round(sample.t * 1e9))
+        controller, output = self._loop.controller, sample.output
+        messages = {
+            JOINT_STATES: self._state.encode(stamp, *sample.measured),
+            COMMANDS: self._torque.encode(output.torque),
+            ADAPTATION_TERM: self._controller.adaptation_term(stamp, output),
+            THETA_HAT: self._theta.encode(stamp, sample.theta_hat),
+        }
+        q = sample.measured.q
+        messages.update(self._monitors.messages(
+            stamp, output, controller.margins(q, output), self._decimation,
+            lambda: controller.lyapunov(q, output, sample.theta_used)))
+        if self._news.due(self._loop.identifier.stack.insertions):
+            messages[HISTORY_RANK] = encode_int32(sample.rank)
+            messages[HISTORY_SIGMA_MIN] = encode_float64(sample.sigma_min)
+            excitation = self._loop.identifier.excitation
+            if excitation is not None:
+                messages[EXCITATION] = encode_float64(excitation)
+        for topic, message in messages.items():
+            self._bag.write(f'/{topic}', message, stamp)

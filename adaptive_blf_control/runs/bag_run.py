@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recorded run, from its bag alone: no ROS, no parameter file beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import yaml
+
+from adaptive_blf_control.bags.reader import Bag
+from adaptive_blf_control.configuration.build import build_arm, build_plant
+from adaptive_blf_control.configuration.parameter_file import node_values, PARAMETERS_KEY
+from adaptive_blf_control.control.sets import JointInterval
+from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.topics import (
+    COMMANDS,
+    HISTORY_RANK,
+    HISTORY_SIGMA_MIN,
+    JOINT_STATES,
+    THETA_HAT,
+    TRACKING_ERROR,
+)
+from adaptive_blf_control.parameters.table import broadcast
+from adaptive_blf_control.runs.summary import Run, Truth
+
+__all__ = ['bag_parameters', 'rates', 'run_of_bag', 'topic_named']
+
+
+def bag_parameters(bag: Bag) -> dict[str, Any]:
+    """Return the parameter file of the run; BagError where the bag does not hold one."""
+    text = bag.custom_data.get(PARAMETERS_KEY)
+    data = yaml.safe_load(text) if text else None
+    if not isinstance(data, dict):
+        raise BagError(f'{bag.path}: no parameters of the run in custom_data '
+                       f'({PARAMETERS_KEY!r}): expected a bag of our recorder')
+    return data
+
+
+def topic_named(bag: Bag, name: str) -> str:
+    """Return the recorded topic that is ``name`` under any namespace; BagError if none."""
+    for topic in bag.topics:
+        if topic == name or topic.endswith(f'/{name}'):
+            return topic
+    raise BagError(f'{bag.path}: no topic {name!r}; it has {", ".join(sorted(bag.topics))}')
+
+
+def run_of_bag(bag: Bag) -> Run:
+    """Return the run in a bag, from the first answered joint state on.
+
+    Raises:
+        BagError: a topic or the parameters of the run are missing.
+    """
+    data = bag_parameters(bag)
+    controller = node_values(data, 'controller')
+    joints = tuple(controller['joints'])
+    states = bag.joint_states(topic_named(bag, JOINT_STATES), joints)
+    errors = bag.joint_states(topic_named(bag, TRACKING_ERROR), joints)
+    estimates = bag.joint_states(topic_named(bag, THETA_HAT))
+    stamps, at_state, at_error = np.intersect1d(states.stamp_ns, errors.stamp_ns,
+                                                return_indices=True)
+    if stamps.size == 0:
+        raise BagError(f'{bag.path}: no joint state was answered by the controller')
+    between = (states.stamp_ns > stamps[0]) & (states.stamp_ns < stamps[-1])
+    between[at_state] = False
+    learning = estimates.stamp_ns >= stamps[0]
+    sets = [JointInterval(broadcast(controller[f'{name}.lower'], len(joints)),
+                          broadcast(controller[f'{name}.upper'], len(joints)), name)
+            for name in ('safety', 'performance')]
+    return Run(
+        joints=joints, parameters=estimates.names, t=(stamps - stamps[0]) * 1e-9,
+        q=states.position[at_state], e1=errors.position[at_error],
+        t_theta=(estimates.stamp_ns[learning] - stamps[0]) * 1e-9,
+        theta_hat=estimates.position[learning], rank=int(_last(bag, HISTORY_RANK)),
+        sigma_min=float(_last(bag, HISTORY_SIGMA_MIN)), safety=sets[0], performance=sets[1],
+        truth=_true_parameters(data, estimates.names),
+        q_unanswered=states.position[between])
+
+
+def _last(bag: Bag, name: str) -> float:
+    return float(bag.doubles(topic_named(bag, name))[1][-1])
+
+
+def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> Truth | None:
+    """θ* of a simulated arm over time, matched by name; None for a real one."""
+    if not any(key.endswith('/arm_driver') for key in data):
+        return None
+    driver = node_values(data, 'arm_driver')
+    return build_plant(driver, build_arm(driver)).truth(parameters)
+
+
+def rates(bag: Bag, run: Run) -> dict[str, float]:
+    """Return what the nodes held, in Hz, from stamps and counts between first and last sample."""
+    span = max(float(run.t[-1]), 1e-9)
+    counts = {name: bag.topics[topic_named(bag, name)].count
+              for name in (JOINT_STATES, COMMANDS, THETA_HAT)}
+    return {'arm_driver': (counts[JOINT_STATES] - 1) / span,
+            'controller': (counts[COMMANDS] - 1) / span,
+            'identifier': (counts[THETA_HAT] - 1) / span}

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an identification from a log achieved, as numbers and as a table for people."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.bags.logs import MeasuredLog
+from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.runs.batch_fit import least_squares
+from adaptive_blf_control.runs.log_pass import LogPass, Span
+
+__all__ = ['figures_of', 'table']
+
+
+def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
+               spans: tuple[Span, Span]) -> dict[str, Any]:
+    """Return the figures; lists are in the order of the joints, RMSE in N·m, None without a test.
+
+    ``batch_test_rmse`` is what least squares over all pairs of the training span would have
+    given, ``test_torque_rms`` the size of the filtered torque itself; ``us_per_sample`` the median
+    time of an update.
+    """
+    arm, stack, theta = identifier.arm, identifier.stack, identifier.theta
+    microseconds = 1e6 * result.seconds
+    train, test = result.train, result.test
+
+    def tested(model: np.ndarray) -> list[float | None]:
+        return test.rmse(model).tolist() if test.count else [None] * arm.n
+
+    return {
+        'joints': list(arm.joints),
+        'columns': arm.m,
+        'samples': int(log.t.size),
+        'dropped': log.dropped + sum(identifier.dropped.values()),
+        'restarts': identifier.restarts - 1,  # the first start is none
+        'train_span': list(spans[0]),
+        'test_span': list(spans[1]),
+        'train_samples': train.count,
+        'test_samples': test.count,
+        'train_rmse': train.rmse(theta).tolist(),
+        'test_rmse': tested(theta),
+        'test_torque_rms': tested(np.zeros(arm.m)),
+        'batch_test_rmse': tested(least_squares(train)),
+        'history_rank': stack.rank,
+        'history_sigma_min': stack.sigma_min,
+        'history_size': stack.size,
+        'history_count': stack.count,
+        'insertions': stack.insertions,
+        'us_per_sample': float(np.median(microseconds)),
+        'us_per_sample_mean': float(np.mean(microseconds)),
+        'us_per_sample_p99': float(np.percentile(microseconds, 99.0)),
+        'period_us': float(1e6 * np.median(np.diff(log.t))),
+        'theta_hat': dict(zip(arm.parameters, theta.tolist())),
+    }
+
+
+def table(figures: dict[str, Any], source: str) -> str:
+    """Return the figures as a short table a person reads."""
+    columns = [np.array(figures[name], dtype=float) for name in (
+        'test_torque_rms', 'train_rmse', 'test_rmse', 'batch_test_rmse')]
+    width = max([len(joint) for joint in figures['joints']] + [5])
+    lines = [
+        f'{source}: {len(figures["joints"])} joints, {figures["columns"]} parameters, '
+        f'{figures["samples"]} samples, {1e6 / figures["period_us"]:.0f} Hz',
+        f'learned from {_seconds(figures["train_span"])} in one pass, '
+        + (f'tested on {_seconds(figures["test_span"])}' if figures['test_samples'] else
+           'not tested'),
+        '',
+        f'{"RMSE of the filtered torque [N·m]":<{width}}',
+        f'{"joint":<{width}}{"learned":>10}{"tested":>10}{"of torque":>12}'
+        f'{"batch least squares":>22}',
+    ]
+    names = [*figures['joints'], 'mean']
+    rows = [*np.transpose(columns), np.mean(columns, axis=1)]
+    for name, (torque, train, test, batch) in zip(names, rows):
+        part = f'{test / torque:.1%}' if torque > 0.0 else '-'
+        lines.append(f'{name:<{width}}{train:>10.4f}{_or_none(test):>10}{part:>12}'
+                     f'{_or_none(batch):>22}')
+    period, median = figures['period_us'], figures['us_per_sample']
+    full = figures['history_rank'] == figures['columns']
+    lines += [
+        '',
+        f'history stack   rank {figures["history_rank"]} of {figures["columns"]}'
+        + ('' if full else ' (the motion does not show every parameter)')
+        + f', σ_min {figures["history_sigma_min"]:.3g}, {figures["insertions"]} pairs taken, '
+        f'{figures["history_count"]} of {figures["history_size"]} slots filled',
+        f'speed           {median:.0f} us per sample (median; mean '
+        f'{figures["us_per_sample_mean"]:.0f}, p99 {figures["us_per_sample_p99"]:.0f}): '
+        f'{period / median:.1f} x the rate of the robot ({period:.0f} us)',
+        f'left out        {figures["dropped"]} samples; filter restarted '
+        f'{figures["restarts"]} times',
+        f'theta_hat       {figures["output"]}',
+    ]
+    return '\n'.join(lines)
+
+
+def _seconds(span: list[float]) -> str:
+    return f'{span[0]:.2f} .. {span[1]:.2f} s'
+
+
+def _or_none(value: float) -> str:
+    return '-' if np.isnan(value) else f'{value:.4f}'

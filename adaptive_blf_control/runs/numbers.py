@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The numbers of a report: one dict for ``--json``, the page and the pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import math
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.runs.lyapunov import Promised, true_over_time
+from adaptive_blf_control.runs.margins import margins_of
+from adaptive_blf_control.runs.recording import Recording
+from adaptive_blf_control.runs.summary import summarise
+from adaptive_blf_control.runs.timing import timing
+
+__all__ = ['figures', 'plain', 'report_figures', 'verdict']
+
+
+def report_figures(recordings: Sequence[Recording], guarantees: Sequence[Promised | None],
+                   unreadable: Mapping[str, str]) -> dict[str, Any]:
+    """Return all numbers of a report as plain JSON values.
+
+    Args:
+        recordings: What could be read.
+        guarantees: Theorem 2 for each of them.
+        unreadable: Why other bags could not be read, by path.
+    """
+    result: dict[str, Any] = plain({
+        'bags': [figures(r, g) for r, g in zip(recordings, guarantees)],
+        'unreadable': dict(unreadable)})
+    return result
+
+
+def figures(recording: Recording, promised: Promised | None) -> dict[str, Any]:
+    """Return the numbers of one bag; what is not known is None."""
+    numbers = {
+        'name': recording.name,
+        'path': recording.path,
+        'complete': recording.problem is None,
+        'problem': recording.problem,
+        'missing': list(recording.missing),
+        **_partial(recording),
+        **(summarise(recording.run) if recording.run else {}),
+    }
+    violations = numbers['set_violations']
+    numbers['sets_kept'] = None if violations is None else violations == 0
+    numbers['closest'] = _closest(recording)
+    numbers['theta_true'], numbers['theta_change_times_s'] = None, []
+    truth = true_over_time(recording)
+    if truth is not None and recording.run is not None and recording.run.truth:
+        numbers['theta_true'] = dict(zip(recording.theta_names, truth[-1].tolist()))
+        numbers['theta_change_times_s'] = [float(t) for t, _ in recording.run.truth[1:]]
+    numbers['guarantee'] = _guarantee(promised)
+    numbers['torque_rms'] = numbers['torque_max_abs'] = None
+    if recording.torque is not None:
+        tau = recording.torque.values
+        numbers['torque_rms'] = np.sqrt(np.nanmean(tau ** 2, axis=0)).tolist()
+        numbers['torque_max_abs'] = np.nanmax(np.abs(tau), axis=0).tolist()
+    numbers['timing'] = timing(recording)
+    return numbers
+
+
+def _partial(recording: Recording) -> dict[str, Any]:
+    """Return the keys of `summarise` as far as an incomplete bag gives them."""
+    numbers: dict[str, Any] = dict.fromkeys((
+        'duration_s', 'samples', 'set_violations', 'max_abs_error', 'rms_error',
+        'rms_error_last_quarter', 'min_margin', 'theta_hat', 'theta_error_norm',
+        'theta_true_norm', 'theta_settling_time_s', 'history_rank', 'history_sigma_min'))
+    numbers['theta_settling_times_s'] = []
+    numbers['joints'] = list(recording.joints)
+    main = recording.e1 or recording.q
+    if main is not None:
+        numbers['duration_s'], numbers['samples'] = float(np.ptp(main.t)), int(main.t.size)
+    if recording.e1 is not None:
+        e1 = recording.e1.values
+        last = recording.e1.t >= recording.e1.t[-1] - 0.25 * np.ptp(recording.e1.t)
+        numbers['max_abs_error'] = np.nanmax(np.abs(e1), axis=0).tolist()
+        numbers['rms_error'] = np.sqrt(np.nanmean(e1 ** 2, axis=0)).tolist()
+        numbers['rms_error_last_quarter'] = np.sqrt(np.nanmean(e1[last] ** 2, axis=0)).tolist()
+    margins = margins_of(recording)
+    if margins is not None:
+        least = margins.values.min(axis=1)
+        numbers['set_violations'] = int(np.count_nonzero(~(least > 0.0).all(axis=1)))
+        numbers['min_margin'] = np.nanmin(least, axis=0).tolist()
+    if recording.theta_hat is not None and recording.theta_hat.t.size:
+        numbers['theta_hat'] = dict(zip(recording.theta_names,
+                                        recording.theta_hat.values[-1].tolist()))
+    if recording.rank is not None:
+        numbers['history_rank'] = int(recording.rank.values[-1])
+    if recording.sigma_min is not None:
+        numbers['history_sigma_min'] = float(recording.sigma_min.values[-1])
+    return numbers
+
+
+def _closest(recording: Recording) -> dict[str, Any] | None:
+    """Return where the run came closest to leaving a set: joint, set, margin [rad], time [s]."""
+    found = margins_of(recording)
+    if found is None or not np.isfinite(found.values).any():
+        return None
+    t, margins, names = found
+    k, which, joint = np.unravel_index(np.nanargmin(margins), margins.shape)
+    return {'joint': recording.joints[joint], 'set': names[which],
+            'margin': float(margins[k, which, joint]), 't': float(t[k])}
+
+
+def _guarantee(promised: Promised | None) -> dict[str, Any] | None:
+    """Theorem 2 at its start, and whether V stayed below its bound (rounding allowed for)."""
+    if promised is None:
+        return None
+    ratio = float(np.max(promised.v / np.maximum(promised.bound, 1e-300)))
+    over = promised.v > promised.bound * (1.0 + 1e-6) + 1e-9
+    return {'V0': float(promised.v[0]), 'V_last': float(promised.v[-1]),
+            'V_largest_over_bound': ratio, 'V_left': bool(over.any()),
+            'U_e1_lower': promised.lower.tolist(), 'U_e1_upper': promised.upper.tolist()}
+
+
+def verdict(numbers: Mapping[str, Any]) -> tuple[str, str, list[str]]:
+    """Return the verdict on one bag: its kind (good, bad, unknown), headline and sentences."""
+    kept = numbers['sets_kept']
+    sentences = []
+    if kept is None:
+        kind, head = 'unknown', 'Sets not known'
+        sentences.append('The bag does not tell whether the sets were kept.')
+    elif kept:
+        kind, head = 'good', 'Sets kept'
+        sentences.append(f'Every joint stayed inside its safety and performance set in all '
+                         f'{numbers["samples"]} samples of {numbers["duration_s"]:.1f} s.')
+    else:
+        kind, head = 'bad', 'Sets left'
+        sentences.append(f'A joint was outside a set in {numbers["set_violations"]} of '
+                         f'{numbers["samples"]} samples of {numbers["duration_s"]:.1f} s.')
+    closest = numbers['closest']
+    if closest:
+        how = 'Closest approach' if closest['margin'] > 0.0 else 'Farthest outside'
+        bound = {'nearer': 'nearer'}.get(closest['set'], closest['set'])
+        sentences.append(f'{how}: {abs(closest["margin"]):.4g} rad from the {bound} bound, '
+                         f'{closest["joint"]} at {closest["t"]:.2f} s.')
+    sentences += _learning_sentences(numbers)
+    return kind, head, sentences
+
+
+def _learning_sentences(numbers: Mapping[str, Any]) -> list[str]:
+    sentences = []
+    error = numbers['theta_error_norm']
+    if error is not None:
+        starts = [0.0, *numbers['theta_change_times_s']]
+        for start, settled in zip(starts, numbers['theta_settling_times_s']):
+            when = f' after θ* changed at {start:g} s' if start else ''
+            sentences.append(
+                f'θ̂ settled within 1 % of θ* in {settled:.2f} s{when}.' if settled is not None
+                else f'θ̂ did not settle within 1 % of θ*{when}.')
+        sentences.append(f'At the end ‖θ̃‖ is {error:.3g}, ‖θ*‖ '
+                         f'{numbers["theta_true_norm"]:.3g}.')
+    elif numbers['theta_hat']:
+        sentences.append('θ* is not known, so nothing is said about the parameter error.')
+    if numbers['history_rank'] is not None and numbers['theta_hat']:
+        size, rank = len(numbers['theta_hat']), numbers['history_rank']
+        sigma = numbers['history_sigma_min']
+        sentences.append(f'History stack: rank {rank} of {size}'
+                         + ('' if sigma is None else f', σ_min {sigma:.3g}')
+                         + ('.' if rank == size else ' – too low for θ̂ to converge.'))
+    return sentences
+
+
+def plain(value: Any) -> Any:
+    """Return ``value`` as strict JSON takes it: lists, dicts, no NaN or infinity."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

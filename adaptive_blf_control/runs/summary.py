@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run achieved, as numbers and as a table: the same for simulate, the demo and a bag."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.control.sets import JointInterval
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
+
+__all__ = ['SETTLED', 'Run', 'Truth', 'run_of_trace', 'settling_time', 'summarise', 'table']
+
+Truth = tuple[tuple[float, np.ndarray], ...]
+
+SETTLED = 0.01  # part of ‖θ*‖ under which ‖θ̃‖ counts as settled
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run as arrays.
+
+    Attributes:
+        joints: Joint names, length n.
+        parameters: Parameter names, length m.
+        t: Sample times of q and e1, shape (N,) [s].
+        q: Positions, shape (N, n) [rad].
+        e1: Tracking errors, shape (N, n) [rad].
+        t_theta: Times of the estimates, shape (K,) [s].
+        theta_hat: Estimates, shape (K, m).
+        rank: Rank of the history stack at the end.
+        sigma_min: σ_min of the history stack at the end.
+        safety: Safety set (7).
+        performance: Performance set (8).
+        q_unanswered: Positions the controller gave no answer to, shape (K, n) [rad]; they count
+            for the safety set.
+        truth: (t, θ*) from t [s] on, in ascending order from 0, where θ* is known.
+    """
+
+    joints: tuple[str, ...]
+    parameters: tuple[str, ...]
+    t: np.ndarray
+    q: np.ndarray
+    e1: np.ndarray
+    t_theta: np.ndarray
+    theta_hat: np.ndarray
+    rank: int
+    sigma_min: float
+    safety: JointInterval
+    performance: JointInterval
+    truth: Truth | None = None
+    q_unanswered: np.ndarray | None = None
+
+    def theta_true(self, t: np.ndarray) -> np.ndarray:
+        """Return θ* at the times ``t`` (K,) [s], shape (K, m); NaN where it is not known."""
+        if not self.truth:
+            return np.full((t.size, len(self.parameters)), np.nan)
+        epoch = np.searchsorted([start for start, _ in self.truth], t + 1e-9, side='right') - 1
+        return np.array([theta for _, theta in self.truth])[np.maximum(epoch, 0)]
+
+
+def run_of_trace(loop: ClosedLoop, trace: Trace) -> Run:
+    """Return a trace of the closed loop as a run to summarise."""
+    return Run(loop.arm.joints, loop.arm.parameters, trace.t, trace.q, trace.e1, trace.t,
+               trace.theta_hat, int(trace.rank[-1]), float(trace.sigma_min[-1]),
+               loop.controller.safety, loop.controller.performance,
+               loop.plant.truth(loop.arm.parameters))
+
+
+def settling_time(t: np.ndarray, error: np.ndarray, threshold: float) -> float | None:
+    """Return the first time [s] after which ``error`` stays under ``threshold``, or None."""
+    above = np.flatnonzero(~(error < threshold))
+    if above.size == 0:
+        return float(t[0])
+    return float(t[above[-1] + 1]) if above[-1] + 1 < t.size else None
+
+
+def _settling_times(run: Run, truth: Truth, error: np.ndarray) -> list[float | None]:
+    """Settling time in each epoch of θ*, from its start [s]."""
+    times: list[float | None] = []
+    for (start, theta), end in zip(truth, [*(t for t, _ in truth[1:]), np.inf]):
+        inside = (run.t_theta >= start - 1e-9) & (run.t_theta < end - 1e-9)
+        if inside.any():
+            times.append(settling_time(run.t_theta[inside] - start, error[inside],
+                                       SETTLED * float(np.linalg.norm(theta))))
+    return times
+
+
+def summarise(run: Run) -> dict[str, Any]:
+    """Return the figures of a run; per-joint values are lists in the order of the joints.
+
+    ``set_violations`` counts samples in which some joint is not strictly inside both sets,
+    ``min_margin`` is the smallest distance to either set's bound per joint [rad].
+    """
+    margin = np.minimum(run.safety.margin(run.q), run.performance.margin(run.e1))
+    unanswered = np.empty((0, len(run.joints))) if run.q_unanswered is None else run.q_unanswered
+    outside = int(np.count_nonzero(~(run.safety.margin(unanswered) > 0.0).all(axis=1)))
+    last = run.t >= run.t[0] + 0.75 * (run.t[-1] - run.t[0])
+    figures: dict[str, Any] = {
+        'joints': list(run.joints),
+        'duration_s': float(run.t[-1] - run.t[0]),
+        'samples': int(run.t.size),
+        'set_violations': int(np.count_nonzero(~(margin > 0.0).all(axis=1))) + outside,
+        'max_abs_error': np.abs(run.e1).max(axis=0).tolist(),
+        'rms_error': np.sqrt(np.mean(run.e1 ** 2, axis=0)).tolist(),
+        'rms_error_last_quarter': np.sqrt(np.mean(run.e1[last] ** 2, axis=0)).tolist(),
+        'min_margin': margin.min(axis=0).tolist(),
+        'theta_hat': dict(zip(run.parameters, run.theta_hat[-1].tolist())),
+        'theta_error_norm': None,
+        'theta_true_norm': None,
+        'theta_settling_time_s': None,
+        'theta_settling_times_s': [],
+        'history_rank': run.rank,
+        'history_sigma_min': run.sigma_min,
+    }
+    if run.truth:
+        true = run.theta_true(run.t_theta)
+        error = np.linalg.norm(run.theta_hat - true, axis=1)
+        figures['theta_error_norm'] = float(error[-1])
+        figures['theta_true_norm'] = float(np.linalg.norm(true[-1]))
+        times = figures['theta_settling_times_s'] = _settling_times(run, run.truth, error)
+        figures['theta_settling_time_s'] = times[0]
+    return figures
+
+
+def table(figures: dict[str, Any], run: Run) -> str:
+    """Return the figures as a short table a person reads."""
+    kept = figures['set_violations'] == 0
+    lines = [
+        f'safety and performance sets: {"KEPT" if kept else "LEFT"}'
+        + ('' if kept else f' in {figures["set_violations"]} of {figures["samples"]} samples')
+        + f'  ({figures["duration_s"]:.1f} s, {figures["samples"]} samples)',
+        '',
+        f'{"joint":<18}{"largest |e1|":>14}{"RMS e1":>12}{"RMS last 1/4":>14}'
+        f'{"error bound":>20}{"least margin":>14}   [rad]',
+    ]
+    for i, joint in enumerate(figures['joints']):
+        bound = f'{run.performance.lower[i]:+.3g} .. {run.performance.upper[i]:+.3g}'
+        lines.append(
+            f'{joint:<18}{figures["max_abs_error"][i]:>14.5f}{figures["rms_error"][i]:>12.2e}'
+            f'{figures["rms_error_last_quarter"][i]:>14.2e}{bound:>20}'
+            f'{figures["min_margin"][i]:>14.4f}')
+    lines.append('')
+    if run.truth:
+        settled = figures['theta_settling_times_s']
+        lines.append(
+            f'parameter error      {figures["theta_error_norm"]:.3g} of '
+            f'{figures["theta_true_norm"]:.3g} in norm; '
+            + f'within {SETTLED:.0%} ' + ', '.join(
+                ('after ' if not i else f'and {run.truth[i][0]:g} s: after ')
+                + ('not yet' if t is None else f'{t:.2f} s') for i, t in enumerate(settled)))
+    lines.append(f'history stack        rank {figures["history_rank"]} of {len(run.parameters)}, '
+                 f'σ_min {figures["history_sigma_min"]:.3g}')
+    return '\n'.join(lines)

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Waiting for the messages that answer a state: those that carry its stamp."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+import importlib
+import struct
+import threading
+import time
+from typing import Any
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from adaptive_blf_control.errors import BagError, BlfError
+from adaptive_blf_control.messages.cdr_cursor import HEADER_SIZE
+from adaptive_blf_control.runtime.direct_wait import (
+    DIRECT,
+    DirectChannel,
+    DirectWait,
+    PlainChannel,
+    PlainWait,
+)
+
+__all__ = ['Answers', 'NoAnswer', 'message_class', 'stamp_of']
+
+POLL = 0.01  # s between looks at the graph: discovery is no event that can be waited for
+LOOK = 0.05  # s, longest wait before a stop request is seen
+DEPTH = 100
+
+
+class NoAnswer(BlfError, TimeoutError):
+    """A state was not answered in time.
+
+    Attributes:
+        topic: Topic on which nobody spoke or listened.
+        stamp_ns: Stamp of the state [ns]; None where none was sent yet.
+    """
+
+    def __init__(self, topic: str, stamp_ns: int | None, what: str) -> None:
+        super().__init__(f'{topic}: {what}: is the identifier running with the same joint names '
+                         'and namespace?')
+        self.topic = topic
+        self.stamp_ns = stamp_ns
+
+
+def stamp_of(data: bytes) -> int | None:
+    """Return ``header.stamp`` [ns] of a message that begins with a Header, as CDR bytes.
+
+    None where the bytes are too few or no plain CDR.
+    """
+    order = {b'\0\1': '<', b'\0\0': '>'}.get(data[:2])
+    if order is None or len(data) < HEADER_SIZE + 8:
+        return None
+    sec, nanosec = struct.unpack_from(f'{order}iI', data, HEADER_SIZE)
+    return int(sec) * 10**9 + int(nanosec)
+
+
+def message_class(type_name: str) -> Any:
+    """Return the class of a message type, e.g. ``sensor_msgs/msg/JointState``.
+
+    Raises:
+        BagError: it is not installed here.
+    """
+    package, _, name = type_name.partition('/msg/')
+    try:
+        return getattr(importlib.import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError, ValueError):
+        raise BagError(f'message type {type_name!r} is not installed here') from None
+
+
+class Answers:
+    """Topics on which a state is answered by a message of the same stamp.
+
+    Attributes:
+        topics: Their names.
+        stop: Ends every wait once it is set.
+    """
+
+    def __init__(self, node: Node, topics: Sequence[str], stop: threading.Event) -> None:
+        """Subscribe to nothing yet: see :meth:`discover`."""
+        self.topics = tuple(topics)
+        self.stop = stop
+        self._node = node
+        self._channels: dict[str, DirectChannel | PlainChannel] = {}
+        self._heard: dict[str, set[int | None]] = {}
+        self._wait: DirectWait | PlainWait | None = None
+
+    def discover(self, timeout: float) -> None:
+        """Subscribe to each topic once somebody publishes it, with the type found there.
+
+        Calling it again does nothing.
+
+        Raises:
+            NoAnswer: nobody does within ``timeout`` [s].
+            BagError: its type is not known here, or has no header.
+        """
+        give_up = time.monotonic() + timeout
+        if self._wait is not None:
+            return
+        for topic in self.topics:
+            while topic not in self._channels and not self.stop.is_set():
+                if found := self._node.get_publishers_info_by_topic(topic):
+                    self._subscribe(topic, found[0].topic_type, found)
+                else:
+                    self._pause(topic, timeout, give_up)
+        for topic, channel in self._channels.items():
+            while channel.subscription.get_publisher_count() == 0 and not self.stop.is_set():
+                self._pause(topic, timeout, give_up)
+        if not self.stop.is_set():
+            self._wait = self._new_wait()
+
+    def _new_wait(self) -> DirectWait | PlainWait:
+        context = self._node.context
+        if DIRECT:
+            return DirectWait([entry.subscription for entry in self._channels.values()], context)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(self._node)
+        return PlainWait(executor)
+
+    def _pause(self, topic: str, timeout: float, give_up: float) -> None:
+        if time.monotonic() >= give_up:
+            raise NoAnswer(topic, None, f'nobody publishes it within {timeout:g} s')
+        self.stop.wait(POLL)
+
+    def _subscribe(self, topic: str, type_name: str, publishers: Sequence[Any]) -> None:
+        kind = message_class(type_name)
+        fields = list(kind.get_fields_and_field_types().values())
+        if fields[:1] != ['std_msgs/Header']:
+            raise BagError(f'{topic} has type {type_name!r}: expected one that begins with a '
+                           'header, whose stamp tells which state it answers')
+        qos = QoSProfile(depth=DEPTH)
+        if any(publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+               for publisher in publishers):
+            qos.reliability = ReliabilityPolicy.BEST_EFFORT
+        self._heard[topic] = set()
+        self._channels[topic] = (DirectChannel if DIRECT else PlainChannel)(
+            self._node, kind, topic, qos)
+
+    def forget(self) -> None:
+        """Forget what was heard so far: the next answer is one to what is sent next."""
+        self._take()
+        for stamps in self._heard.values():
+            stamps.clear()
+
+    def wait(self, stamp_ns: int, timeout: float) -> list[str]:
+        """Wait at most ``timeout`` [s]; return the topics that have not answered ``stamp_ns``."""
+        give_up = time.monotonic() + timeout
+        while True:
+            self._take()
+            missing = [topic for topic, stamps in self._heard.items() if stamp_ns not in stamps]
+            left = give_up - time.monotonic()
+            if not missing or left <= 0.0 or self._wait is None or self.stop.is_set():
+                return missing
+            self._wait.wait(min(left, LOOK))
+
+    def _take(self) -> None:
+        for topic, channel in self._channels.items():
+            channel.take(partial(_note, self._heard[topic]))
+
+
+def _note(stamps: set[int | None], data: bytes, _: dict[str, int]) -> None:
+    stamps.add(stamp_of(data))

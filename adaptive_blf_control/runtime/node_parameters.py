@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Declare a node's table with ROS: descriptors, ranges, validation at start and while running."""
+
+from __future__ import annotations
+
+import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterType,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+import yaml
+
+from adaptive_blf_control.configuration.node_tables import TABLES
+from adaptive_blf_control.configuration.parameter_file import (
+    known_elsewhere,
+    load_yaml,
+    node_values,
+    ROS_OWN,
+)
+from adaptive_blf_control.errors import BlfError, ParameterError
+from adaptive_blf_control.parameters.table import Parameter, per_joint, validated
+from adaptive_blf_control.runtime.direct_wait import overrides_of
+
+__all__ = ['check_files', 'declare', 'descriptor', 'explain_files', 'on_change', 'refuse_untyped']
+
+ROS_TYPES = {
+    'bool': ParameterType.PARAMETER_BOOL,
+    'int': ParameterType.PARAMETER_INTEGER,
+    'double': ParameterType.PARAMETER_DOUBLE,
+    'string': ParameterType.PARAMETER_STRING,
+    'double_array': ParameterType.PARAMETER_DOUBLE_ARRAY,
+    'string_array': ParameterType.PARAMETER_STRING_ARRAY,
+}
+SIM_TIME = 'use_sim_time'  # rclpy's own, and writable there
+LARGEST_INT = 2**31 - 1  # rqt's sliders hold no more
+
+
+def descriptor(parameter: Parameter) -> ParameterDescriptor:
+    """Return the ROS descriptor of a declaration: text, unit, range, read-only."""
+    message = ParameterDescriptor(name=parameter.name, type=ROS_TYPES[parameter.kind],
+                                  read_only=parameter.read_only)
+    unit = f' [{parameter.unit}]' if parameter.unit else ''
+    message.description = parameter.description + unit
+    message.additional_constraints = ', '.join(filter(None, [
+        parameter.range_text(),
+        f'one of {", ".join(parameter.choices)}' if parameter.choices else '',
+        f'length 1 or one for each of the {parameter.length}'
+        if isinstance(parameter.length, str) else '']))
+    low, high = parameter.minimum, parameter.maximum
+    # Ranges apply to scalars only; arrays are checked by our own validation.
+    if parameter.kind == 'double' and (low is not None or high is not None):
+        message.floating_point_range = [FloatingPointRange(
+            from_value=float(-math.inf if low is None else low),
+            to_value=float(math.inf if high is None else high), step=0.0)]
+    if parameter.kind == 'int' and (low is not None or high is not None):
+        message.integer_range = [IntegerRange(
+            from_value=int(-LARGEST_INT if low is None else low),
+            to_value=int(LARGEST_INT if high is None else high), step=1)]
+    return message
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, (array.array, tuple)) else value
+
+
+def declare(node: Node, kind: str) -> dict[str, Any]:
+    """Declare the table of node kind ``kind`` and return its validated values.
+
+    The node has to be made with ``automatically_declare_parameters_from_overrides=True``, so that
+    everything it was given is visible here and a misspelt name is refused rather than ignored.
+
+    Raises:
+        ParameterError: names the parameter, the value and what is expected.
+    """
+    given = {name: _plain(parameter.value)
+             for name, parameter in node.get_parameters_by_prefix('').items()
+             if not name.startswith(ROS_OWN)}
+    for name in [n for n in given if known_elsewhere(n, kind)]:
+        node.undeclare_parameter(name)  # from a shared section, meant for other nodes
+        del given[name]
+    table = per_joint(TABLES[kind], given.get('joints') or _default_joints(kind))
+    values = validated(table.values(), given, node.get_name(), _sizes(table, given))
+    for name, parameter in table.items():
+        if name in given:
+            node.set_descriptor(name, descriptor(parameter))
+        else:
+            node.declare_parameter(name, values[name], descriptor(parameter))
+    return values
+
+
+def _default_joints(kind: str) -> list[str]:
+    return next((list(p.default) for p in TABLES[kind]  # type: ignore[arg-type]
+                 if p.name == 'joints'), [])
+
+
+def _sizes(table: Mapping[str, Parameter], given: Mapping[str, Any]) -> dict[str, int]:
+    if 'joints' not in table:
+        return {}
+    joints = given.get('joints', table['joints'].default)
+    return {'joints': len(joints)} if isinstance(joints, list) else {}
+
+
+def on_change(node: Node, kind: str, values: dict[str, Any],
+              apply: Callable[[dict[str, Any], set[str]], None]) -> None:
+    """Validate every set request as a whole and hand the new values to ``apply``.
+
+    ``apply`` gets all values and the names of those that change. It raises a BlfError to refuse;
+    then nothing is changed and the reason is returned. Several parameters of one atomic request
+    are accepted or refused together.
+    """
+    table = per_joint(TABLES[kind], values.get('joints', []))
+
+    def changed(parameters: Sequence[RosParameter]) -> SetParametersResult:
+        new = {p.name: _plain(p.value) for p in parameters if p.name in table}
+        if any(p.name == SIM_TIME and p.value != node.get_parameter(SIM_TIME).value
+               for p in parameters):
+            return SetParametersResult(successful=False, reason=(
+                f'{SIM_TIME} is read-only while the node runs: start it with the other value'))
+        if not new:
+            return SetParametersResult(successful=True)
+        try:
+            candidate = validated(table.values(), {**values, **new}, node.get_name(),
+                                  _sizes(table, values))
+            apply(candidate, {name for name in new if new[name] != values[name]})
+        except BlfError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(changed)
+
+
+def refuse_untyped(node: Node, kind: str) -> None:
+    """Raise ParameterError for a given value that has no type in ROS: an empty list."""
+    for name, parameter in overrides_of(node).items():
+        if parameter.type_ == RosParameter.Type.NOT_SET:
+            raise ParameterError(f'{kind}.{name}', [],
+                                 'at least one element: an empty list has no type in ROS')
+
+
+def check_files(args: Sequence[str]) -> None:
+    """Raise ParameterError for a parameter file that is not a YAML mapping.
+
+    ROS would take a file of other content for an empty one, and the node would run on defaults.
+    """
+    for path in _files(args):
+        try:
+            content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError):
+            content = None
+        if not isinstance(content, dict):
+            load_yaml(path)  # names file, line and reason
+
+
+def explain_files(args: Sequence[str], kind: str) -> None:
+    """Raise ParameterError for what our own reader finds wrong with the parameter files.
+
+    Only for files that ROS has refused: its message has the line at best, this one has name,
+    value and what is expected.
+    """
+    for path in _files(args):
+        node_values(load_yaml(path), kind)
+
+
+def _files(args: Sequence[str]) -> Iterator[str]:
+    return (path for flag, path in zip(args, args[1:]) if flag == '--params-file')

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The four nodes, or others, as processes on this host, in a DDS domain of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import TypeVar
+
+from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.runtime.domain import own_domain
+
+__all__ = ['FAST_DISCOVERY', 'NODES', 'NodeProcesses', 'Processes', 'scenario']
+
+NODES = ('recorder', 'identifier', 'controller', 'arm_driver')
+Self = TypeVar('Self', bound='Processes')
+GRACE = 15.0  # s for a node to end
+PATIENCE = 90.0  # s until the arm has to move: the first run compiles the laws
+
+# Announce endpoints often at the start, so that four nodes meet within half a second.
+FAST_DISCOVERY = """<?xml version="1.0" encoding="UTF-8" ?>
+<profiles xmlns="http://www.eprosima.com">
+  <participant profile_name="local" is_default_profile="true">
+    <rtps><builtin><discovery_config>
+      <leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
+      <initialAnnouncements>
+        <count>20</count><period><sec>0</sec><nanosec>200000000</nanosec></period>
+      </initialAnnouncements>
+    </discovery_config></builtin></rtps>
+  </participant>
+</profiles>
+"""
+
+
+def scenario(name: str) -> Path:
+    """Find ``config/<name>`` in the source tree or in an installed share folder."""
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package.parent / 'config',
+                   Path(sys.prefix) / 'share/adaptive_blf_control/config',
+                   *(Path(prefix) / 'share/adaptive_blf_control/config'
+                     for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':') if prefix)):
+        if (folder / name).is_file():
+            return folder / name
+    return Path('config') / name
+
+
+def _wanted_domain() -> int | None:
+    """Return ROS_DOMAIN_ID, None where it is not set; BlfError where it is not a domain id."""
+    text = os.environ.get('ROS_DOMAIN_ID', '')
+    if not text:
+        return None
+    if not text.isdecimal() or int(text) > 232:
+        raise BlfError(f'ROS_DOMAIN_ID is {text!r}: expected 0 to 232')
+    return int(text)
+
+
+def _leave(number: int, _: object) -> None:
+    raise SystemExit(128 + number)
+
+
+class Processes:
+    """Some processes; leaving the context ends every one of them.
+
+    The last one ends by itself when the work is done, the others when they are interrupted.
+
+    Attributes:
+        domain: Their DDS domain: ROS_DOMAIN_ID, or another where that is not set or in use by
+            another run.
+        processes: The processes by name, in the order of their start.
+    """
+
+    def __init__(self, commands: Mapping[str, Sequence[str]], output: Path) -> None:
+        """Start them.
+
+        Args:
+            commands: Arguments for this Python by the name of the process.
+            output: Folder for what they print; absolute.
+
+        Raises:
+            BlfError: no DDS domain is free.
+        """
+        self._stack = ExitStack()
+        self.domain = self._stack.enter_context(own_domain(_wanted_domain()))
+        environment = self._environment(output)
+        # Appended to: reading a log moves the position its process shares.
+        self.logs = {name: (output / f'{name}.txt').open('a+b') for name in commands}
+        self.processes = {
+            name: subprocess.Popen([sys.executable, *command], env=environment,
+                                   stdout=self.logs[name], stderr=subprocess.STDOUT)
+            for name, command in commands.items()}
+
+    def _environment(self, output: Path) -> dict[str, str]:
+        """Keep the nodes on this host, in their domain, with quick discovery."""
+        profile = output / 'fast_discovery.xml'
+        profile.write_text(FAST_DISCOVERY, encoding='utf-8')
+        return {**os.environ,
+                'ROS_DOMAIN_ID': str(self.domain),
+                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile),
+                'ROS_LOG_DIR': str(output / 'log')}
+
+    def __enter__(self: Self) -> Self:
+        """Return the running processes; from here on SIGTERM winds them down, too."""
+        self._before = signal.signal(signal.SIGTERM, _leave)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End what still runs, the first that was started last, and give the domain back."""
+        signal.signal(signal.SIGTERM, self._before)
+        leader = list(self.processes.values())[-1]
+        if leader.poll() is None:
+            leader.send_signal(signal.SIGINT)
+        self.end()
+        for process in self.processes.values():
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+        for log in self.logs.values():
+            log.close()
+        self._stack.close()
+
+    def failed(self) -> list[str]:
+        """Names of the processes that ended with an error."""
+        return [name for name, process in self.processes.items() if process.poll()]
+
+    def text(self, name: str) -> str:
+        """What a process printed."""
+        self.logs[name].seek(0)
+        return self.logs[name].read().decode(errors='replace')
+
+    def end(self) -> list[str]:
+        """Interrupt all but the last, in reverse order; return those that ended badly."""
+        for process in list(self.processes.values())[-2::-1]:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+                try:
+                    process.wait(GRACE)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()
+        return [name for name, process in self.processes.items() if process.returncode != 0]
+
+
+class NodeProcesses(Processes):
+    """The four processes; the driver ends by itself, the recorder is interrupted last."""
+
+    def __init__(self, config: Path, duration: float, output: Path,
+                 settings: Mapping[str, Sequence[str]] | None = None) -> None:
+        """Start recorder, identifier, controller and driver.
+
+        Args:
+            config: Parameter file for all of them.
+            duration: How long the arm moves [s].
+            output: Folder for the bag and the nodes' output; absolute.
+            settings: More parameters by node, each as ``NAME:=VALUE``.
+
+        Raises:
+            BlfError: no DDS domain is free.
+        """
+        extra = {'recorder': [f'bag:={output / "bag"}'],
+                 'identifier': [f'estimate_file:={output / "theta_hat.yaml"}'],
+                 'arm_driver': [f'duration:={duration}',
+                                f'wait_for_subscribers:={len(NODES) - 1}']}
+        commands: dict[str, list[str]] = {}
+        for name in NODES:
+            commands[name] = ['-m', 'adaptive_blf_control', name, '--ros-args',
+                              '--params-file', str(config)]
+            for setting in [*extra.get(name, []), *(settings or {}).get(name, [])]:
+                # With the node's name: a plain -p goes to /**, which the file's own section beats.
+                commands[name] += ['-p', f'{name}:{setting}']
+        self.duration = duration
+        super().__init__(commands, output)
+
+    def until_done(self, look: Callable[[float | None], None], period: float) -> list[str]:
+        """Wait until the driver has ended; return the nodes that failed meanwhile.
+
+        Args:
+            look: Called every ``period`` [s] with how long the arm has moved [s], None before.
+            period: At most this long between two looks [s].
+        """
+        driver = self.processes['arm_driver']
+        begin = time.monotonic()
+        moving: float | None = None
+        while driver.poll() is None:
+            bad, now = self.failed(), time.monotonic()
+            if bad or now - begin > PATIENCE + 1.5 * self.duration:
+                return bad or ['arm_driver']
+            if moving is None and 'motion begins' in self.text('controller'):
+                moving = now
+            look(None if moving is None else now - moving)
+            with suppress(subprocess.TimeoutExpired):
+                driver.wait(period)
+        return self.failed()

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The arm of a node: from its parameters, the URDF from a file or from a topic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import time
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.configuration.build import build_arm
+from adaptive_blf_control.errors import ArmError, BagError
+from adaptive_blf_control.messages.cdr_cursor import Cursor
+from adaptive_blf_control.runtime.data_node import DataNode
+from adaptive_blf_control.runtime.direct_wait import DataGroup, take_all
+
+__all__ = ['arm_from', 'arm_of']
+
+PATIENCE = 10.0  # s
+POLL = 0.01  # s
+
+
+def arm_of(node: DataNode) -> Arm:
+    """Build the arm a node's parameters describe.
+
+    With ``urdf: topic:NAME`` the text is received from that (transient local) topic; ArmError
+    where none arrives within ``PATIENCE``.
+    """
+    source = str(node.values['urdf'])
+    if node.values['arm'] != 'urdf' or not source.startswith('topic:'):
+        return build_arm(node.values)
+    topic = source.removeprefix('topic:')
+    received: list[bytes] = []
+    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    # Taken by hand: a lifecycle request that asks for this holds the node's executor.
+    subscription = node.create_subscription(String, topic, lambda _: None, qos,
+                                            callback_group=DataGroup(), raw=True)
+    give_up = time.monotonic() + PATIENCE
+    while time.monotonic() < give_up and node.up:
+        if take_all(subscription, lambda data, _: received.append(data)):
+            break
+        time.sleep(POLL)
+    node.destroy_subscription(subscription)
+    if not received and not node.up:
+        raise ArmError(f'asked to stop before a URDF arrived on topic {topic!r}')
+    if not received:
+        raise ArmError(f'no URDF arrived on topic {topic!r} within {PATIENCE:g} s')
+    return arm_from(received[-1], topic, node.values)
+
+
+def arm_from(data: bytes, topic: str, values: Mapping[str, Any]) -> Arm:
+    """Build the arm from a std_msgs/String as CDR; ArmError where it holds no usable URDF."""
+    try:
+        text = Cursor(data, 'String').string('data')
+    except BagError as error:
+        raise ArmError(f'topic {topic!r}: {error}') from None
+    return build_arm(values, text)
