@@ -16,10 +16,11 @@ from typing import Any
 from adaptive_blf_control.bench.comparison import FIXED, LAWS, run_law
 from adaptive_blf_control.bench.law_figures import COLUMNS, law_figures, markdown_row
 from adaptive_blf_control.command_line import seconds
+from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,
     load_yaml,
-    node_values,
+    node_settings,
 )
 from adaptive_blf_control.errors import BlfError
 
@@ -45,7 +46,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _compare(config: Path, options: argparse.Namespace) -> dict[str, Any]:
     data = apply_settings(load_yaml(config), options.settings)
-    duration = options.duration or node_values(data, 'arm_driver')['duration'] or 20.0
+    duration = options.duration or node_settings(data, DriverSettings).duration or 20.0
     if not options.json:
         print(f'## {config.stem}, {duration:g} s\n\n| {" | ".join(COLUMNS)} |\n'
               + '|---' * len(COLUMNS) + '|', flush=True)

@@ -82,17 +82,18 @@ def window_samples(loop: ClosedLoop) -> int:
 
     A mean over Δ passes as much white noise as a first-order filter with time constant Δ/2.
     """
-    settings = loop.identifier.settings
-    memory = settings.time_constant + settings.state_order * settings.state_time_constant
+    memory = loop.identifier.settings.filter.memory
     return int(round(max(2.0 * memory, WINDOW_LEAST) / loop.period))
 
 
 def _integral_cl(loop: ClosedLoop, filtered: bool = False) -> Law:
     settings, arm = loop.identifier.settings, loop.arm
-    stack = HistoryStack(arm.n, arm.m, settings.size, settings.epsilon, settings.minimum_growth)
+    stack = HistoryStack(arm.n, arm.m, settings.history.size, settings.history.epsilon,
+                         settings.history.minimum_growth)
     state_filter = None
-    if filtered and settings.state_order:
-        state_filter = StateFilter(settings.state_order, settings.state_time_constant)
+    if filtered and settings.filter.state_order:
+        state_filter = StateFilter(settings.filter.state_order,
+                                   settings.filter.state_time_constant)
     return IntegralConcurrentLearning(
         arm, loop.controller.reference, gains_like(loop.controller),
         SLOTINE_LI_GAMMA * settings.gamma, settings.initial_estimate,

@@ -160,7 +160,8 @@ def _filters(folder: Path) -> None:
 def _gate(limit: float) -> Change:
     def change(loop: ClosedLoop) -> None:
         settings, arm = loop.identifier.settings, loop.arm
-        loop.identifier.stack = GatedStack(arm.n, arm.m, settings.size, settings.epsilon, limit)
+        loop.identifier.stack = GatedStack(arm.n, arm.m, settings.history.size,
+                                           settings.history.epsilon, limit)
     return change
 
 

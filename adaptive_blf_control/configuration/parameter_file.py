@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
-from adaptive_blf_control.configuration.node_tables import TABLES
+from adaptive_blf_control.configuration.node_settings import NODE_SETTINGS, RuntimeSettings, TABLES
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.table import (
     JOINT,
@@ -25,9 +25,10 @@ from adaptive_blf_control.parameters.table import (
 )
 
 __all__ = ['PARAMETERS_KEY', 'ROS_OWN', 'apply_settings', 'given_values', 'known_elsewhere',
-           'load_yaml', 'node_values']
+           'load_yaml', 'node_settings', 'node_values']
 
 
+Kind = TypeVar('Kind', bound=RuntimeSettings)
 PARAMETERS_KEY = 'ros__parameters'  # a run's parameter file in a bag's custom_data
 # What ROS itself declares on every node; accepted everywhere, used by nothing here.
 ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
@@ -109,8 +110,18 @@ def _knows(table: tuple[Parameter, ...], name: str, joints: list[str]) -> bool:
         p.name.split(JOINT)[0] == name.split('.')[0] + '.' and JOINT in p.name for p in table)
 
 
+def node_settings(data: Mapping[str, Any], kind: type[Kind]) -> Kind:
+    """Return the settings of one kind of node from a parameter file, e.g. `DriverSettings`.
+
+    Raises:
+        ParameterError: names the parameter, the value and what is expected.
+    """
+    node = next(name for name, cls in NODE_SETTINGS.items() if cls is kind)
+    return kind.from_values(node_values(data, node))
+
+
 def node_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
-    """Return all validated parameters of one node from a parameter file."""
+    """Return all validated parameters of one node from a parameter file, by name."""
     given = given_values(data, node)
     given = {name: value for name, value in given.items() if not name.startswith(ROS_OWN)}
     table = per_joint(TABLES[node], _joints(data, node))

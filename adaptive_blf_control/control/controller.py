@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,42 +26,12 @@ from adaptive_blf_control.control.sets import (
     GrowingBounds,
     JointInterval,
 )
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.control.settings import ControllerSettings
 
-__all__ = ['COUPLINGS', 'Controller', 'ControllerSettings', 'ControlOutput', 'sampling_model',
+__all__ = ['Controller', 'ControlOutput', 'sampling_model',
            'sampling_number']
 
-COUPLINGS = ('per_joint', 'pseudoinverse')
 FIRST_INTERVAL = 1e-3  # s that the first torque of a motion may have taken to rise from zero
-
-
-@dataclass(frozen=True)
-class ControllerSettings:
-    """Gains and limits of the law; every array has shape (n,).
-
-    Attributes:
-        k1: Gains of the stabilising function (27) [1/(s·rad⁴)].
-        k2: Gains on e2 [N·m·s/rad].
-        torque_limit: Largest torque [N·m], > 0; the law is clipped to ± this.
-        torque_rate_limit: Largest change of the torque [N·m/s], > 0.
-        coupling: ``per_joint`` (smooth) or ``pseudoinverse`` (the paper's).
-    """
-
-    k1: np.ndarray
-    k2: np.ndarray
-    torque_limit: np.ndarray
-    torque_rate_limit: np.ndarray
-    coupling: str = 'per_joint'
-
-    def __post_init__(self) -> None:
-        """Check signs and names; ParameterError names the gain."""
-        for name in ('k1', 'k2', 'torque_limit', 'torque_rate_limit'):
-            value = np.array(getattr(self, name), dtype=float)
-            if not (np.all(np.isfinite(value)) and np.all(value > 0.0)):
-                raise ParameterError(f'controller.{name}', value.tolist(), 'values > 0')
-            object.__setattr__(self, name, value)
-        if self.coupling not in COUPLINGS:
-            raise ParameterError('controller.coupling', self.coupling, f'one of {list(COUPLINGS)}')
 
 
 class ControlOutput(NamedTuple):
@@ -96,6 +65,20 @@ class ControlOutput(NamedTuple):
         return self.torque != self.wanted
 
 
+class _Gains(NamedTuple):
+    """The arrays of the settings as the law takes them: writable, as it is compiled for those."""
+
+    k1: np.ndarray
+    k2: np.ndarray
+    torque_limit: np.ndarray
+    torque_rate_limit: np.ndarray
+
+    @classmethod
+    def of(cls, settings: ControllerSettings) -> _Gains:
+        """Copy them out of the settings."""
+        return cls(*(getattr(settings, name).copy() for name in cls._fields))
+
+
 class _Sets(NamedTuple):
     """What of a controller keeps the arm where it belongs, checked together."""
 
@@ -126,11 +109,15 @@ class Controller:
         the motion may begin anywhere inside the safety set.
         """
         self.arm = arm
-        self.settings = settings
+        self._tune(settings)
         self._last_torque = np.zeros(arm.n)
         self._last_t: float | None = None
         self._smooth_start = reference if isinstance(reference, SmoothStart) else None
         self._take(self._checked(0.0, safety, performance, reference))
+
+    def _tune(self, settings: ControllerSettings) -> None:
+        self.settings = settings.resolved(joints=self.arm.n)
+        self._gains = _Gains.of(self.settings)
 
     def _checked(self, t: float, safety: JointInterval, performance: JointInterval,
                  reference: Reference) -> _Sets:
@@ -179,6 +166,8 @@ class Controller:
             ParameterError: a value cannot be used.
         """
         joints = self.arm.joints
+        if settings is not None:
+            settings = settings.resolved(joints=self.arm.n)
         follow = settled(self.reference, t)
         if reference is not None and blend_time != 0.0:
             follow = Crossfade(follow, settled(reference, t), t, blend_time)
@@ -197,7 +186,8 @@ class Controller:
                 check_inside(bounds.lower, bounds.upper, q - follow.at(t).position, joints,
                              'present error outside the new performance set')
             self._take(sets)
-        self.settings = settings or self.settings
+        if settings is not None:
+            self._tune(settings)
 
     def update(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray) -> ControlOutput:
         """Compute the torque for the sample taken at ``t`` [s] since the start of the motion.
@@ -208,16 +198,16 @@ class Controller:
             qd: Measured velocities, shape (n,) [rad/s].
             theta: Parameter estimate θ̂, shape (m,).
         """
-        settings = self.settings
+        gains = self._gains
         point, bounds = self.reference.at(t), self._bounds.at(t)
         e1, e2, alpha, alpha_dot, b = growing_errors(
             q, qd, point.position, point.velocity, point.acceleration, bounds.lower, bounds.upper,
-            bounds.lower_rate, bounds.upper_rate, settings.k1)
+            bounds.lower_rate, bounds.upper_rate, gains.k1)
         x = self.arm.X(q, qd, alpha, alpha_dot)
         dt = FIRST_INTERVAL if self._last_t is None else t - self._last_t
-        tau, wanted, term = answer(x, theta, settings.k2, e1, e2, b,
-                                   settings.coupling == 'per_joint', settings.torque_limit,
-                                   self._last_torque, settings.torque_rate_limit, dt)
+        tau, wanted, term = answer(x, theta, gains.k2, e1, e2, b,
+                                   self.settings.coupling == 'per_joint', gains.torque_limit,
+                                   self._last_torque, gains.torque_rate_limit, dt)
         self._last_torque, self._last_t = tau, t
         return ControlOutput(tau, term, e1, e2, point, x, b, wanted, bounds)
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 import math
 from typing import NamedTuple
 
@@ -11,7 +10,6 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.compiled import all_finite, jit
-from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor
 from adaptive_blf_control.identification.excitation import Excitation
 from adaptive_blf_control.identification.history_stack import HistoryStack
@@ -70,21 +68,18 @@ class Identifier:
 
     def __init__(self, arm: Arm, settings: IdentifierSettings) -> None:
         """Start from ``settings.initial_estimate`` with an empty stack."""
-        for name in ('initial_estimate', 'gamma'):
-            values = getattr(settings, name)
-            if values.shape != (arm.m,):
-                raise ParameterError(f'identifier.{name}', values.tolist(), f'{arm.m} values')
+        settings = settings.resolved(joints=arm.n, parameters=arm.m)
         self.arm = arm
-        self._settings = settings
+        self._take(settings)
         self.theta = settings.initial_estimate.copy()
-        self.stack = HistoryStack(arm.n, arm.m, settings.size, settings.epsilon,
-                                  settings.minimum_growth)
-        self._filter = TorqueFilter(arm.n, arm.m, settings.time_constant, settings.gap)
-        self._state_filter = StateFilter(settings.state_order, settings.state_time_constant
-                                         ) if settings.state_order else None
-        self.monitor = ChangeMonitor(arm.n, settings.change_window, settings.change_threshold,
-                                     settings.change_resolution)
-        self._excitation = Excitation(arm.m, settings.excitation_window)
+        self.stack = HistoryStack(arm.n, arm.m, settings.history.size, settings.history.epsilon,
+                                  settings.history.minimum_growth)
+        self._filter = TorqueFilter(arm.n, arm.m, settings.filter.time_constant,
+                                    settings.filter.gap)
+        self._state_filter = _state_filter(settings)
+        self.monitor = ChangeMonitor(arm.n, settings.change.window, settings.change.threshold,
+                                     settings.change.resolution)
+        self._excitation = Excitation(arm.m, settings.excitation.window)
         self._noisy = self._new_noisy_history()
         self._no_term = np.zeros(arm.m)
         self._t: float | None = None
@@ -92,6 +87,10 @@ class Identifier:
         self.restarts = 0
         self.dropped = {'not finite': 0, 'too large': 0, 'stamp repeated': 0,
                         'stamp went back': 0}
+
+    def _take(self, settings: IdentifierSettings) -> None:
+        self._settings = settings
+        self._gamma = settings.gamma.copy()  # writable, as the update law is compiled for it
 
     @property
     def settings(self) -> IdentifierSettings:
@@ -112,21 +111,22 @@ class Identifier:
             ParameterError: a value cannot be used; nothing has changed.
         """
         old = self._settings
-        settings = replace(settings, initial_estimate=old.initial_estimate)
+        settings = settings.replace(initial_estimate=old.initial_estimate)
         fresh = Identifier(self.arm, settings)  # checks every value before anything changes
-        self._settings = settings
-        self._filter.retune(settings.time_constant, settings.gap)
-        self.monitor.retune(settings.change_window, settings.change_threshold,
-                            settings.change_resolution)
-        self.stack.retune(settings.size, settings.epsilon, settings.minimum_growth)
-        if settings.excitation_window != old.excitation_window:
+        self._take(fresh.settings)
+        self._filter.retune(settings.filter.time_constant, settings.filter.gap)
+        self.monitor.retune(settings.change.window, settings.change.threshold,
+                            settings.change.resolution)
+        history, before = settings.history, old.history
+        self.stack.retune(history.size, history.epsilon, history.minimum_growth)
+        if settings.excitation.window != old.excitation.window:
             self._excitation = fresh._excitation
-        if (settings.noise, settings.noise_seed) != (old.noise, old.noise_seed):
+        if (history.noise, history.noise_seed) != (before.noise, before.noise_seed):
             self._noisy = fresh._noisy if self.stack.rank < self.arm.m else None
         elif self._noisy is not None:
-            self._noisy.stack.retune(settings.size, settings.epsilon, settings.minimum_growth)
-        if ((settings.state_order, settings.state_time_constant)
-                != (old.state_order, old.state_time_constant)):
+            self._noisy.stack.retune(history.size, history.epsilon, history.minimum_growth)
+        if ((settings.filter.state_order, settings.filter.state_time_constant)
+                != (old.filter.state_order, old.filter.state_time_constant)):
             self._state_filter = fresh._state_filter
             self._reset_filters()
 
@@ -138,12 +138,13 @@ class Identifier:
 
     def warm_up(self) -> None:
         """Compile everything that runs, or may be switched on, on throw-away identifiers."""
-        settings = replace(self.settings, size=self.arm.m, settle=0.0, gap=1.0,
-                           change_window=max(self.settings.change_window, 1e-3),
-                           excitation_window=max(self.settings.excitation_window, 1e-3))
+        settings = self.settings.replace(**{
+            'history.size': self.arm.m, 'filter.settle': 0.0, 'filter.gap': 1.0,
+            'change.window': max(self.settings.change.window, 1e-3),
+            'excitation.window': max(self.settings.excitation.window, 1e-3)})
         random = np.random.default_rng(0)
-        for order in {0, 2, settings.state_order}:
-            spare = Identifier(self.arm, replace(settings, state_order=order))
+        for order in {0, 2, settings.filter.state_order}:
+            spare = Identifier(self.arm, settings.replace(**{'filter.state_order': order}))
             for k in range(spare.stack.size + 5):
                 q, qd, tau = random.normal(size=(3, self.arm.n))
                 spare.update(k * 1e-3, q, qd, tau)
@@ -165,10 +166,9 @@ class Identifier:
 
     @property
     def settled(self) -> bool:
-        """Whether the filter has forgotten its start (see ``settings.settle``)."""
-        settings = self.settings
-        memory = settings.time_constant + settings.state_order * settings.state_time_constant
-        return self._age >= settings.settle * memory
+        """Whether the filter has forgotten its start (see ``settings.filter.settle``)."""
+        settings = self.settings.filter
+        return self._age >= settings.settle * settings.memory
 
     def restart(self) -> None:
         """Start the filter anew with the next sample; θ̂ and the stack stay."""
@@ -188,11 +188,11 @@ class Identifier:
         self.monitor.reset()
 
     def _new_noisy_history(self) -> NoisyHistory | None:
-        settings = self.settings
-        if settings.noise == 0.0:
+        history = self.settings.history
+        if history.noise == 0.0:
             return None
-        return NoisyHistory(self.arm.n, self.arm.m, settings.size, settings.epsilon,
-                            settings.noise, settings.noise_seed)
+        return NoisyHistory(self.arm.n, self.arm.m, history.size, history.epsilon, history.noise,
+                            history.noise_seed)
 
     def observe(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> float:
         """Filter one sample without learning from it.
@@ -211,11 +211,11 @@ class Identifier:
             return 0.0
         dt = 0.0 if self._t is None else t - self._t
         if self._t is not None and dt <= 0.0:
-            if dt > -self.settings.gap:
+            if dt > -self.settings.filter.gap:
                 self.dropped['stamp repeated' if dt == 0.0 else 'stamp went back'] += 1
                 return 0.0
             self._reset_filters()  # the clock jumped back: begin again on the new one
-        elif dt > self.settings.gap:
+        elif dt > self.settings.filter.gap:
             self._reset_filters()
         self._t = t
         if self._state_filter is not None:
@@ -266,7 +266,7 @@ class Identifier:
         """Let go of the recorded pairs when they contradict present data."""
         stack = self.stack
         whole = stack.full and not stack.shrinking and stack.rank == self.arm.m
-        if self.settings.change_window > 0.0 and whole:
+        if self.settings.change.window > 0.0 and whole:
             self.monitor.learn(stack.regressors, stack.torques, stack.gram, stack.moment,
                                stack.revision)
             if self.monitor.update(dt, regressor, torque):
@@ -287,7 +287,7 @@ class Identifier:
         if settings.update_law != 'ablf_concurrent':
             adaptation_term = self._no_term
         try:
-            theta = implicit_step(self.theta, dt, settings.gamma,
+            theta = implicit_step(self.theta, dt, self._gamma,
                                   settings.kt if self.settled else 0.0,
                                   0.0 if settings.update_law == 'gradient' else settings.kh,
                                   regressor, torque, stack.gram, stack.moment,
@@ -298,3 +298,8 @@ class Identifier:
             self.theta = theta
         else:  # overflow of absurd data: keep the last good estimate
             self.dropped['not finite'] += 1
+
+
+def _state_filter(settings: IdentifierSettings) -> StateFilter | None:
+    order = settings.filter.state_order
+    return StateFilter(order, settings.filter.state_time_constant) if order else None

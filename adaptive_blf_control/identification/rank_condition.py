@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from adaptive_blf_control.identification.identifier import IdentifierSettings
+from adaptive_blf_control.identification.settings import IdentifierSettings
 
 __all__ = ['rank_warning']
 
 
 def rank_warning(settings: IdentifierSettings, n: int, m: int) -> str | None:
-    """Return what is wrong with P = ``settings.size``, None where P ≥ m as section IV-B asks.
+    """Return what is wrong with P = ``history.size``, None where P ≥ m as section IV-B asks.
 
     P pairs are P n rows of rank m at most: below m rows full rank is out of reach, between m/n and
     m pairs it is possible but leaves Algorithm 1 little to choose from.
@@ -19,7 +19,7 @@ def rank_warning(settings: IdentifierSettings, n: int, m: int) -> str | None:
         n: Number of joints.
         m: Number of parameters.
     """
-    size = settings.size
+    size = settings.history.size
     if size >= m:
         return None
     rows = size * n

@@ -1,82 +1,119 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The settings of the identifier: one frozen object that is replaced as a whole."""
+"""The parameters of the identifier: filters, history, monitors and update law."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
 
 import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.update_law import UPDATE_LAWS
+from adaptive_blf_control.parameters.settings import group, parameter, Settings
 
-__all__ = ['IdentifierSettings']
+__all__ = ['ChangeSettings', 'ExcitationSettings', 'FilterSettings', 'HistorySettings',
+           'IdentifierSettings']
 
 
-@dataclass(frozen=True)
-class IdentifierSettings:
-    """Gains of the update law (37) and of Algorithm 1.
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class FilterSettings(Settings, where='identifier.filter'):
+    """The torque filter (14) and the filter of the state before it."""
 
-    Attributes:
-        initial_estimate: θ̂(0), shape (m,).
-        gamma: Diagonal of Γ, shape (m,), > 0.
-        kt: Gain on the present pair, k_t ≥ 0.
-        kh: Gain on the history stack, k_h ≥ 0.
-        time_constant: k of the torque filter (14) [s].
-        gap: Longest interval between samples [s]; after a longer one the filter restarts.
-        settle: Nothing is learned from data for this many filter time constants, k + N T, after a
-            (re)start.
-        size: P, number of pairs in the stack.
-        epsilon: ε, relative difference of a new pair to the last one taken.
-        state_order: N of the state-variable filter on position and torque; 0 uses the measured
-            velocity instead.
-        state_time_constant: T of that filter [s].
-        change_window: Window of the change monitor [s]; 0 switches it off.
-        change_threshold: Normalised residual that counts as a change of the arm.
-        change_resolution: Part of the torque below which a change does not matter.
-        update_law: One of `UPDATE_LAWS`.
-        excitation_window: T of (21) [s]; 0 switches the index off.
-        noise: Relative standard deviation of Remark 3, see `NoisyHistory`; 0 switches it off.
-        noise_seed: Seed of that noise.
-        minimum_growth: Part of σ_min by which a replacement in a full stack must raise it.
-    """
+    time_constant: float = parameter(
+        0.001, 'Time constant k of the torque filter.', 's', 0.0, 100.0, exclusive=True, live=True)
+    gap: float = parameter(
+        0.05, 'After a longer interval between samples the filter restarts.',
+        's', 0.0, 3600.0, exclusive=True, live=True)
+    settle: float = parameter(
+        5.0, 'Filter time constants after a (re)start during which nothing is recorded.',
+        '', 0.0, 1000.0, live=True)
+    state_order: int = parameter(
+        0,
+        'Order N of the low-pass on position and torque that also gives the velocity, for '
+        'coarse encoders; 0 uses the measured velocity. Changing it restarts the filters.',
+        '', 0, 8, live=True)
+    state_time_constant: float = parameter(
+        0.03, 'Time constant T of each of its N stages. Changing it restarts the filters.',
+        's', 0.0, 100.0, exclusive=True, live=True)
 
-    initial_estimate: np.ndarray
-    gamma: np.ndarray
-    kt: float
-    kh: float
-    time_constant: float
-    gap: float
-    size: int
-    epsilon: float
-    settle: float = 0.0
-    state_order: int = 0
-    state_time_constant: float = 0.03
-    change_window: float = 0.0
-    change_threshold: float = 25.0
-    change_resolution: float = 0.01
-    update_law: str = 'ablf_concurrent'
-    excitation_window: float = 0.0
-    noise: float = 0.0
-    noise_seed: int = 0
-    minimum_growth: float = 0.0
+    def _check(self) -> None:
+        if self.state_order == 1:
+            raise ParameterError('identifier.filter.state_order', 1, '0 (off) or at least 2')
 
-    def __post_init__(self) -> None:
-        """Check signs; ParameterError names the gain."""
-        for name in ('kt', 'kh', 'settle'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ParameterError(f'identifier.{name}', value, 'a finite value >= 0')
-        if self.update_law not in UPDATE_LAWS:
-            raise ParameterError('identifier.update_law', self.update_law,
-                                 f'one of {list(UPDATE_LAWS)}')
-        gamma = np.array(self.gamma, dtype=float)
-        if not (np.all(np.isfinite(gamma)) and np.all(gamma > 0.0)):
-            raise ParameterError('identifier.gamma', gamma.tolist(),
-                                 'a positive definite Γ: values > 0')
-        object.__setattr__(self, 'gamma', gamma)
-        estimate = np.array(self.initial_estimate, dtype=float)
-        if not np.all(np.isfinite(estimate)):
-            raise ParameterError('identifier.initial_estimate', estimate.tolist(), 'finite values')
-        object.__setattr__(self, 'initial_estimate', estimate)
+    @property
+    def memory(self) -> float:
+        """How long the filters remember, k + N T [s]."""
+        return self.time_constant + self.state_order * self.state_time_constant
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class HistorySettings(Settings, where='identifier.history'):
+    """The history stack of Algorithm 1."""
+
+    size: int = parameter(
+        20,
+        'Number of recorded pairs, P. With fewer the best pairs are kept: one leaves with every '
+        'sample.', '', 1, 100000, live=True)
+    epsilon: float = parameter(
+        0.1,
+        'Relative difference of a new pair to the last one taken, epsilon; the first pair of '
+        'all differs by 1.', '', 0.0, 1.0, live=True)
+    minimum_growth: float = parameter(
+        0.0,
+        'Part of sigma_min by which a replacement in a full history must raise it; 0 asks only '
+        'that it does not fall, as Algorithm 1 does. Keeps a history of noisy pairs from '
+        'hunting outliers for ever.', '', 0.0, 1e6, live=True)
+    noise: float = parameter(
+        0.0,
+        'Remark 3: standard deviation of the noise put on recorded regressors, relative to '
+        'them, while the measured pairs lack rank. It fabricates data: theta_hat is biased '
+        'until those pairs are gone. 0 is off.', '', 0.0, 100.0, live=True)
+    noise_seed: int = parameter(
+        0, 'Seed of that noise.', '', 0, live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ChangeSettings(Settings, where='identifier.change'):
+    """The monitor that notices a change of the arm."""
+
+    window: float = parameter(
+        0.1, 'Window of the monitor that empties the history when the arm has changed; 0 is off.',
+        's', 0.0, 3600.0, live=True)
+    threshold: float = parameter(
+        25.0, 'Mean square residual, in units of the recorded one, that counts as a change.',
+        '', 1.0, 1e9, exclusive=True, live=True)
+    resolution: float = parameter(
+        0.01, 'Part of the torque below which a change does not matter.', '', 0.0, 1.0, live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ExcitationSettings(Settings, where='identifier.excitation'):
+    """The index of persistent excitation (21)."""
+
+    window: float = parameter(
+        10.0, 'Window T of the persistence-of-excitation index (21); 0 switches it off.',
+        's', 0.0, 3600.0, live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class IdentifierSettings(Settings, where='identifier'):
+    """Gains of the update law (37), the filters, the history and the monitors."""
+
+    initial_estimate: np.ndarray = parameter(
+        [0.0], 'theta_hat at the start.', length='parameters')
+    gamma: np.ndarray = parameter(
+        [1.0], 'Diagonal of the adaptation gain Gamma.',
+        '', 0.0, exclusive=True, length='parameters', live=True)
+    kt: float = parameter(
+        10.0, 'Gain on the present data, k_t.', '', 0.0, live=True)
+    kh: float = parameter(
+        10.0, 'Gain on the recorded data, k_h.', '', 0.0, live=True)
+    update_law: str = parameter(
+        'ablf_concurrent',
+        'gradient (20): present data only; concurrent (22): recorded data as well; '
+        'ablf_concurrent (37): the stabilising term X^T e2 as well.',
+        choices=UPDATE_LAWS, live=True)
+    filter: FilterSettings = group(FilterSettings)
+    history: HistorySettings = group(HistorySettings)
+    change: ChangeSettings = group(ChangeSettings)
+    excitation: ExcitationSettings = group(ExcitationSettings)

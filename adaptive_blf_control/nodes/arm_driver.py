@@ -25,6 +25,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from adaptive_blf_control.configuration.build import build_plant
+from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.joint_state import JointStateCodec
@@ -46,7 +47,7 @@ SHORTEST_ANSWER = 50_000  # ns
 PLANT = {'true_parameters', 'payload', 'torque_limit', 'substeps', 'dead_time'}
 
 
-class ArmDriver(ManagedNode):
+class ArmDriver(ManagedNode[DriverSettings]):
     """Simulated arm: commands in, joint states out.
 
     Attributes:
@@ -64,18 +65,18 @@ class ArmDriver(ManagedNode):
         self.missed = 0
         self._ready = False
         self.round_trip = Histogram()
-        super().__init__('arm_driver', context=context, **options)
+        super().__init__('arm_driver', DriverSettings, context=context, **options)
         self.statistics.histograms.append(self.round_trip)
         if self.wants_activation:
             self.activate_by_itself()
 
     def configure(self) -> None:
         """Build the arm from the parameters; ParameterError or ArmError where that fails."""
-        self.arm = arm_of(self)
-        self.plant = build_plant(self.values, self.arm)
+        self.arm = arm_of(self, self.settings)
+        self.plant = build_plant(self.settings, self.arm)
         self.plant.trial(self.plant.torque, 1e-3)  # compile before the clock runs
-        self.period_ns = int(round(1e9 / self.values['rate']))
-        self._codec = JointStateCodec(self.arm.joints, self.values['frame_id'])
+        self.period_ns = int(round(1e9 / self.settings.rate))
+        self._codec = JointStateCodec(self.arm.joints, self.settings.frame_id)
         self._nan = np.full(self.arm.n, np.nan)
         self._impulse = np.zeros(self.arm.n)  # ∫ τ dt since the last state [N·m·s]
         self._due_ns = NEVER  # monotonic, like all times but the stamps
@@ -111,13 +112,13 @@ class ArmDriver(ManagedNode):
         self._due_ns = NEVER
         self.started = False
 
-    def retune(self, values: dict[str, Any], changed: set[str]) -> None:
+    def retune(self, settings: DriverSettings, changed: set[str]) -> None:
         """Change payload, friction, sensors, limits or rate between two samples."""
         if not hasattr(self, 'plant'):
             return
         if changed & PLANT or any(name.startswith(('schedule.', 'sensors.')) for name in changed):
-            self.plant.adopt(build_plant(values, self.arm))
-        period_ns = int(round(1e9 / values['rate']))
+            self.plant.adopt(build_plant(settings, self.arm))
+        period_ns = int(round(1e9 / settings.rate))
         if period_ns != self.period_ns:
             if self._due_ns != NEVER:
                 self._due_ns += period_ns - self.period_ns
@@ -139,7 +140,7 @@ class ArmDriver(ManagedNode):
             self.drop('non-finite command', f'joint {joint!r}')
             return
         now = time.monotonic_ns()
-        silent = now - self._command_ns > self.values['command_timeout'] * 1e9
+        silent = now - self._command_ns > self.settings.command_timeout * 1e9
         number = info.get('publication_sequence_number')
         # A controller that was activated anew has a new publisher and the topic for itself.
         if not (self._source.obeys(number, silent)
@@ -196,7 +197,7 @@ class ArmDriver(ManagedNode):
             if not self._ready:  # requests come through the executor
                 self.spin_data(0.01)
                 continue
-            wait_for = self.values['wait_for_subscribers']
+            wait_for = self.settings.wait_for_subscribers
             while self.serves and not self.heard_by(wait_for):
                 self.spin_data(0.01)
             if (self._real_time if self._lockstep is None else self._lockstep.loop)():
@@ -219,7 +220,7 @@ class ArmDriver(ManagedNode):
                 if begin_ns >= self._due_ns:
                     self._catch_up(begin_ns)
                     self.statistics.callback.add(time.monotonic_ns() - begin_ns)
-            duration = self.values['duration']
+            duration = self.settings.duration
             if duration > 0.0 and self.started and (
                     self._last_state_ns - self._begin_ns >= duration * 1e9):
                 self.get_logger().info(f'duration of {duration:g} s is over, '
@@ -265,7 +266,7 @@ class ArmDriver(ManagedNode):
         """Ramp down when deactivated, act on missing commands: never the last torque for ever."""
         if self._ramp is not None:
             torque, since_ns = self._ramp
-            ramp_ns = self.values['ramp_time'] * 1e9
+            ramp_ns = self.settings.ramp_time * 1e9
             left = 1.0 - (now_ns - since_ns) / ramp_ns if ramp_ns > 0.0 else 0.0
             self.plant.apply(max(min(left, 1.0), 0.0) * torque)
             if left <= 0.0:
@@ -274,16 +275,16 @@ class ArmDriver(ManagedNode):
                 self.plant.brake()
                 self._moved_ns = now_ns
             return
-        if now_ns - self._command_ns <= self.values['command_timeout'] * 1e9:
+        if now_ns - self._command_ns <= self.settings.command_timeout * 1e9:
             return
         # Each time anew: the action may change while commands are missing.
-        damping = (broadcast(self.values['damping'], self.arm.n)
-                   if self.values['timeout_action'] == 'damping' else np.zeros(self.arm.n))
+        damping = (broadcast(self.settings.damping, self.arm.n)
+                   if self.settings.timeout_action == 'damping' else np.zeros(self.arm.n))
         self.plant.apply(-damping * self.plant.qd)
         if not self.timed_out:
             self.timed_out = True
-            self.fault('no commands', f'no command for {self.values["command_timeout"]:g} s: '
-                                      f'{self.values["timeout_action"]} torque')
+            self.fault('no commands', f'no command for {self.settings.command_timeout:g} s: '
+                                      f'{self.settings.timeout_action} torque')
 
     def _timing(self) -> dict[str, object]:
         parts = (0.5, 0.99, 0.999)
@@ -311,7 +312,7 @@ class ArmDriver(ManagedNode):
             return DiagnosticStatus.WARN, 'brakes on, waiting for a command', values
         if self.timed_out:
             return (DiagnosticStatus.ERROR,
-                    f'no commands: {self.values["timeout_action"]} torque', values)
+                    f'no commands: {self.settings.timeout_action} torque', values)
         return DiagnosticStatus.OK, 'running', values
 
 

@@ -42,7 +42,7 @@ class ArmLockstep:
     def __init__(self, driver: ArmDriver) -> None:
         """Subscribe to the answers that are asked for."""
         self._driver = driver
-        names = driver.values['lockstep.answers']
+        names = driver.settings.lockstep.answers
         self._time_topic = driver.create_publisher(Clock, '/clock', 10)
         self._open = True
         self._commanded = False
@@ -96,14 +96,14 @@ class ArmLockstep:
             with driver.between_samples:
                 if driver.period_ns != period_ns:  # a live rate begins a new grid
                     k, period_ns, first_ns = 0, driver.period_ns, stamp_ns
-                interval = 1.0 / driver.values['rate']
+                interval = 1.0 / driver.settings.rate
                 if driver.active:  # else the brakes hold
                     driver.started = True
                     driver.plant.apply(self._torque)
                     driver.plant.advance(interval)
             t = (stamp_ns - EPOCH_NS) * 1e-9
-            if 0.0 < driver.values['duration'] <= t + 0.5 * interval:
-                driver.get_logger().info(f'duration of {driver.values["duration"]:g} s is over, '
+            if 0.0 < driver.settings.duration <= t + 0.5 * interval:
+                driver.get_logger().info(f'duration of {driver.settings.duration:g} s is over, '
                                          f'in {time.monotonic() - begin:.1f} s of real time')
                 return True
             k += 1
@@ -120,7 +120,7 @@ class ArmLockstep:
 
     def _pace(self, due: float, interval: float) -> float:
         """Wait until the next step is due at ``lockstep.rate`` times real time; return when."""
-        pace, now = self._driver.values['lockstep.rate'], time.monotonic()
+        pace, now = self._driver.settings.lockstep.rate, time.monotonic()
         if pace <= 0.0:
             return now
         due = max(due + interval / pace, now)  # a pause is not caught up
@@ -148,7 +148,7 @@ class ArmLockstep:
 
     def _wait(self, missing: Callable[[], list[str]], what: str) -> None:
         driver = self._driver
-        timeout = driver.values['lockstep.timeout']
+        timeout = driver.settings.lockstep.timeout
         give_up = time.monotonic() + timeout
         while self._goes_on and (names := missing()):
             if time.monotonic() > give_up:

@@ -30,6 +30,7 @@ from adaptive_blf_control.configuration.build import (
     controller_parts,
     initial_theta,
 )
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.controller import (
     Controller,
     ControlOutput,
@@ -37,7 +38,7 @@ from adaptive_blf_control.control.controller import (
     sampling_number,
 )
 from adaptive_blf_control.control.reference import Posture, settled, SmoothStart
-from adaptive_blf_control.errors import BagError, BlfError, ParameterError, SetViolation
+from adaptive_blf_control.errors import BagError, BlfError, SetViolation
 from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.messages.joint_state import JointStateReader
 from adaptive_blf_control.messages.topics import (
@@ -67,7 +68,7 @@ OLD_ESTIMATE = 1.0  # s
 LINGER = Duration(seconds=0.1)  # sent is not delivered yet
 
 
-class ControllerNode(ManagedNode):
+class ControllerNode(ManagedNode[ControllerNodeSettings]):
     """Equation (38) behind the topics of ros2_controllers' effort group controller.
 
     Attributes:
@@ -84,14 +85,14 @@ class ControllerNode(ManagedNode):
         self._start_ns = 0
         self._last_ns: int | None = None
         self._pushes = False  # the torque sent last was not the zero one
-        super().__init__('controller', context=context, **options)
+        super().__init__('controller', ControllerNodeSettings, context=context, **options)
 
     def configure(self) -> None:
         """Check the sets (9), compile the law, make the topics."""
-        values = self.values
-        self.arm = arm_of(self)
-        self.theta = initial_theta(values, self.arm)
-        trial = build_controller(values, self.arm, None)
+        settings = self.settings
+        self.arm = arm_of(self, self.settings)
+        self.theta = initial_theta(settings, self.arm)
+        trial = build_controller(settings, self.arm, None)
         trial.warm_up(self.theta)  # compiled here, not in the first answer
         self._check_sampling(trial)
         self._state_reader = JointStateReader(self.arm.joints)
@@ -109,7 +110,7 @@ class ControllerNode(ManagedNode):
         self._planned = False
         self._claimed_at = self._looked_at = 0.0
         self._estimates: deque[tuple[int, np.ndarray | None]] = deque(maxlen=4)
-        self._estimate_limit = _estimate_limit(values, self.arm)
+        self._estimate_limit = _estimate_limit(settings, self.arm)
         self._make_topics()
 
     def _make_topics(self) -> None:
@@ -118,7 +119,7 @@ class ControllerNode(ManagedNode):
         self._trajectories = self.create_subscription(
             JointTrajectory, JOINT_TRAJECTORY, self.on_joint_trajectory, 10)
         self._inputs = []
-        if self.values['model'] == 'estimated':
+        if self.settings.model == 'estimated':
             self._inputs.append(self.data_subscription(
                 JointState, THETA_HAT, self.on_theta_hat, wake=self.lockstep,
                 newest_only=not self.lockstep, reliable=self.lockstep))
@@ -162,7 +163,7 @@ class ControllerNode(ManagedNode):
         self._claimed_at = time.monotonic()
 
     def _check_fresh(self) -> None:
-        timeout = self.values['state_timeout']
+        timeout = self.settings.state_timeout
         if self._heard_at is None or (not self.lockstep
                                       and time.monotonic() - self._heard_at > timeout):
             raise BlfError(f'{self.resolve_topic_name(JOINT_STATES)}: no joint state within '
@@ -184,8 +185,8 @@ class ControllerNode(ManagedNode):
         self._commands, self._controller, self._resumes = None, None, True
 
     def _ramp_time(self, torque: np.ndarray) -> float:
-        limit = broadcast(self.values['torque_rate_limit'], self.arm.n)
-        ramp_time = float(self.values['ramp_time'])
+        limit = broadcast(self.settings.torque_rate_limit, self.arm.n)
+        ramp_time = self.settings.ramp_time
         return max(ramp_time, min(float((np.abs(torque) / limit).max()), LONGEST_RAMP))
 
     def _send_zero(self) -> None:
@@ -193,15 +194,15 @@ class ControllerNode(ManagedNode):
             self._commands.publish(self._torque_codec.encode(np.zeros(self.arm.n)))
             self._pushes = False
 
-    def retune(self, values: dict[str, Any], changed: set[str]) -> None:
+    def retune(self, settings: ControllerNodeSettings, changed: set[str]) -> None:
         """Change gains, limits, sets and reference between two samples, or refuse with numbers."""
         controller, last_ns = self._controller, self._last_ns
-        limit = _estimate_limit(values, self.arm) if hasattr(self, 'arm') else None
+        limit = _estimate_limit(settings, self.arm) if hasattr(self, 'arm') else None
         if controller is None or last_ns is None:
-            trial = None if limit is None else build_controller(values, self.arm, None)
+            trial = None if limit is None else build_controller(settings, self.arm, None)
         else:
             trial = controller
-            parts = controller_parts(values, self.arm)
+            parts = controller_parts(settings, self.arm)
             groups = {name.split('.')[0] for name in changed
                       if name not in ('reference.smooth_start', 'reference.resume_time')}
             controller.retune(
@@ -209,7 +210,7 @@ class ControllerNode(ManagedNode):
                 safety=parts.safety if 'safety' in groups else None,
                 performance=parts.performance if 'performance' in groups else None,
                 reference=parts.reference if 'reference' in groups else None,
-                blend_time=values['reference.resume_time'])
+                blend_time=settings.reference.resume_time)
             if groups & {'k1', 'performance', 'reference'}:
                 self.monitors.begin()  # V(0) of Theorem 2 was that of another motion
             self._planned = self._planned and 'reference' not in groups
@@ -339,7 +340,7 @@ class ControllerNode(ManagedNode):
         if ahead <= 0:
             self.drop('joint state out of order', f'stamp {stamp} ns after {self._last_ns} ns')
             return False
-        jumped, longest = self._jumped_ns, self.values['state_timeout'] * 1e9
+        jumped, longest = self._jumped_ns, self.settings.state_timeout * 1e9
         if ahead > longest and (jumped is None or not 0 < stamp - jumped <= longest):
             self._jumped_ns = stamp
             self.drop('stamp jumps ahead', f'{ahead * 1e-9:.6g} s after the last one')
@@ -351,7 +352,7 @@ class ControllerNode(ManagedNode):
 
     def _must_wait(self) -> bool:
         """In lockstep a state is answered with the estimate that belongs to the one before it."""
-        if self._last_ns is None or self.values['model'] != 'estimated':
+        if self._last_ns is None or self.settings.model != 'estimated':
             return False
         for stamp, theta in self._estimates:
             if stamp == self._last_ns:
@@ -365,16 +366,16 @@ class ControllerNode(ManagedNode):
         With ``reference.smooth_start`` 0 it begins on the reference itself, as the paper's, where
         ``q`` is within the performance set around that; SetViolation outside the safety set.
         """
-        values = dict(self.values)
+        settings = self.settings
         if not self._resumes:  # else the reference has moved on meanwhile, and so may the arm
             try:
-                return build_controller(values, self.arm, q)
+                return build_controller(settings, self.arm, q)
             except SetViolation:
-                if values['reference.smooth_start'] > 0.0:
+                if settings.reference.smooth_start > 0.0:
                     raise
-        values['reference.smooth_start'] = max(values['reference.smooth_start'],
-                                               values['reference.resume_time'])
-        return build_controller(values, self.arm, q)
+        settings = settings.replace(**{'reference.smooth_start': max(
+            settings.reference.smooth_start, settings.reference.resume_time)})
+        return build_controller(settings, self.arm, q)
 
     def _start(self, stamp: int, q: np.ndarray) -> bool:
         commands = self._commands
@@ -394,8 +395,8 @@ class ControllerNode(ManagedNode):
         """
         if not self._planned:
             return self._joined(q)
-        parts = controller_parts(self.values, self.arm)
-        hold = SmoothStart(Posture(q), self.values['reference.resume_time'], q)
+        parts = controller_parts(self.settings, self.arm)
+        hold = SmoothStart(Posture(q), self.settings.reference.resume_time, q)
         controller = Controller(self.arm, *parts._replace(reference=hold))
         controller.check_start(q)
         return controller
@@ -417,13 +418,13 @@ class ControllerNode(ManagedNode):
         self.output = output
         inside = self.monitors.watch(controller, t, stamp, q, output, self.theta)
         self.sampled(stamp)
-        if not inside and self.values['on_violation'] == 'stop':
+        if not inside and self.settings.on_violation == 'stop':
             self.deactivate_by_itself()
 
     def spin_data(self, timeout: float = LONGEST_WAIT) -> int:
         """Wait no longer than until the states count as lost; see :meth:`DataNode.spin_data`."""
         if self._pushes and not self.lockstep and self._heard_at is not None:
-            left = self._heard_at + self.values['state_timeout'] - time.monotonic()
+            left = self._heard_at + self.settings.state_timeout - time.monotonic()
             timeout = min(timeout, max(left, RAMP_STEP))
         return super().spin_data(timeout)
 
@@ -435,7 +436,7 @@ class ControllerNode(ManagedNode):
         if self.active and now - self._looked_at >= LOOK_AROUND:
             self._looked_at = now
             self._look_around(now)
-        timeout = self.values['state_timeout']
+        timeout = self.settings.state_timeout
         if (self.active and self._pushes and self._heard_at is not None
                 and now - self._heard_at > timeout):
             self._stop_motion('joint states lost',
@@ -482,7 +483,7 @@ class ControllerNode(ManagedNode):
             return DiagnosticStatus.ERROR, 'another node sends commands, too', values
         if self.monitors.violations:
             return DiagnosticStatus.ERROR, self.monitors.first_violation, values
-        if self.values['model'] == 'estimated' and not self.lockstep:
+        if self.settings.model == 'estimated' and not self.lockstep:
             return self._with_estimate(values)
         return DiagnosticStatus.OK, 'running', values
 
@@ -498,12 +499,8 @@ class ControllerNode(ManagedNode):
         return DiagnosticStatus.OK, 'running', values
 
 
-def _estimate_limit(values: dict[str, Any], arm: Arm) -> np.ndarray:
-    limit = broadcast(values['estimate_limit'], arm.m)
-    if limit.size != arm.m:
-        raise ParameterError('controller.estimate_limit', limit.tolist(),
-                             f'length 1 or {arm.m} (one for each of the parameters)')
-    return limit
+def _estimate_limit(settings: ControllerNodeSettings, arm: Arm) -> np.ndarray:
+    return settings.resolved(parameters=arm.m).estimate_limit
 
 
 def main(args: list[str] | None = None) -> int:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 from sensor_msgs.msg import JointState
 
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
 from adaptive_blf_control.errors import BlfError
@@ -28,7 +29,7 @@ class ControllerMonitors:
         first_violation: Joint, value and bound of the first of them, '' where there is none.
     """
 
-    def __init__(self, node: DataNode, joints: tuple[str, ...],
+    def __init__(self, node: DataNode[ControllerNodeSettings], joints: tuple[str, ...],
                  parameters: tuple[str, ...]) -> None:
         """Make the topics on ``node``."""
         self.codecs = ControllerCodecs(joints, parameters)
@@ -59,7 +60,7 @@ class ControllerMonitors:
         if not inside:
             self._violated(controller, q, output)
         for topic, message in self._stream.messages(
-                stamp, output, self.margins, self._node.values['monitor_decimation'],
+                stamp, output, self.margins, self._node.settings.monitor_decimation,
                 lambda: controller.lyapunov(q, output, theta)).items():
             self._topics[topic].publish(message)
         self._watch_promise(t, stamp, output.e1)
@@ -80,14 +81,14 @@ class ControllerMonitors:
 
     def promise(self, controller: Controller, stamp: int, output: ControlOutput) -> None:
         """State what Theorem 2 promises from here on, given bounds on the unknown arm."""
-        values = self._node.values
-        if values['guarantee.mode'] == 'off':
+        settings = self._node.settings.guarantee
+        if settings.mode == 'off':
             return
         try:
-            smallest, largest = values['guarantee.mass']
+            smallest, largest = settings.mass
             value = bounded_value(output.e1, output.e2, controller.performance, largest,
-                                  values['guarantee.theta_error'],
-                                  np.array([values['guarantee.smallest_gamma']]))
+                                  settings.theta_error,
+                                  np.array([settings.smallest_gamma]))
             promised = guarantee(value, controller.performance, controller.reference.range(),
                                  smallest)
         except (BlfError, ArithmeticError) as error:  # nothing that is only shown ends a motion

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from datetime import datetime, timezone
 import os
 from pathlib import Path
@@ -21,7 +20,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Int32
 from std_srvs.srv import Trigger
 
-from adaptive_blf_control.configuration.build import build_identifier, identifier_settings
+from adaptive_blf_control.configuration.build import build_identifier
+from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.identification.estimate_file import (
     estimate_path,
@@ -50,7 +50,7 @@ __all__ = ['IdentifierNode', 'main']
 SHORTEST_SAVE = 0.1  # s; each write waits for the disk
 
 
-class IdentifierNode(DataNode):
+class IdentifierNode(DataNode[IdentifierNodeSettings]):
     """Torque-filtered concurrent learning on the joint states of a running arm.
 
     Attributes:
@@ -59,10 +59,10 @@ class IdentifierNode(DataNode):
 
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
         """Build the identifier from the parameters."""
-        super().__init__('identifier', context=context, **options)
+        super().__init__('identifier', IdentifierNodeSettings, context=context, **options)
         with self.compiling():
-            self.arm = arm_of(self)
-            self.identifier = build_identifier(self.values, self.arm, self._where_it_was())
+            self.arm = arm_of(self, self.settings)
+            self.identifier = build_identifier(self.settings, self.arm, self._where_it_was())
             self.identifier.warm_up()
         self._check_rank()
         self._changes = 0
@@ -88,7 +88,7 @@ class IdentifierNode(DataNode):
         self.create_service(Trigger, '~/save_estimate', self.on_save_estimate)
         self._saved_samples = 0
         self._saver: Timer | None = None
-        self._set_saver(self.values['estimate_period'])
+        self._set_saver(self.settings.estimate_period)
 
     def _check_rank(self) -> None:
         warning = rank_warning(self.identifier.settings, self.arm.n, self.arm.m)
@@ -97,17 +97,17 @@ class IdentifierNode(DataNode):
 
     def _where_it_was(self) -> np.ndarray | None:
         """Return the estimate of an identifier that ended a moment ago, None to start afresh."""
-        within = self.values['resume_within']
+        within = self.settings.resume_within
         if within <= 0.0:
             return None
-        path = self._estimate_path(self.values)
+        path = self._estimate_path()
         theta = recent_estimate(path, self.arm.parameters, _now(), within)
         if theta is not None:
             self.get_logger().info(f'going on from the estimate in {path}')
         return theta
 
-    def _estimate_path(self, values: Mapping[str, Any]) -> Path:
-        return estimate_path(values['estimate_file'], self.get_namespace(), os.environ)
+    def _estimate_path(self) -> Path:
+        return estimate_path(self.settings.estimate_file, self.get_namespace(), os.environ)
 
     def _set_saver(self, period: float) -> None:
         if self._saver is not None:
@@ -127,28 +127,26 @@ class IdentifierNode(DataNode):
 
     def _save(self) -> Path:
         """Write what is known now; OSError names the file and the reason."""
-        path = self._estimate_path(self.values)
+        path = self._estimate_path()
         with self.between_samples:
             snapshot = self.identifier.snapshot()
         try:
-            write_estimate(path, snapshot, _now(), make_folder=not self.values['estimate_file'])
+            write_estimate(path, snapshot, _now(), make_folder=not self.settings.estimate_file)
         except OSError as error:
             raise OSError(f'{path}: {error.strerror or error}') from None
         return path
 
     def finish(self) -> None:
         """Keep what was learned since the last time."""
-        if self.values['estimate_period'] > 0.0:
+        if self.settings.estimate_period > 0.0:
             self._save_now_and_then()
 
-    def retune(self, values: dict[str, Any], changed: set[str]) -> None:
+    def retune(self, settings: IdentifierNodeSettings, changed: set[str]) -> None:
         """Change gains, filters, monitor or history between two samples."""
-        # θ̂(0) is history; its file may be gone or hold another arm's by now.
-        self.identifier.retune(identifier_settings(values, self.arm,
-                                                   self.identifier.settings.initial_estimate))
+        self.identifier.retune(settings)
         self._check_rank()
         if 'estimate_period' in changed:
-            self._set_saver(values['estimate_period'])
+            self._set_saver(settings.estimate_period)
 
     def on_adaptation_term(self, data: bytes, info: dict[str, int]) -> None:
         """Keep Xᵀe2 of (37) until the next one; it acts over the interval that follows."""
@@ -206,7 +204,7 @@ class IdentifierNode(DataNode):
         """Return the newest term sent before ``stamp``, the one held over the interval before."""
         for sent, term in reversed(self._terms):
             if sent < stamp:
-                fresh = (stamp - sent) * 1e-9 <= self.values['adaptation_term_timeout']
+                fresh = (stamp - sent) * 1e-9 <= self.settings.adaptation_term_timeout
                 return term if fresh else None
         return None
 

@@ -21,6 +21,7 @@ import yaml
 
 from adaptive_blf_control.bags.metadata import default_qos
 from adaptive_blf_control.bags.writer import BagWriter
+from adaptive_blf_control.configuration.node_settings import RecorderSettings
 from adaptive_blf_control.configuration.parameter_file import PARAMETERS_KEY
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.definitions import message_definition
@@ -51,7 +52,7 @@ class _Heard(NamedTuple):
     subscription: Subscription
 
 
-class Recorder(DataNode):
+class Recorder(DataNode[RecorderSettings]):
     """Raw subscriptions into a bag that a crash can cost at most one flush period.
 
     Attributes:
@@ -63,8 +64,8 @@ class Recorder(DataNode):
 
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
         """Open the bag and subscribe; BagError where the folder exists."""
-        super().__init__('recorder', context=context, **options)
-        self.bag = BagWriter(self.values['bag'])
+        super().__init__('recorder', RecorderSettings, context=context, **options)
+        self.bag = BagWriter(self.settings.bag)
         self.received: dict[str, int] = {}
         self.lost: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
@@ -72,14 +73,14 @@ class Recorder(DataNode):
         self._unwritten: dict[str, int] = {}  # messages of a topic that the disk did not take
         self._pending: dict[str, str] = {}
         self._heard: dict[str, _Heard] = {}
-        for topic in self.values['topics']:
+        for topic in self.settings.topics:
             name = self.resolve_topic_name(topic)
             self._pending[name] = TOPICS.get(topic, '')
         self._settings: dict[str, dict[str, Any]] = {}
         self._settings_changed = False
         self._asked: set[str] = set()
         self._askers: dict[str, AsyncParameterClient] = {}
-        self._remember(self.get_fully_qualified_name(), dict(self.values))
+        self._remember(self.get_fully_qualified_name(), self.settings.values())
         self._states = self.resolve_topic_name(JOINT_STATES)
         self._dates = SampleDates()
         self._stamped: set[str] = set()  # topics whose messages have the time of their sample
@@ -211,7 +212,7 @@ class Recorder(DataNode):
         """Flush and look for topics and publishers that were not known yet."""
         self._write_dated(time.time_ns())
         now = time.monotonic()
-        if now - self._flushed_at >= self.values['flush_period']:
+        if now - self._flushed_at >= self.settings.flush_period:
             self._flushed_at = now
             self._flush()
         if now - self._looked_at >= LOOK_AROUND:

@@ -10,7 +10,7 @@ import json
 from typing import Any
 
 from adaptive_blf_control import __version__
-from adaptive_blf_control.configuration.node_tables import TABLES
+from adaptive_blf_control.configuration.node_settings import TABLES
 from adaptive_blf_control.parameters.table import per_joint
 from adaptive_blf_control.report.animation import animate
 from adaptive_blf_control.report.panels import BAG_COLOURS, Panel, Section, sections, time_span

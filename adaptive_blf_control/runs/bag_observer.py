@@ -11,8 +11,12 @@ from typing import Any
 import yaml
 
 from adaptive_blf_control.bags.writer import BagWriter
-from adaptive_blf_control.configuration.node_tables import TABLES
-from adaptive_blf_control.configuration.parameter_file import node_values, PARAMETERS_KEY
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, TABLES
+from adaptive_blf_control.configuration.parameter_file import (
+    node_settings,
+    node_values,
+    PARAMETERS_KEY,
+)
 from adaptive_blf_control.identification.news import HistoryNews
 from adaptive_blf_control.messages.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
 from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
@@ -59,7 +63,7 @@ class BagObserver:
         self._theta = JointStateCodec(arm.parameters, fields=('position',))
         self._torque = Float64MultiArrayCodec(arm.n)
         self._controller = ControllerCodecs(arm.joints, arm.parameters)
-        self._decimation = node_values(data, 'controller')['monitor_decimation']
+        self._decimation = node_settings(data, ControllerNodeSettings).monitor_decimation
         self._monitors = MonitorStream(self._controller)
         self._news = HistoryNews()
 

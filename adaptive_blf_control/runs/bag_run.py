@@ -11,7 +11,8 @@ import yaml
 
 from adaptive_blf_control.bags.reader import Bag
 from adaptive_blf_control.configuration.build import build_arm, build_plant
-from adaptive_blf_control.configuration.parameter_file import node_values, PARAMETERS_KEY
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, DriverSettings
+from adaptive_blf_control.configuration.parameter_file import node_settings, PARAMETERS_KEY
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.topics import (
@@ -22,7 +23,6 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
     TRACKING_ERROR,
 )
-from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runs.summary import Run, Truth
 
 __all__ = ['bag_parameters', 'rates', 'run_of_bag', 'topic_named']
@@ -53,8 +53,9 @@ def run_of_bag(bag: Bag) -> Run:
         BagError: a topic or the parameters of the run are missing.
     """
     data = bag_parameters(bag)
-    controller = node_values(data, 'controller')
-    joints = tuple(controller['joints'])
+    controller = node_settings(data, ControllerNodeSettings)
+    joints = controller.joints
+    controller = controller.resolved(joints=len(joints))
     states = bag.joint_states(topic_named(bag, JOINT_STATES), joints)
     errors = bag.joint_states(topic_named(bag, TRACKING_ERROR), joints)
     estimates = bag.joint_states(topic_named(bag, THETA_HAT))
@@ -65,9 +66,9 @@ def run_of_bag(bag: Bag) -> Run:
     between = (states.stamp_ns > stamps[0]) & (states.stamp_ns < stamps[-1])
     between[at_state] = False
     learning = estimates.stamp_ns >= stamps[0]
-    sets = [JointInterval(broadcast(controller[f'{name}.lower'], len(joints)),
-                          broadcast(controller[f'{name}.upper'], len(joints)), name)
-            for name in ('safety', 'performance')]
+    sets = [JointInterval(each.lower, each.upper, name)
+            for name, each in (('safety', controller.safety),
+                               ('performance', controller.performance))]
     return Run(
         joints=joints, parameters=estimates.names, t=(stamps - stamps[0]) * 1e-9,
         q=states.position[at_state], e1=errors.position[at_error],
@@ -86,7 +87,7 @@ def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> Tr
     """θ* of a simulated arm over time, matched by name; None for a real one."""
     if not any(key.endswith('/arm_driver') for key in data):
         return None
-    driver = node_values(data, 'arm_driver')
+    driver = node_settings(data, DriverSettings)
     return build_plant(driver, build_arm(driver)).truth(parameters)
 
 

@@ -9,10 +9,13 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.configuration.build import build_arm, initial_theta
-from adaptive_blf_control.configuration.parameter_file import node_values
+from adaptive_blf_control.configuration.node_settings import (
+    ControllerNodeSettings,
+    IdentifierNodeSettings,
+)
+from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.control.guarantee import guarantee, lyapunov_value
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runs.recording import Recording
 from adaptive_blf_control.runs.thinning import POINTS
 
@@ -45,7 +48,7 @@ def arm_of(recording: Recording) -> Arm:
     """
     if recording.parameters is None:
         raise BlfError('the bag holds no parameters')
-    return build_arm(node_values(recording.parameters, 'controller'))
+    return build_arm(node_settings(recording.parameters, ControllerNodeSettings))
 
 
 def true_over_time(recording: Recording) -> np.ndarray | None:
@@ -63,14 +66,15 @@ def promised_of(recording: Recording) -> Promised | None:
         return None
     try:
         arm = arm_of(recording)
-        gamma = broadcast(node_values(recording.parameters or {}, 'identifier')['gamma'], arm.m)
-        controller = node_values(recording.parameters or {}, 'controller')
+        identifier = node_settings(recording.parameters or {}, IdentifierNodeSettings)
+        gamma = identifier.resolved(parameters=arm.m).gamma
+        controller = node_settings(recording.parameters or {}, ControllerNodeSettings)
         initial = initial_theta(controller, arm)
     except BlfError:
         return None
     # What the controller used: its own value until the first estimate, or for good (34).
     at = np.searchsorted(estimates.t, answered.t, side='right') - 1
-    if controller['model'] == 'known':
+    if controller.model == 'known':
         at = np.full_like(at, -1)
     known = np.flatnonzero(np.isfinite(answered.e2).all(axis=1)
                            & np.isfinite(answered.q).all(axis=1))

@@ -12,8 +12,10 @@ import numpy as np
 import yaml
 
 from adaptive_blf_control.bags.reader import Bag, JointSeries, read_bag, TopicInfo
-from adaptive_blf_control.configuration.parameter_file import node_values
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
+from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.control.sets import JointInterval
+from adaptive_blf_control.control.settings import PerformanceSettings, SafetySettings
 from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.messages.diagnostics_reader import drop_counters
 from adaptive_blf_control.messages.topics import (
@@ -26,7 +28,6 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
     TRACKING_ERROR,
 )
-from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runs.bag_run import bag_parameters, run_of_bag, topic_named
 from adaptive_blf_control.runs.summary import Run
 
@@ -177,9 +178,9 @@ def read_recording(path: Path | str) -> Recording:
     bag = read_bag(path)
     reader = _Tolerant(bag)
     parameters = reader.attempt('parameters', lambda: bag_parameters(bag))
-    controller = reader.attempt('parameters of the controller', lambda: node_values(
-        parameters, 'controller')) if parameters else None
-    named = tuple(controller['joints']) if controller else None
+    controller = reader.attempt('parameters of the controller', lambda: node_settings(
+        parameters, ControllerNodeSettings)) if parameters else None
+    named = controller.joints if controller else None
     states = reader.joints(JOINT_STATES, 'positions', named)
     joints = named or (states.names if states else ())
     errors = reader.joints(TRACKING_ERROR, 'tracking error', joints or None)
@@ -190,8 +191,9 @@ def read_recording(path: Path | str) -> Recording:
     if answered is not None:
         data['answered'] = answered._replace(t=clock.of_stamp(answered.t))
     if controller:
-        data['safety'] = _interval(reader, controller, 'safety', len(joints))
-        data['performance'] = _interval(reader, controller, 'performance', len(joints))
+        data['safety'] = _interval(reader, controller.safety, 'safety', len(joints))
+        data['performance'] = _interval(reader, controller.performance, 'performance',
+                                        len(joints))
     run = _run(reader)
     drops = drop_counters(m.data for m in bag.messages(('/diagnostics',)))
     return Recording(
@@ -200,11 +202,12 @@ def read_recording(path: Path | str) -> Recording:
         run=run, states=states, errors=errors, drops=drops, **data)
 
 
-def _interval(reader: _Tolerant, controller: dict[str, Any], name: str,
+def _interval(reader: _Tolerant, bounds: SafetySettings | PerformanceSettings, name: str,
               n: int) -> JointInterval | None:
-    return reader.attempt(f'{name} set', lambda: JointInterval(
-        broadcast(controller[f'{name}.lower'], n), broadcast(controller[f'{name}.upper'], n),
-        name))
+    def make() -> JointInterval:
+        full = bounds.resolved(joints=n)
+        return JointInterval(full.lower, full.upper, name)
+    return reader.attempt(f'{name} set', make)
 
 
 def _run(reader: _Tolerant) -> Run | None:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.configuration.parameter_file import node_values
+from adaptive_blf_control.configuration.node_settings import DriverSettings
+from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runs.recording import Recording
 
@@ -44,7 +45,7 @@ def period_ms(recording: Recording) -> float | None:
     data = recording.parameters
     if data and any(key.endswith('/arm_driver') for key in data):
         try:
-            return 1e3 / float(node_values(data, 'arm_driver')['rate'])
+            return 1e3 / node_settings(data, DriverSettings).rate
         except (BlfError, KeyError):
             pass
     intervals = intervals_ms(recording)

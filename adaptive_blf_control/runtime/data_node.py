@@ -12,7 +12,7 @@ import math
 import sys
 import threading
 import time
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock_type import ClockType
@@ -39,7 +39,12 @@ from adaptive_blf_control.runtime.direct_wait import (
     take_over_clock,
 )
 from adaptive_blf_control.runtime.loop_statistics import LoopStatistics
-from adaptive_blf_control.runtime.node_parameters import declare, on_change, refuse_untyped
+from adaptive_blf_control.runtime.node_parameters import (
+    declare,
+    NodeSettings,
+    on_change,
+    refuse_untyped,
+)
 from adaptive_blf_control.runtime.realtime import (
     cpus_of,
     lock_memory,
@@ -81,11 +86,11 @@ class _Topic(NamedTuple):
     wake: bool
 
 
-class DataNode(Node):
+class DataNode(Node, Generic[NodeSettings]):
     """A node with raw data topics served by its own loop and the rest by an executor.
 
     Attributes:
-        values: Validated parameters by name.
+        settings: Validated parameters; their paths are the names.
         stop: Set it to end :meth:`run`.
         exit_code: What the process returns; non-zero after a failure.
         drops: Messages not used, counted by reason.
@@ -96,12 +101,14 @@ class DataNode(Node):
         last_fault: What went wrong last, '' where nothing has.
     """
 
-    def __init__(self, kind: str, *, context: Context | None = None, stop: StopFlag | None = None,
+    def __init__(self, kind: str, settings_class: type[NodeSettings], *,
+                 context: Context | None = None, stop: StopFlag | None = None,
                  **options: Any) -> None:
-        """Make the node named ``kind`` and declare its table of parameters.
+        """Make the node named ``kind`` and declare its parameters.
 
         Args:
             kind: Kind of the node and its name, unless remapped.
+            settings_class: Declares its parameters.
             context: Context of ROS, the default one where None.
             stop: What asks the node to stop, already while it is made; its own where None.
             options: As of ``rclpy.node.Node``.
@@ -114,8 +121,8 @@ class DataNode(Node):
             raise
         self.kind = kind
         try:
-            self.values = declare(self, kind)
-            cpus_of(self.values['realtime.cpus'])
+            self.settings = declare(self, kind, settings_class)
+            cpus_of(self.settings.realtime.cpus)
         except BlfError:
             self.destroy_node()
             raise
@@ -140,24 +147,24 @@ class DataNode(Node):
         self._rate_since = time.monotonic()
         self._report_at = math.inf
         self._rate_samples = 0
-        self._direct = self.values['executor'] == 'direct'
+        self._direct = self.settings.executor == 'direct'
         if self._direct and not DIRECT:
             self._direct = False
             self.get_logger().warning('this rclpy has no wait sets to use: executor: plain')
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._second = -1
-        on_change(self, kind, self.values, self._retune_between_samples)
+        on_change(self, kind, lambda: self.settings, self._retune_between_samples)
         # rclpy's logger asks inspect for its caller, and the first such question reads every
         # loaded module's file: 50 to 100 ms that must not fall into a control cycle.
         inspect.getframeinfo(sys._getframe())
 
-    def _retune_between_samples(self, values: dict[str, Any], changed: set[str]) -> None:
+    def _retune_between_samples(self, settings: NodeSettings, changed: set[str]) -> None:
         with self.between_samples:
-            self.retune(values, changed)
-            self.values.update(values)
+            self.retune(settings, changed)
+            self.settings = settings
 
-    def retune(self, values: dict[str, Any], changed: set[str]) -> None:
-        """Take new parameter values between two samples, all of them or (BlfError) none."""
+    def retune(self, settings: NodeSettings, changed: set[str]) -> None:
+        """Take new settings between two samples, all of them or (BlfError) none."""
 
     def data_publisher(self, message_type: type, topic: str) -> Publisher:
         """Return a reliable publisher; ``publish(bytes)`` sends CDR as it is."""
@@ -366,12 +373,12 @@ class DataNode(Node):
         return self.exit_code
 
     def _ask_for_real_time(self) -> None:
-        stay_on(cpus_of(self.values['realtime.cpus']))
-        short_slices(self.values['realtime.slice'])
-        step_back(self.values['niceness'])
-        priority = self.values['realtime.priority']
+        stay_on(cpus_of(self.settings.realtime.cpus))
+        short_slices(self.settings.realtime.slice)
+        step_back(self.settings.niceness)
+        priority = self.settings.realtime.priority
         refused = [raise_priority(priority) if priority else None,
-                   lock_memory() if self.values['realtime.lock_memory'] else None]
+                   lock_memory() if self.settings.realtime.lock_memory else None]
         for reason in filter(None, refused):
             self.get_logger().warning(f'{reason}: running as usual')
 

@@ -8,7 +8,7 @@ can, so that ``ros2 run`` is enough; what cannot be configured then ends it with
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState
@@ -16,6 +16,7 @@ from rclpy.context import Context
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
 
+from adaptive_blf_control.configuration.node_settings import LifecycleSettings
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.direct_wait import (
@@ -26,8 +27,10 @@ from adaptive_blf_control.runtime.direct_wait import (
 
 __all__ = ['ManagedNode']
 
+ManagedSettings = TypeVar('ManagedSettings', bound=LifecycleSettings)
 
-class ManagedNode(LifecycleNodeMixin, DataNode):
+
+class ManagedNode(LifecycleNodeMixin, DataNode[ManagedSettings], Generic[ManagedSettings]):
     """Subclasses fill in what a transition does; a BlfError refuses it.
 
     Attributes:
@@ -35,15 +38,16 @@ class ManagedNode(LifecycleNodeMixin, DataNode):
         wants_activation: Whether the node is to activate itself as soon as it can.
     """
 
-    def __init__(self, kind: str, *, context: Context | None = None, **options: Any) -> None:
+    def __init__(self, kind: str, settings_class: type[ManagedSettings], *,
+                 context: Context | None = None, **options: Any) -> None:
         """Make the node; with ``autostart`` configure it, BlfError where that fails."""
-        DataNode.__init__(self, kind, context=context, **options)
+        DataNode.__init__(self, kind, settings_class, context=context, **options)
         LifecycleNodeMixin.__init__(self)
         answer_transitions(self, self._answer_request)
         self.active = False
         self._refused: BlfError | None = None
         self._by_itself = False
-        self.wants_activation = bool(self.values['autostart'])
+        self.wants_activation = self.settings.autostart
         if self.wants_activation and not self._changes(self.trigger_configure):
             error = self._refused
             self.destroy_node()

@@ -7,7 +7,7 @@ import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 import yaml
 
-from adaptive_blf_control.configuration.node_tables import TABLES
+from adaptive_blf_control.configuration.node_settings import RuntimeSettings, TABLES
 from adaptive_blf_control.configuration.parameter_file import (
     known_elsewhere,
     load_yaml,
@@ -33,6 +33,7 @@ from adaptive_blf_control.runtime.direct_wait import overrides_of
 
 __all__ = ['check_files', 'declare', 'descriptor', 'explain_files', 'on_change', 'refuse_untyped']
 
+NodeSettings = TypeVar('NodeSettings', bound=RuntimeSettings)
 ROS_TYPES = {
     'bool': ParameterType.PARAMETER_BOOL,
     'int': ParameterType.PARAMETER_INTEGER,
@@ -73,8 +74,8 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, (array.array, tuple)) else value
 
 
-def declare(node: Node, kind: str) -> dict[str, Any]:
-    """Declare the table of node kind ``kind`` and return its validated values.
+def declare(node: Node, kind: str, settings_class: type[NodeSettings]) -> NodeSettings:
+    """Declare the parameters of node kind ``kind`` and return its settings.
 
     The node has to be made with ``automatically_declare_parameters_from_overrides=True``, so that
     everything it was given is visible here and a misspelt name is refused rather than ignored.
@@ -95,7 +96,7 @@ def declare(node: Node, kind: str) -> dict[str, Any]:
             node.set_descriptor(name, descriptor(parameter))
         else:
             node.declare_parameter(name, values[name], descriptor(parameter))
-    return values
+    return settings_class.from_values(values)
 
 
 def _default_joints(kind: str) -> list[str]:
@@ -110,15 +111,16 @@ def _sizes(table: Mapping[str, Parameter], given: Mapping[str, Any]) -> dict[str
     return {'joints': len(joints)} if isinstance(joints, list) else {}
 
 
-def on_change(node: Node, kind: str, values: dict[str, Any],
-              apply: Callable[[dict[str, Any], set[str]], None]) -> None:
+def on_change(node: Node, kind: str, present: Callable[[], NodeSettings],
+              apply: Callable[[NodeSettings, set[str]], None]) -> None:
     """Validate every set request as a whole and hand the new values to ``apply``.
 
-    ``apply`` gets all values and the names of those that change. It raises a BlfError to refuse;
+    ``present`` returns the settings in force. ``apply`` gets the new ones and the names of those
+    parameters that change. It raises a BlfError to refuse;
     then nothing is changed and the reason is returned. Several parameters of one atomic request
     are accepted or refused together.
     """
-    table = per_joint(TABLES[kind], values.get('joints', []))
+    table = per_joint(TABLES[kind], present().values().get('joints', []))
 
     def changed(parameters: Sequence[RosParameter]) -> SetParametersResult:
         new = {p.name: _plain(p.value) for p in parameters if p.name in table}
@@ -129,9 +131,11 @@ def on_change(node: Node, kind: str, values: dict[str, Any],
         if not new:
             return SetParametersResult(successful=True)
         try:
+            values = present().values()
             candidate = validated(table.values(), {**values, **new}, node.get_name(),
                                   _sizes(table, values))
-            apply(candidate, {name for name in new if new[name] != values[name]})
+            apply(type(present()).from_values(candidate),
+                  {name for name in new if new[name] != values[name]})
         except BlfError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

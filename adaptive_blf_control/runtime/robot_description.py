@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import time
-from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.settings import ArmSettings
 from adaptive_blf_control.configuration.build import build_arm
 from adaptive_blf_control.errors import ArmError, BagError
 from adaptive_blf_control.messages.cdr_cursor import Cursor
@@ -23,15 +22,15 @@ PATIENCE = 10.0  # s
 POLL = 0.01  # s
 
 
-def arm_of(node: DataNode) -> Arm:
-    """Build the arm a node's parameters describe.
+def arm_of(node: DataNode, settings: ArmSettings) -> Arm:
+    """Build the arm that a node's settings describe.
 
     With ``urdf: topic:NAME`` the text is received from that (transient local) topic; ArmError
     where none arrives within ``PATIENCE``.
     """
-    source = str(node.values['urdf'])
-    if node.values['arm'] != 'urdf' or not source.startswith('topic:'):
-        return build_arm(node.values)
+    source = settings.urdf
+    if settings.arm != 'urdf' or not source.startswith('topic:'):
+        return build_arm(settings)
     topic = source.removeprefix('topic:')
     received: list[bytes] = []
     qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -48,13 +47,13 @@ def arm_of(node: DataNode) -> Arm:
         raise ArmError(f'asked to stop before a URDF arrived on topic {topic!r}')
     if not received:
         raise ArmError(f'no URDF arrived on topic {topic!r} within {PATIENCE:g} s')
-    return arm_from(received[-1], topic, node.values)
+    return arm_from(received[-1], topic, settings)
 
 
-def arm_from(data: bytes, topic: str, values: Mapping[str, Any]) -> Arm:
+def arm_from(data: bytes, topic: str, settings: ArmSettings) -> Arm:
     """Build the arm from a std_msgs/String as CDR; ArmError where it holds no usable URDF."""
     try:
         text = Cursor(data, 'String').string('data')
     except BagError as error:
         raise ArmError(f'topic {topic!r}: {error}') from None
-    return build_arm(values, text)
+    return build_arm(settings, text)

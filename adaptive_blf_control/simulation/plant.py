@@ -12,7 +12,8 @@ import numpy as np
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.control.law import limited
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.simulation.sensors import Measurement, Sensors, SensorSettings
+from adaptive_blf_control.simulation.sensors import Measurement, Sensors
+from adaptive_blf_control.simulation.settings import SensorSettings
 
 __all__ = ['Epoch', 'Plant']
 

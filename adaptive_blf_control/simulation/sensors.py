@@ -3,15 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.simulation.settings import SensorSettings
 
-__all__ = ['Measurement', 'SensorSettings', 'Sensors']
+__all__ = ['Measurement', 'Sensors', 'resolution']
 
 
 class Measurement(NamedTuple):
@@ -22,44 +21,11 @@ class Measurement(NamedTuple):
     torque: np.ndarray
 
 
-@dataclass(frozen=True)
-class SensorSettings:
-    """How the joints are measured.
-
-    Attributes:
-        encoder_counts: Counts per motor turn, > 0; None measures positions and velocities
-            perfectly.
-        gear_ratio: Motor turns per joint turn.
-        velocity_time_constant: T_v of the first-order filter 1/(T_v s + 1) behind the difference
-            of two positions [s]; 0 leaves the bare difference.
-        torque_noise: Standard deviation of the torque measurement [N·m].
-        seed: Of the noise.
-    """
-
-    encoder_counts: int | None = None
-    gear_ratio: float = 1.0
-    velocity_time_constant: float = 0.005
-    torque_noise: float = 0.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Check signs; ParameterError names the setting."""
-        if self.encoder_counts is not None and self.encoder_counts <= 0:
-            raise ParameterError('arm_driver.sensors.encoder_counts', self.encoder_counts,
-                                 'at least 1 count per turn')
-        for name, value, least in (('gear_ratio', self.gear_ratio, 1e-12),
-                                   ('velocity_time_constant', self.velocity_time_constant, 0.0),
-                                   ('torque_noise', self.torque_noise, 0.0)):
-            if not (math.isfinite(value) and value >= least):
-                raise ParameterError(f'arm_driver.sensors.{name}', value,
-                                     f'a finite value >= {least:g}')
-
-    @property
-    def resolution(self) -> float:
-        """Position step of one count at the joint [rad]; 0 where it is perfect."""
-        if self.encoder_counts is None:
-            return 0.0
-        return 2.0 * math.pi / (self.encoder_counts * self.gear_ratio)
+def resolution(settings: SensorSettings) -> float:
+    """Return the position step of one count at the joint [rad]; 0 where it is perfect."""
+    if settings.model != 'encoder':
+        return 0.0
+    return 2.0 * math.pi / (settings.encoder_counts * settings.gear_ratio)
 
 
 class Sensors:
@@ -74,7 +40,7 @@ class Sensors:
 
     def position(self, q: np.ndarray) -> np.ndarray:
         """Return true positions (n,) [rad] in whole encoder counts."""
-        step = self.settings.resolution
+        step = resolution(self.settings)
         return np.round(q / step) * step if step > 0.0 else q
 
     def measure(self, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
@@ -83,7 +49,7 @@ class Sensors:
         settings = self.settings
         if settings.torque_noise > 0.0:
             torque = torque + settings.torque_noise * self._random.standard_normal(q.size)
-        if settings.encoder_counts is None:
+        if settings.model != 'encoder':
             return Measurement(q, qd, torque)
         measured = self.position(q)
         if self._q is None or dt <= 0.0:

@@ -11,7 +11,8 @@ import sys
 import time
 
 from adaptive_blf_control.bags.reader import read_bag
-from adaptive_blf_control.configuration.parameter_file import load_yaml, node_values
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
+from adaptive_blf_control.configuration.parameter_file import load_yaml, node_settings
 from adaptive_blf_control.errors import BlfError, MissingExtra
 from adaptive_blf_control.report.plot import plot_run
 from adaptive_blf_control.runs.bag_run import rates, run_of_bag
@@ -72,7 +73,8 @@ def main(args: list[str] | None = None) -> int:
     output = options.output or Path('runs') / time.strftime('%Y%m%d_%H%M%S')
     try:
         config = options.config or scenario('two_link.yaml')
-        node_values(load_yaml(config), 'controller')  # a clear error before anything starts
+        # A clear error before anything starts.
+        node_settings(load_yaml(config), ControllerNodeSettings)
         if output.exists():
             raise BlfError(f'{output} exists already: name another folder with --output')
         output.mkdir(parents=True)

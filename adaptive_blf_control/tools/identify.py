@@ -16,11 +16,12 @@ from typing import Any
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.bags.logs import load_log
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
+from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,
     given_values,
     load_yaml,
-    node_values,
+    node_settings,
 )
 from adaptive_blf_control.errors import BlfError, LogError, ParameterError
 from adaptive_blf_control.identification.estimate_file import write_estimate
@@ -72,21 +73,21 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _values(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the identifier's parameters: from the file (or `REAL_ROBOT`), then the options."""
+def _settings(options: argparse.Namespace) -> IdentifierNodeSettings:
+    """Return the identifier's settings: from the file (or `REAL_ROBOT`), then the options."""
     data = load_yaml(options.config) if options.config else {
         '/**/identifier': {'ros__parameters': json.loads(json.dumps(REAL_ROBOT))}}
     data = apply_settings(data, options.settings)
-    values = node_values(data, 'identifier')
+    settings = node_settings(data, IdentifierNodeSettings)
     if options.urdf is not None:
-        values['arm'], values['urdf'] = 'urdf', options.urdf
-    if values['arm'] == 'urdf' and (not values['urdf'] or values['urdf'].startswith('topic:')):
-        raise ParameterError('urdf', values['urdf'], 'a file: name one with --urdf FILE')
+        settings = settings.replace(arm='urdf', urdf=options.urdf)
+    if settings.arm == 'urdf' and (not settings.urdf or settings.urdf.startswith('topic:')):
+        raise ParameterError('urdf', settings.urdf, 'a file: name one with --urdf FILE')
     if options.joints is not None:
-        values['joints'] = [name.strip() for name in options.joints.split(',')]
-    elif values['arm'] == 'urdf' and 'joints' not in given_values(data, 'identifier'):
-        values['joints'] = _joints_of(values['urdf'])
-    return values
+        return settings.replace(joints=[name.strip() for name in options.joints.split(',')])
+    if settings.arm == 'urdf' and 'joints' not in given_values(data, 'identifier'):
+        return settings.replace(joints=_joints_of(settings.urdf))
+    return settings
 
 
 def _joints_of(urdf: str) -> list[str]:
@@ -96,24 +97,22 @@ def _joints_of(urdf: str) -> list[str]:
 
 
 def _identify(options: argparse.Namespace) -> tuple[dict[str, Any], Arm]:
-    values = _values(options)
-    output = options.output or Path(values['estimate_file'] or 'theta_hat.yaml')
+    settings = _settings(options)
+    output = options.output or Path(settings.estimate_file or 'theta_hat.yaml')
     if not output.parent.is_dir():  # known before the work, not after
         raise ParameterError('--output', str(output), 'a file in a folder that exists')
-    arm = build_arm(values)
+    arm = build_arm(settings)
     log = load_log(options.log, topic=options.topic, joints=arm.joints)
     if log.problem:
         print(f'identify: {options.log}: {log.problem}', file=sys.stderr)
-    identifier = build_identifier(values, arm)
-    settings = identifier.settings
-    spans = choose_spans(log.t, options.train, options.test, 5.0 * (
-        settings.time_constant + settings.state_order * settings.state_time_constant))
+    identifier = build_identifier(settings, arm)
+    spans = choose_spans(log.t, options.train, options.test, 5.0 * settings.filter.memory)
     result = learn(identifier, log, *spans)
     for name, fit in (('train', result.train), ('test', result.test)):
         if fit.count == 0 and not (name == 'test' and options.test == NO_TEST):
             raise LogError(f'{options.log}: no sample of the {name} span can be used: the filter '
-                           f'restarts at gaps of more than {settings.gap:g} s and settles for '
-                           f'{settings.settle:g} time constants')
+                           f'restarts at gaps of more than {settings.filter.gap:g} s and '
+                           f'settles for {settings.filter.settle:g} time constants')
     figures = figures_of(log, identifier, result, spans)
     try:
         write_estimate(output, identifier.snapshot())

@@ -7,16 +7,17 @@ import argparse
 import json
 import sys
 
-from adaptive_blf_control.configuration.node_tables import ARM, TABLES
+from adaptive_blf_control.arms.settings import ArmSettings
+from adaptive_blf_control.configuration.node_settings import TABLES
 from adaptive_blf_control.parameters.table import Parameter
 
 __all__ = ['main', 'markdown']
 
 HEAD = """# Parameters
 
-Written by `python -m adaptive_blf_control parameters`; a test keeps it equal to the tables in
-`adaptive_blf_control/configuration/node_tables.py`, which also drive declaration, descriptors and
-checks.
+Written by `python -m adaptive_blf_control parameters`; a test keeps it equal to the settings
+classes in `adaptive_blf_control/configuration/node_settings.py` and in the rooms of the
+core, which also drive declaration, descriptors and checks.
 
 A list of length n (joints) or m (parameters) may be given as one element that stands for all.
 "live" can be changed with `ros2 param set` while the node runs; the rest is read-only.
@@ -40,8 +41,9 @@ def _section(title: str, table: tuple[Parameter, ...]) -> str:
 
 def markdown() -> str:
     """Return the page."""
-    shared = {parameter.name for parameter in ARM}
-    text = HEAD + _section('The arm (arm_driver, identifier, controller)', ARM)
+    arm = ArmSettings.table()
+    shared = {parameter.name for parameter in arm}
+    text = HEAD + _section('The arm (arm_driver, identifier, controller)', arm)
     for node, table in TABLES.items():
         text += _section(node, tuple(p for p in table if p.name not in shared))
     return text

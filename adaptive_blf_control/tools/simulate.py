@@ -10,10 +10,11 @@ import sys
 
 from adaptive_blf_control.command_line import seconds
 from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,
     load_yaml,
-    node_values,
+    node_settings,
 )
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.identification.rank_condition import rank_warning
@@ -46,7 +47,7 @@ def main(args: list[str] | None = None) -> int:
         if warning:
             print(f'simulate: warning: {warning}', file=sys.stderr)
         loop.warm_up()
-        duration = options.duration or node_values(data, 'arm_driver')['duration'] or 20.0
+        duration = options.duration or node_settings(data, DriverSettings).duration or 20.0
         if options.bag is None:
             trace = loop.run(duration)
         else:

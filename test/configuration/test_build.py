@@ -13,10 +13,11 @@ from adaptive_blf_control.configuration.build import (
     build_plant,
     initial_theta,
 )
+from adaptive_blf_control.configuration.node_settings import NODE_SETTINGS
 from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,
     load_yaml,
-    node_values,
+    node_settings,
 )
 from adaptive_blf_control.errors import ArmError, BlfError, ParameterError, SetViolation
 
@@ -25,10 +26,10 @@ START = np.array([0.0, 2.0])
 
 @pytest.fixture
 def values(repository):
-    """Return ``values(node, setting, ...)``: parameters of config/two_link.yaml, changed."""
+    """Return ``values(node, setting, ...)``: settings of config/two_link.yaml, changed."""
     def of(node: str, *settings: str):
         data = load_yaml(repository / 'config' / 'two_link.yaml')
-        return node_values(apply_settings(data, list(settings)), node)
+        return node_settings(apply_settings(data, list(settings)), NODE_SETTINGS[node])
     return of
 
 
@@ -92,8 +93,9 @@ def test_identifier_has_the_gains_of_the_file(values):
                    'identifier.history.size=11', 'identifier.history.epsilon=0.3')
     settings = build_identifier(given, build_arm(given)).settings
     assert (settings.kt, settings.kh) == (3.0, 4.0)
-    assert (settings.time_constant, settings.gap) == (0.03, 0.2)
-    assert (settings.settle, settings.size, settings.epsilon) == (5.0, 11, 0.3)
+    filters, history = settings.filter, settings.history
+    assert (filters.time_constant, filters.gap, filters.settle) == (0.03, 0.2, 5.0)
+    assert (history.size, history.epsilon) == (11, 0.3)
     np.testing.assert_array_equal(settings.gamma, np.full(5, 2.0))
     np.testing.assert_array_equal(settings.initial_estimate, [0.0, 9.0, 6.0, 0.0, 0.0])
 
@@ -140,9 +142,8 @@ def test_controller_estimate_has_one_finite_value_for_each_parameter(values, set
 
 
 def test_a_controller_estimate_that_is_not_finite_is_refused(values):
-    given = {**values('controller'), 'initial_estimate': [float('inf')]}
     with pytest.raises(ParameterError, match=r'controller\.initial_estimate.*finite'):
-        initial_theta(given, build_arm(given))
+        values('controller').replace(initial_estimate=[float('inf')])
 
 
 def test_plant_has_the_state_and_the_parameters_of_the_file(values):
@@ -163,31 +164,29 @@ def test_true_parameters_that_do_not_fit_the_arm_are_refused(values):
 
 @pytest.mark.parametrize('p1', [0.0, -3.0, float('nan'), float('inf')])
 def test_true_parameters_without_inertia_are_refused(values, p1):
-    given = values('arm_driver')
-    given['true_parameters'] = [p1, 0.2, 0.2, 5.3, 1.1]
+    given, arm = values('arm_driver'), build_arm(values('arm_driver'))
     with pytest.raises(BlfError):
-        build_plant(given, build_arm(given))
+        build_plant(given.replace(true_parameters=[p1, 0.2, 0.2, 5.3, 1.1]), arm)
 
 
 @pytest.mark.parametrize('name', ['initial_position', 'initial_velocity'])
 def test_an_infinite_start_is_refused(values, name):
     with pytest.raises(ParameterError, match=rf'arm_driver\.{name}.*finite'):
         values('arm_driver', f'arm_driver.{name}=[.inf, 0.0]')
-    given = {**values('arm_driver'), name: [float('inf'), 0.0]}
     with pytest.raises(ParameterError, match=rf'arm_driver\.{name}.*finite'):
-        build_plant(given, build_arm(given))
+        values('arm_driver').replace(**{name: [float('inf'), 0.0]})
 
 
 @pytest.mark.parametrize(('joints', 'expected'), [
     ([], 'distinct joint names, at least one'), (['a', 'a'], 'distinct joint names')])
 def test_joint_names_are_distinct(values, joints, expected):
     with pytest.raises(ParameterError, match=expected):
-        build_arm({**values('arm_driver'), 'joints': joints})
+        build_arm(values('arm_driver').replace(joints=joints))
 
 
 def test_the_two_link_arm_has_two_joints(values):
     with pytest.raises(ArmError, match='two joints'):
-        build_arm({**values('arm_driver'), 'joints': ['a', 'b', 'c']})
+        build_arm(values('arm_driver').replace(joints=['a', 'b', 'c']))
 
 
 def test_a_urdf_arm_needs_a_urdf(values):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from adaptive_blf_control.configuration.node_tables import TABLES
+from adaptive_blf_control.configuration.node_settings import TABLES
 from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,
     given_values,

@@ -11,14 +11,13 @@ import pytest
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.control.controller import (
     Controller,
-    ControllerSettings,
     ControlOutput,
-    COUPLINGS,
     sampling_model,
     sampling_number,
 )
 from adaptive_blf_control.control.reference import Reference, SmoothStart, SumOfSinusoids
 from adaptive_blf_control.control.sets import JointInterval
+from adaptive_blf_control.control.settings import ControllerSettings, COUPLINGS
 from adaptive_blf_control.control.trajectory import JoinedReference, PointReference
 from adaptive_blf_control.errors import ParameterError, SetViolation
 
@@ -37,7 +36,8 @@ TASK = SumOfSinusoids(np.zeros(2), np.array([[1.0], [2.0]]), np.full((2, 1), 0.5
 
 def settings(coupling: str = 'per_joint', limit: float = 1e9, rate: float = 1e15,
              ) -> ControllerSettings:
-    return ControllerSettings(K1, K2, np.full(2, limit), np.full(2, rate), coupling)
+    return ControllerSettings(k1=K1, k2=K2, torque_limit=limit, torque_rate_limit=rate,
+                              coupling=coupling)
 
 
 def controller(coupling: str = 'per_joint', limit: float = 1e9, widen: float = 0.0,
@@ -229,7 +229,7 @@ def test_gains_are_positive_and_finite(name, value):
 
 def test_an_unknown_coupling_is_named():
     with pytest.raises(ParameterError, match=r"'smooth'.*per_joint.*pseudoinverse"):
-        ControllerSettings(K1, K2, K2, K2, 'smooth')
+        ControllerSettings(coupling='smooth')
 
 
 def test_sampling_number_tells_where_a_sampled_loop_turns_unstable():
@@ -371,7 +371,7 @@ def test_a_new_safety_set_has_to_hold_the_present_position():
 def test_gains_are_taken_whatever_the_state():
     law, new = controller(), settings(limit=3.0)
     law.retune(1.0, np.full(2, 99.0), settings=new)
-    assert law.settings is new
+    assert law.settings == new.resolved(joints=2)
     output = law.update(1.0, np.zeros(2), np.zeros(2), np.full(5, 50.0))
     assert np.abs(output.torque).max() == 3.0
 

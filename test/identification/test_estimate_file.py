@@ -30,8 +30,8 @@ NOON = '2026-03-01T12:00:00.250000+00:00'
 
 @pytest.fixture
 def learned(record) -> Identifier:
-    result = Identifier(ARM, IdentifierSettings(
-        np.zeros(5), np.ones(5), 10.0, 10.0, time_constant=0.001, gap=0.05, size=7, epsilon=0.1))
+    result = Identifier(ARM, IdentifierSettings.from_values({
+        'filter.settle': 0.0, 'history.size': 7, 'change.window': 0.0, 'excitation.window': 0.0}))
     for sample in record(steps=50):
         result.update(*sample)
     return result
@@ -177,8 +177,8 @@ def test_a_reader_never_sees_half_a_file_while_threads_write(learned, tmp_path):
 
 
 def test_a_snapshot_does_not_change_while_learning_goes_on(record):
-    subject = Identifier(ARM, IdentifierSettings(
-        np.zeros(5), np.ones(5), 10.0, 10.0, time_constant=0.001, gap=0.05, size=7, epsilon=0.1))
+    subject = Identifier(ARM, IdentifierSettings.from_values({
+        'filter.settle': 0.0, 'history.size': 7, 'change.window': 0.0, 'excitation.window': 0.0}))
     samples = record(steps=100)
     for sample in samples[:50]:
         subject.update(*sample)

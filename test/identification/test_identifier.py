@@ -3,22 +3,28 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.identifier import Identifier, IdentifierSettings
+from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.settings import IdentifierSettings
 
 hypothesis = pytest.importorskip('hypothesis')
 st = hypothesis.strategies
 
+
+def named(**values):
+    """Return values by parameter name; ``__`` stands for a dot."""
+    return {name.replace('__', '.'): value for name, value in values.items()}
+
+
 ARM = TwoLinkArm()
-SETTINGS = IdentifierSettings(
+SETTINGS = IdentifierSettings.from_values(named(
     initial_estimate=np.array([0.0, 9.0, 6.0, 0.0, 0.0]), gamma=np.ones(5), kt=10.0, kh=10.0,
-    time_constant=0.001, gap=0.05, size=7, epsilon=0.1)
+    filter__time_constant=0.001, filter__gap=0.05, filter__settle=0.0, history__size=7,
+    history__epsilon=0.1, change__window=0.0, excitation__window=0.0))
 STATE = np.array([0.1, 0.2]), np.array([0.3, -0.4]), np.array([1.0, 2.0])
 
 pairs = st.tuples(st.floats(), st.floats())
@@ -27,7 +33,7 @@ absurd_samples = st.tuples(st.floats(0.0, 0.03), pairs, pairs, pairs,
 
 
 def identifier(**changes) -> Identifier:
-    return Identifier(ARM, dataclasses.replace(SETTINGS, **changes))
+    return Identifier(ARM, SETTINGS.replace(**named(**changes)))
 
 
 def learned(samples, **changes) -> Identifier:
@@ -156,7 +162,7 @@ def test_resetting_the_history_keeps_the_estimate(record):
 
 
 def test_nothing_is_learned_until_the_filter_has_settled(record):
-    result = identifier(settle=20.0)  # of 1 ms
+    result = identifier(filter__settle=20.0)  # of 1 ms
     for sample in record(steps=30):
         result.update(*sample)
         assert result.settled == (sample.t >= 0.02 - 1e-9)
@@ -166,7 +172,7 @@ def test_nothing_is_learned_until_the_filter_has_settled(record):
 
 def test_settling_begins_again_after_a_gap(record):
     samples = record(steps=400)
-    result = learned(samples[:100], settle=20.0)
+    result = learned(samples[:100], filter__settle=20.0)
     count = result.stack.insertions
     for sample in samples[200:220]:
         result.update(*sample)
@@ -190,7 +196,7 @@ def test_an_adaptation_term_that_is_not_finite_or_overflows_is_dropped_and_count
 @hypothesis.settings(max_examples=150)
 @hypothesis.given(st.lists(absurd_samples, max_size=12))
 def test_estimate_stays_finite_and_the_identifier_recovers_from_absurd_data(steps):
-    result, t = identifier(size=5, epsilon=0.0), 0.0
+    result, t = identifier(history__size=5, history__epsilon=0.0), 0.0
     for dt, q, qd, tau, term in steps:
         t += dt
         theta = result.update(t, np.array(q), np.array(qd), np.array(tau), np.array(term))
@@ -214,9 +220,10 @@ def test_one_absurd_velocity_does_not_end_the_learning(record, glitch):
 
 
 @pytest.mark.parametrize(('name', 'value'), [
-    ('kt', -1.0), ('kt', float('nan')), ('kh', float('inf')), ('settle', -0.1),
+    ('kt', -1.0), ('kt', float('nan')), ('kh', float('inf')), ('filter__settle', -0.1),
     ('gamma', np.zeros(5)), ('gamma', np.full(5, float('nan'))), ('gamma', np.full(5, np.inf)),
     ('initial_estimate', np.full(5, float('inf')))])
 def test_settings_are_checked_by_name(name, value):
+    name = name.replace('__', '.')
     with pytest.raises(ParameterError, match=rf'identifier\.{name}'):
-        dataclasses.replace(SETTINGS, **{name: value})
+        SETTINGS.replace(**{name: value})

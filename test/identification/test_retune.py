@@ -10,26 +10,38 @@ import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.identifier import Identifier, IdentifierSettings
+from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.settings import IdentifierSettings
+
+
+def named(**values):
+    """Return values by parameter name; ``__`` stands for a dot."""
+    return {name.replace('__', '.'): value for name, value in values.items()}
+
 
 ARM = TwoLinkArm()
-SETTINGS = IdentifierSettings(
+SETTINGS = IdentifierSettings.from_values(named(
     initial_estimate=np.array([0.0, 9.0, 6.0, 0.0, 0.0]), gamma=np.ones(5), kt=10.0, kh=10.0,
-    time_constant=0.001, gap=0.05, size=7, epsilon=0.1, change_window=0.1, excitation_window=0.1)
+    filter__time_constant=0.001, filter__gap=0.05, filter__settle=0.0, history__size=7,
+    history__epsilon=0.1, change__window=0.1, excitation__window=0.1))
 
-LIVE = {'gamma': np.full(5, 2.0), 'kt': 3.0, 'kh': 4.0, 'update_law': 'concurrent',
-        'time_constant': 0.004, 'gap': 0.02, 'settle': 2.0, 'state_order': 2,
-        'state_time_constant': 0.01, 'size': 12, 'epsilon': 0.3, 'minimum_growth': 0.5,
-        'change_window': 0.3, 'change_threshold': 9.0, 'change_resolution': 0.1,
-        'excitation_window': 0.2, 'noise': 0.1, 'noise_seed': 3}
-BAD = {'gamma': np.ones(4), 'kt': -1.0, 'update_law': 'guess', 'time_constant': 0.0,
-       'gap': float('nan'), 'settle': float('inf'), 'state_order': 1, 'size': 0, 'epsilon': 1.5,
-       'minimum_growth': -1.0, 'change_window': -0.1, 'change_threshold': 1.0,
-       'change_resolution': float('inf'), 'excitation_window': float('inf'), 'noise': -0.1}
+LIVE = {
+    'gamma': np.full(5, 2.0), 'kt': 3.0, 'kh': 4.0, 'update_law': 'concurrent',
+    'filter__time_constant': 0.004, 'filter__gap': 0.02, 'filter__settle': 2.0,
+    'filter__state_order': 2, 'filter__state_time_constant': 0.01, 'history__size': 12,
+    'history__epsilon': 0.3, 'history__minimum_growth': 0.5, 'change__window': 0.3,
+    'change__threshold': 9.0, 'change__resolution': 0.1, 'excitation__window': 0.2,
+    'history__noise': 0.1, 'history__noise_seed': 3}
+BAD = {
+    'gamma': np.ones(4), 'kt': -1.0, 'update_law': 'guess', 'filter__time_constant': 0.0,
+    'filter__gap': float('nan'), 'filter__settle': float('inf'), 'filter__state_order': 1,
+    'history__size': 0, 'history__epsilon': 1.5, 'history__minimum_growth': -1.0,
+    'change__window': -0.1, 'change__threshold': 1.0, 'change__resolution': float('inf'),
+    'excitation__window': float('inf'), 'history__noise': -0.1}
 
 
 def identifier(**changes) -> Identifier:
-    return Identifier(ARM, dataclasses.replace(SETTINGS, **changes))
+    return Identifier(ARM, SETTINGS.replace(**named(**changes)))
 
 
 def learn(subject: Identifier, samples) -> Identifier:
@@ -39,7 +51,7 @@ def learn(subject: Identifier, samples) -> Identifier:
 
 
 def retune(subject: Identifier, **changes) -> None:
-    subject.retune(dataclasses.replace(subject.settings, **changes))
+    subject.retune(subject.settings.replace(**named(**changes)))
 
 
 def assert_same(first: Identifier, second: Identifier) -> None:
@@ -59,8 +71,8 @@ def poor(subject: Identifier, steps: int, start: int = 0) -> None:
 
 
 def test_every_setting_but_the_start_is_in_the_list():
-    fields = {field.name for field in dataclasses.fields(IdentifierSettings)}
-    assert set(LIVE) == fields - {'initial_estimate'}
+    names = {parameter.name for parameter in IdentifierSettings.table()}
+    assert set(named(**LIVE)) == names - {'initial_estimate'}
 
 
 @pytest.mark.parametrize('name', LIVE)
@@ -68,27 +80,28 @@ def test_a_change_loses_neither_the_estimate_nor_a_pair(record, name):
     subject = learn(identifier(), record(steps=300)[:200])
     theta, pairs, restarts = subject.theta, subject.stack.regressors[:7].copy(), subject.restarts
     retune(subject, **{name: LIVE[name]})
-    np.testing.assert_array_equal(getattr(subject.settings, name), LIVE[name])
+    np.testing.assert_array_equal(subject.settings.values()[name.replace('__', '.')], LIVE[name])
     assert subject.theta is theta
     np.testing.assert_array_equal(subject.stack.regressors[:7], pairs)
     learn(subject, record(steps=300)[200:])
-    assert subject.restarts == restarts + (name in ('state_order', 'state_time_constant'))
+    assert subject.restarts == restarts + name.startswith('filter__state')
     assert sum(subject.dropped.values()) == 0
 
 
-@pytest.mark.parametrize('name', sorted(set(LIVE) - {'noise_seed', 'state_time_constant'}))
+@pytest.mark.parametrize('name', sorted(
+    set(LIVE) - {'history__noise_seed', 'filter__state_time_constant'}))
 def test_a_changed_setting_is_that_of_an_identifier_that_always_had_it(record, name):
-    base = {'settle': 1.0, 'gap': 0.02} if name == 'gap' else {}
+    base = {'filter__settle': 1.0, 'filter__gap': 0.02} if name == 'filter__gap' else {}
     samples = [sample for k, sample in enumerate(record(steps=300))
-               if not (name == 'gap' and 150 <= k < 180)]
-    subject = identifier(**base, **({} if name == 'gap' else {name: LIVE[name]}))
+               if not (name == 'filter__gap' and 150 <= k < 180)]
+    subject = identifier(**base, **({} if name == 'filter__gap' else {name: LIVE[name]}))
     always = learn(identifier(**{**base, name: LIVE[name]}), samples)
-    if name == 'gap':
-        subject = learn(identifier(settle=1.0), samples[:100])
+    if name == 'filter__gap':
+        subject = learn(identifier(filter__settle=1.0), samples[:100])
     else:
         subject = identifier()
     retune(subject, **{name: LIVE[name]})
-    learn(subject, samples[100:] if name == 'gap' else samples)
+    learn(subject, samples[100:] if name == 'filter__gap' else samples)
     assert_same(subject, always)
 
 
@@ -107,7 +120,8 @@ def test_a_value_that_is_refused_changes_nothing_of_the_others(record, name):
 
 def test_the_same_settings_again_change_nothing(record):
     samples = record(steps=300)
-    subject, untouched = identifier(state_order=2, noise=0.1), identifier(state_order=2, noise=0.1)
+    subject, untouched = (identifier(filter__state_order=2, history__noise=0.1)
+                          for _ in range(2))
     for sample in samples:
         retune(subject)
         assert_same(learn(subject, [sample]), learn(untouched, [sample]))
@@ -133,7 +147,7 @@ def test_filtered_regressor_times_parameters_stays_the_filtered_torque_through_a
     t, largest = 0.0, 0.0
     for k in range(400):
         if k % 50 == 25:
-            retune(subject, time_constant=float(10.0 ** random.uniform(-4.0, 0.0)))
+            retune(subject, filter__time_constant=float(10.0 ** random.uniform(-4.0, 0.0)))
         t += 1e-3 * random.uniform(0.5, 1.5)
         q, qd = np.sin([9.0 * t, 7.0 * t]), np.array([9.0, 7.0]) * np.cos([9.0 * t, 7.0 * t])
         y1, y2 = ARM.Y12(q, qd)
@@ -150,11 +164,12 @@ def test_filtered_regressor_times_parameters_stays_the_filtered_torque_through_a
 
 def test_another_state_filter_starts_both_filters_anew(record):
     samples = record(steps=300)
-    subject = learn(identifier(settle=5.0), samples[:200])
+    subject = learn(identifier(filter__settle=5.0), samples[:200])
     insertions = subject.stack.insertions
-    retune(subject, state_order=2, state_time_constant=0.002)
+    retune(subject, filter__state_order=2, filter__state_time_constant=0.002)
     assert not subject.pair[0].any()
-    fresh = learn(identifier(state_order=2, state_time_constant=0.002, settle=5.0), samples[200:])
+    fresh = learn(identifier(filter__state_order=2, filter__state_time_constant=0.002,
+                             filter__settle=5.0), samples[200:])
     for sample in samples[200:]:
         subject.update(*sample)
         assert (subject.settled, fresh.settled) == (sample.t > 0.2 + 0.025 - 1e-9, True)
@@ -165,24 +180,24 @@ def test_another_state_filter_starts_both_filters_anew(record):
 
 def test_the_state_filter_can_be_switched_off(record):
     samples = record(steps=300)
-    subject = learn(identifier(state_order=2), samples[:200])
-    retune(subject, state_order=0)
+    subject = learn(identifier(filter__state_order=2), samples[:200])
+    retune(subject, filter__state_order=0)
     np.testing.assert_array_equal(learn(subject, samples[200:]).pair[0],
                                   learn(identifier(), samples[200:]).pair[0])
 
 
 def test_a_longer_memory_has_to_settle_first(record):
-    subject = learn(identifier(settle=5.0), record(steps=20))
+    subject = learn(identifier(filter__settle=5.0), record(steps=20))
     assert subject.settled
-    retune(subject, time_constant=0.01)
+    retune(subject, filter__time_constant=0.01)
     assert not subject.settled
 
 
 def test_a_smaller_history_is_reached_sample_by_sample(record):
     samples = record(steps=300)
-    subject = learn(identifier(size=20), samples[:200])
+    subject = learn(identifier(history__size=20), samples[:200])
     assert subject.stack.count == 20
-    retune(subject, size=8)
+    retune(subject, history__size=8)
     counts = []
     for sample in samples[200:220]:
         subject.update(*sample)
@@ -193,8 +208,8 @@ def test_a_smaller_history_is_reached_sample_by_sample(record):
 
 def test_the_change_monitor_looks_at_the_pairs_that_are_left(record):
     samples = record(steps=400)
-    subject = learn(identifier(size=20), samples[:200])
-    retune(subject, size=8)
+    subject = learn(identifier(history__size=20), samples[:200])
+    retune(subject, history__size=8)
     before = subject.monitor.statistic
     learn(subject, samples[200:212])
     np.testing.assert_array_equal(subject.monitor.statistic, before)  # waits until all have left
@@ -207,9 +222,9 @@ def test_the_mean_of_the_change_monitor_survives_all_but_another_window(record):
     subject = learn(identifier(), record(steps=200))
     statistic = subject.monitor.statistic
     assert statistic.any()
-    retune(subject, change_threshold=9.0, change_resolution=0.02)
+    retune(subject, change__threshold=9.0, change__resolution=0.02)
     np.testing.assert_array_equal(subject.monitor.statistic, statistic)
-    retune(subject, change_window=0.2)
+    retune(subject, change__window=0.2)
     assert not subject.monitor.statistic.any()
 
 
@@ -219,30 +234,30 @@ def test_the_excitation_index_begins_anew_with_another_window_only(record):
     assert index > 0.0
     retune(subject, kt=1.0)
     assert subject.excitation == index
-    retune(subject, excitation_window=0.2)
+    retune(subject, excitation__window=0.2)
     assert subject.excitation == 0.0
-    retune(subject, excitation_window=0.0)
+    retune(subject, excitation__window=0.0)
     assert subject.excitation is None
 
 
 def test_noise_can_be_switched_on_while_rank_lacks_and_off_again():
     subject = identifier()
     poor(subject, 100)
-    retune(subject, noise=0.1)
+    retune(subject, history__noise=0.1)
     assert not subject.fabricating
     subject.restart()
     poor(subject, 100, start=100)
     assert subject.fabricating
-    retune(subject, noise=0.0)
+    retune(subject, history__noise=0.0)
     assert not subject.fabricating
 
 
 def test_noise_is_not_switched_on_where_rank_is_full(record):
     samples = record(steps=300)
-    subject, without = (learn(identifier(settle=5.0), samples[:200]) for _ in range(2))
+    subject, without = (learn(identifier(filter__settle=5.0), samples[:200]) for _ in range(2))
     for each in (subject, without):
         each.restart()  # so that the history alone teaches for a while
-    retune(subject, noise=0.1)
+    retune(subject, history__noise=0.1)
     for sample in samples[200:]:
         subject.update(*sample)
         without.update(*sample)
@@ -251,9 +266,9 @@ def test_noise_is_not_switched_on_where_rank_is_full(record):
 
 
 def test_fabricated_pairs_follow_the_size_of_the_history():
-    subject = identifier(noise=0.1, size=9)
+    subject = identifier(history__noise=0.1, history__size=9)
     for k in range(20):
         poor(subject, 10, start=10 * k)
         subject.restart()
-    retune(subject, size=4, epsilon=0.2)
+    retune(subject, history__size=4, history__epsilon=0.2)
     assert (subject._noisy.stack.size, subject._noisy.stack.epsilon) == (4, 0.2)

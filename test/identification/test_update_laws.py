@@ -3,21 +3,27 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.identifier import Identifier, IdentifierSettings
+from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.identification.recorded_noise import NoisyHistory
+from adaptive_blf_control.identification.settings import IdentifierSettings
+
+
+def named(**values):
+    """Return values by parameter name; ``__`` stands for a dot."""
+    return {name.replace('__', '.'): value for name, value in values.items()}
+
 
 ARM, DT = TwoLinkArm(), 1e-3
-SETTINGS = IdentifierSettings(
-    initial_estimate=np.zeros(5), gamma=np.ones(5), kt=1.0, kh=1.0, time_constant=0.01, gap=0.1,
-    size=10, epsilon=0.1)
+SETTINGS = IdentifierSettings.from_values(named(
+    initial_estimate=np.zeros(5), gamma=np.ones(5), kt=1.0, kh=1.0,
+    filter__time_constant=0.01, filter__gap=0.1, filter__settle=0.0, history__size=10,
+    history__epsilon=0.1, change__window=0.0, excitation__window=0.0))
 
 
 def swing(t: float) -> np.ndarray:
@@ -38,7 +44,7 @@ def learn(identifier: Identifier, duration: float, torque=swing, start: float = 
 
 
 def identifier(**changes) -> Identifier:
-    return Identifier(ARM, dataclasses.replace(SETTINGS, **changes))
+    return Identifier(ARM, SETTINGS.replace(**named(**changes)))
 
 
 def error(theta: np.ndarray) -> float:
@@ -59,7 +65,7 @@ def test_after_the_motion_has_stopped_only_recorded_data_go_on_teaching():
 
 
 def test_excitation_index_falls_to_zero_when_the_motion_stops_while_the_rank_stays():
-    subject = identifier(excitation_window=0.5)
+    subject = identifier(excitation__window=0.5)
     learn(subject, 1.0)
     assert subject.excitation > 1e-3
     moved, rank = subject.excitation, subject.stack.rank
@@ -117,7 +123,7 @@ def poor_samples(subject: Identifier, count: int, start: int = 0) -> None:
 
 
 def test_noise_lends_full_rank_to_a_motion_that_lacks_it_and_says_so():
-    subject = identifier(noise=0.1, update_law='concurrent')
+    subject = identifier(history__noise=0.1, update_law='concurrent')
     poor_samples(subject, 2000)
     assert subject.stack.rank < 5
     assert subject.fabricating
@@ -129,7 +135,7 @@ def test_noise_lends_full_rank_to_a_motion_that_lacks_it_and_says_so():
 
 
 def test_fabricated_pairs_are_gone_once_measured_pairs_have_full_rank():
-    subject = identifier(noise=0.3, update_law='concurrent', kt=100.0, kh=100.0)
+    subject = identifier(history__noise=0.3, update_law='concurrent', kt=100.0, kh=100.0)
     poor_samples(subject, 1000)
     assert error(subject.theta) > 1.0
     subject.restart()
@@ -140,7 +146,7 @@ def test_fabricated_pairs_are_gone_once_measured_pairs_have_full_rank():
 
 
 def test_measured_stack_is_the_same_with_and_without_noise():
-    with_noise, without = identifier(noise=0.3), identifier()
+    with_noise, without = identifier(history__noise=0.3), identifier()
     for subject in (with_noise, without):
         poor_samples(subject, 500)
     np.testing.assert_array_equal(with_noise.stack.regressors, without.stack.regressors)
@@ -148,7 +154,7 @@ def test_measured_stack_is_the_same_with_and_without_noise():
 
 def test_equal_seeds_fabricate_equal_pairs_and_other_seeds_others():
     def theta(seed: int) -> np.ndarray:
-        subject = identifier(noise=0.1, noise_seed=seed)
+        subject = identifier(history__noise=0.1, history__noise_seed=seed)
         poor_samples(subject, 500)
         return subject.theta
 
@@ -168,7 +174,7 @@ def test_noise_ends_when_its_own_stack_has_full_rank():
 
 
 def test_a_reset_history_begins_with_noise_again():
-    subject = identifier(noise=0.1)
+    subject = identifier(history__noise=0.1)
     learn(subject, 0.5)
     assert not subject.fabricating
     subject.reset_history()
@@ -179,7 +185,7 @@ def test_a_reset_history_begins_with_noise_again():
 @pytest.mark.parametrize('noise', [-0.1, np.nan, np.inf])
 def test_unusable_noise_is_refused_by_name(noise):
     with pytest.raises(ParameterError, match='history.noise'):
-        identifier(noise=noise)
+        identifier(history__noise=noise)
 
 
 # -- P against m ---------------------------------------------------------------------------------

@@ -28,7 +28,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.bags.reader import read_bag
-from adaptive_blf_control.configuration.parameter_file import node_values
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
+from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.errors import BlfError, SetViolation
 from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.topics import (
@@ -301,9 +302,9 @@ def test_trajectories_of_the_controller(moving) -> None:
 def test_robot_descriptions(pair_urdf: str) -> None:
     pytest.importorskip('pinocchio', reason='no URDF without it')
     values = {'arm': 'urdf', 'urdf': 'topic:robot_description', 'joints': ['shoulder', 'elbow']}
-    values = node_values({'/**': {'ros__parameters': values}}, 'controller')
+    settings = node_settings({'/**': {'ros__parameters': values}}, ControllerNodeSettings)
     good = serialize_message(String(data=pair_urdf))
-    assert arm_from(good, 'robot_description', values).joints == ('shoulder', 'elbow')
+    assert arm_from(good, 'robot_description', settings).joints == ('shoulder', 'elbow')
     built = refused = 0
 
     def make(drawn: _Drawn) -> bytes:
@@ -322,7 +323,7 @@ def test_robot_descriptions(pair_urdf: str) -> None:
     def handle(data: bytes, _: dict) -> None:
         nonlocal built, refused
         try:
-            arm = arm_from(data, 'robot_description', values)
+            arm = arm_from(data, 'robot_description', settings)
         except BlfError:
             refused += 1
         else:
@@ -509,17 +510,18 @@ def test_raw_input_of_the_recorder(graph, tmp_path, use_sim_time) -> None:
 
 def test_any_value_of_a_parameter_is_taken_or_refused_with_a_reason(moving) -> None:
     node, good, _ = moving
-    names = [name for name in node.values if '.' not in name or name.startswith('safety')]
+    names = [name for name in node.settings.values()
+             if '.' not in name or name.startswith('safety')]
 
     @hypothesis.settings(max_examples=300, phases=[hypothesis.Phase.generate])
     @hypothesis.given(st.sampled_from(names), doubles | st.lists(doubles, min_size=1, max_size=3)
                       | st.integers(-5, 5) | st.booleans() | st.text(max_size=3))
     def any_value(name: str, value: Any) -> None:
-        before = dict(node.values)
+        before = node.settings.values()
         result = node.set_parameters([Parameter(name, value=value)])[0]
         if not result.successful:
             assert result.reason
-            assert node.values == before
+            assert node.settings.values() == before
         with np.errstate(all='ignore'):
             good()
         assert np.isfinite(node.output.torque).all()

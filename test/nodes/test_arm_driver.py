@@ -195,7 +195,7 @@ def test_after_a_long_stall_the_arm_has_moved_in_steps_of_a_period(by_hand) -> N
     state_at(0.0)
     command_at(0.0, 20.0, 5.0)
     driver = by_hand[0]
-    driver.values['command_timeout'] = 10.0
+    driver.settings = driver.settings.replace(command_timeout=10.0)
     q, qd, effort = _arrays(state_at(2000.0))
     fine = _advanced(np.array(START['initial_position']), np.array(START['initial_velocity']),
                      *[((20.0, 5.0), 1.0)] * 2000)
@@ -221,7 +221,7 @@ def test_without_commands_the_torque_goes_to_zero_until_the_next_one(by_hand) ->
 
 def test_timeout_action_damping_brakes_the_motion_until_the_next_command(by_hand) -> None:
     driver, state_at, command_at, _ = by_hand
-    driver.values.update(timeout_action='damping', damping=[4.0, 0.5])
+    driver.settings = driver.settings.replace(timeout_action='damping', damping=[4.0, 0.5])
     state_at(0.0)
     command_at(0.0, 10.0, -4.0)
     for ms in range(10, 101, 10):
@@ -323,7 +323,7 @@ def test_a_command_while_inactive_is_dropped(by_hand) -> None:
 
 def test_deactivated_the_torque_goes_to_zero_over_the_ramp_and_the_brakes_hold(by_hand) -> None:
     driver, state_at, command_at, _ = by_hand
-    driver.values['ramp_time'] = 0.05
+    driver.settings = driver.settings.replace(ramp_time=0.05)
     state_at(0.0)
     command_at(0.0, 10.0, -4.0)
     state_at(10.0)

@@ -19,6 +19,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.configuration.build import build_controller
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.errors import ParameterError, SetViolation
 from adaptive_blf_control.messages.cdr import decode_float64_array
@@ -131,13 +132,13 @@ def rig(graph, wait_until):
     return lambda **parameters: _Rig(graph, wait_until, **parameters)
 
 
-def _values(rig_, **changed) -> dict:
-    return {**rig_.node.values, **changed}
+def _settings(rig_, **changed) -> ControllerNodeSettings:
+    return rig_.node.settings.replace(**changed)
 
 
 def test_the_torque_is_that_of_the_law_for_the_state_and_the_time_since_the_start(rig) -> None:
     rig = rig(state_timeout=1.0)
-    law = build_controller(_values(rig), TwoLinkArm(), np.array(Q))
+    law = build_controller(_settings(rig), TwoLinkArm(), np.array(Q))
     theta = np.array(TASK['initial_estimate'])
     for ms, q, qd in ((0.0, Q, QD), (1.0, [0.02, 1.97], QD), (250.0, [0.1, 1.99], [0.5, -0.3])):
         expected = law.update(ms * 1e-3, np.array(q), np.array(qd), theta)
@@ -276,7 +277,7 @@ def test_no_bytes_on_any_topic_give_a_non_finite_torque(rig) -> None:
 
 def test_without_an_estimate_the_controller_goes_on_with_the_first_one(rig) -> None:
     rig = rig()
-    law = build_controller(_values(rig), TwoLinkArm(), np.array(Q))
+    law = build_controller(_settings(rig), TwoLinkArm(), np.array(Q))
     for k in range(20):
         np.testing.assert_allclose(
             rig.answer(_state(k)),
@@ -294,7 +295,7 @@ def test_an_estimate_acts_from_the_next_state_on_matched_by_name(graph, wait_unt
         after = plain.answer(_state(ms)), other.answer(_state(ms))
     np.testing.assert_array_equal(*before)
     np.testing.assert_array_equal(*after)
-    law = build_controller(_values(plain), TwoLinkArm(), np.array(Q))
+    law = build_controller(_settings(plain), TwoLinkArm(), np.array(Q))
     np.testing.assert_allclose(
         after[0], law.update(2e-3, np.array(Q), np.array(QD), theta).torque, rtol=1e-9)
 
@@ -337,7 +338,7 @@ def test_with_known_parameters_nothing_is_learned(rig) -> None:
     theta = [3.473, 0.196, 0.242, 5.3, 1.1]
     rig = rig(model='known', known_parameters=theta)
     assert rig.node.count_subscribers(THETA_HAT) == 0
-    law = build_controller(_values(rig), TwoLinkArm(), np.array(Q))
+    law = build_controller(_settings(rig), TwoLinkArm(), np.array(Q))
     np.testing.assert_allclose(
         rig.answer(_state(0.0)),
         law.update(0.0, np.array(Q), np.array(QD), np.array(theta)).torque, rtol=1e-9)
@@ -390,7 +391,7 @@ def test_without_a_smooth_start_a_posture_off_the_performance_set_is_joined_all_
     rig.answer(_state(0.0, q, [0.0, 0.0]))
     np.testing.assert_allclose(rig.node.output.e1, 0.0, atol=1e-12)
     reference = rig.node._controller.reference
-    wanted = build_controller(rig.node.values, rig.node.arm, None).reference
+    wanted = build_controller(rig.node.settings, rig.node.arm, None).reference
     np.testing.assert_allclose(reference.at(0.0).position, q, atol=1e-12)
     assert not np.allclose(reference.at(1.9).position, wanted.at(1.9).position, atol=1e-6)
     np.testing.assert_allclose(reference.at(2.0).position, wanted.at(2.0).position, atol=1e-12)
@@ -399,7 +400,7 @@ def test_without_a_smooth_start_a_posture_off_the_performance_set_is_joined_all_
 def test_without_a_smooth_start_a_posture_near_the_reference_keeps_its_error(rig) -> None:
     rig = rig(reference__resume_time=2.0)
     rig.answer(_state(0.0, [0.1, 2.05], [0.0, 0.0]))
-    wanted = build_controller(rig.node.values, rig.node.arm, None).reference.at(0.0)
+    wanted = build_controller(rig.node.settings, rig.node.arm, None).reference.at(0.0)
     np.testing.assert_allclose(rig.node.output.e1, [0.1, 2.05] - wanted.position, atol=1e-12)
     assert np.abs(rig.node.output.e1).min() > 0.01
 
@@ -516,7 +517,7 @@ def test_gains_set_while_running_act_on_the_next_state(rig) -> None:
     rig = rig()
     rig.answer(_state(0.0))
     assert rig.node.set_parameters([Parameter('k2', value=[90.0, 3.0])])[0].successful
-    law = build_controller(_values(rig, k2=[90.0, 3.0]), TwoLinkArm(), np.array(Q))
+    law = build_controller(_settings(rig, k2=[90.0, 3.0]), TwoLinkArm(), np.array(Q))
     np.testing.assert_allclose(
         rig.answer(_state(1.0)),
         law.update(1e-3, np.array(Q), np.array(QD), np.array(TASK['initial_estimate'])).torque,

@@ -234,7 +234,7 @@ def test_a_ramp_is_no_steeper_than_the_rate_limit(cell, wait_until) -> None:
     cell.hears(COMMANDS, 100)
     with cell.controller.between_samples:  # slower than the motion needs, so only now
         slow = np.abs(cell.controller.output.torque)
-        cell.controller.values['torque_rate_limit'] = slow.tolist()
+        cell.controller.settings = cell.controller.settings.replace(torque_rate_limit=slow)
     cell.moves('controller deactivate')
     wait_until(lambda: not cell.torques[-1].any(), what='zero torque')
     answers = len(cell.sent[ADAPTATION_TERM])

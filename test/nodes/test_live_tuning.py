@@ -17,7 +17,7 @@ from std_msgs.msg import Float64MultiArray
 
 from adaptive_blf_control.arms.three_link import ThreeLinkArm
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.configuration.node_tables import TABLES
+from adaptive_blf_control.configuration.node_settings import TABLES
 from adaptive_blf_control.control.reference import SumOfSinusoids
 from adaptive_blf_control.messages.topics import COMMANDS, GUARANTEE, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
@@ -100,10 +100,10 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
     sensors = plant._sensors.settings
     changed = [name for name in arm.parameters
                if later[0].parameters[name] != first.parameters[name]]
-    payload = node.values['payload']
+    payload = node.settings.payload
     return {
         'rate': 1e9 / node.period_ns, 'payload': payload if np.allclose(
-            theta, np.array(node.values['true_parameters']) + payload * arm.payload_direction,
+            theta, node.settings.true_parameters + payload * arm.payload_direction,
             rtol=1e-15) else None,
         'true_parameters': theta - payload * arm.payload_direction,
         'schedule.time': [epoch.t for epoch in later],
@@ -112,7 +112,7 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
             later[0].parameters[changed[0]] if len(changed) == 1 else
             (later[0].parameters[changed[0]] - theta[arm.parameters.index(changed[0])])
             / arm.payload_direction[arm.parameters.index(changed[0])]],
-        'sensors.model': 'perfect' if sensors.encoder_counts is None else 'encoder',
+        'sensors.model': sensors.model,
         'sensors.encoder_counts': sensors.encoder_counts,
         'sensors.gear_ratio': sensors.gear_ratio,
         'sensors.velocity_time_constant': sensors.velocity_time_constant,
@@ -125,19 +125,21 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
 def _identifier_uses(node: IdentifierNode) -> dict[str, Any]:
     identifier, settings = node.identifier, node.identifier.settings
     return {
-        'estimate_file': str(node._estimate_path(node.values)),
+        'estimate_file': str(node._estimate_path()),
         'estimate_period': node._saver.timer_period_ns * 1e-9,
         'gamma': settings.gamma, 'kt': settings.kt, 'kh': settings.kh,
-        'filter.time_constant': settings.time_constant, 'filter.gap': settings.gap,
-        'filter.settle': settings.settle,
-        'filter.state_order': 0 if identifier._state_filter is None else settings.state_order,
-        'filter.state_time_constant': settings.state_time_constant,
-        'change.window': settings.change_window, 'change.threshold': settings.change_threshold,
-        'change.resolution': settings.change_resolution, 'history.size': identifier.stack.size,
-        'history.epsilon': settings.epsilon, 'history.minimum_growth': settings.minimum_growth,
-        'history.noise': settings.noise, 'history.noise_seed': settings.noise_seed,
-        'excitation.window': settings.excitation_window, 'update_law': settings.update_law,
+        **{f'filter.{name}': value for name, value in settings.filter.values().items()},
+        'filter.state_order': 0 if identifier._state_filter is None
+        else settings.filter.state_order,
+        **{f'change.{name}': value for name, value in settings.change.values().items()},
+        **{f'history.{name}': value for name, value in settings.history.values().items()},
+        'history.size': identifier.stack.size,
+        'excitation.window': settings.excitation.window, 'update_law': settings.update_law,
     }
+
+
+def _gains(node: ControllerNode) -> tuple[list[float], list[float]]:
+    return node.settings.k1.tolist(), node.settings.k2.tolist()
 
 
 def _controller_uses(node: ControllerNode) -> dict[str, Any]:
@@ -151,7 +153,7 @@ def _controller_uses(node: ControllerNode) -> dict[str, Any]:
         'performance.upper': node.output.bounds.upper,
     }
     for i, joint in enumerate(('joint1', 'joint2')):
-        values = [np.array(node.values[f'reference.{joint}.{name}'])
+        values = [np.array(node.settings.values()[f'reference.{joint}.{name}'])
                   for name in ('offset', 'amplitude', 'frequency', 'phase')]
         offset, *terms = values
         law = SumOfSinusoids(offset.reshape(1), *(x.reshape(1, -1) for x in terms))
@@ -248,7 +250,7 @@ def _same(a: Any, b: Any) -> bool:
 
 def _used(live: _Live, name: str) -> Any:
     if name in READ_EACH_TIME[live.kind]:
-        return live.node.values[name]
+        return live.node.settings.values()[name]
     return USES[live.kind](live.node)[name]
 
 
@@ -295,12 +297,12 @@ def test_every_parameter_that_may_change_is_tried_here(kind) -> None:
 @pytest.mark.parametrize(('kind', 'name'), [(kind, name) for kind in NEW for name in NEW[kind]])
 def test_a_running_node_takes_a_new_value_and_uses_it(lives, kind, name) -> None:
     live = lives(kind)
-    node, value, before = live.node, NEW[kind][name], dict(live.node.values)
+    node, value, before = live.node, NEW[kind][name], live.node.settings.values()
     assert not _same(_used(live, name), value)
     for new in (value, before[name]):  # and back again, for the next one
         [result] = live.set_each({name: new})
         assert result.successful, result.reason
-        assert node.values == {**before, name: new}
+        assert node.settings.values() == {**before, name: new}
         read = node.get_parameter(name).value
         assert (read if isinstance(new, (str, float, int)) else list(read)) == new
         if kind == 'controller':
@@ -324,14 +326,14 @@ def test_what_is_structure_is_refused_as_read_only(lives, kind) -> None:
     live = lives(kind)
     fixed = {name: parameter for name, parameter in
              per_joint(TABLES[kind], ('joint1', 'joint2')).items() if parameter.read_only}
-    before = dict(live.node.values)
+    before = live.node.settings.values()
     for name, parameter in fixed.items():
         for result in (*live.set_each({name: _another(parameter)}),
                        live.set({name: _another(parameter)})):
             assert not result.successful
             assert 'read-only' in result.reason
             assert name in result.reason
-    assert live.node.values == before
+    assert live.node.settings.values() == before
     assert len(fixed) > 4
 
 
@@ -340,11 +342,11 @@ def test_the_clock_of_a_running_node_stays_the_one_it_started_with(lives, kind) 
     live = lives(kind)
     gain = next(iter(NEW[kind].items()), None)
     both = {'use_sim_time': True, **({} if gain is None else {gain[0]: gain[1]})}
-    before = dict(live.node.values)
+    before = live.node.settings.values()
     result = live.set(both)
     assert not result.successful
     assert 'use_sim_time is read-only' in result.reason
-    assert live.node.values == before
+    assert live.node.settings.values() == before
     assert not live.node.get_clock().ros_time_is_active
     assert live.set({'use_sim_time': False}).successful
 
@@ -352,7 +354,7 @@ def test_the_clock_of_a_running_node_stays_the_one_it_started_with(lives, kind) 
 @pytest.mark.parametrize('kind', KINDS)
 def test_descriptors_tell_rqt_text_unit_range_and_what_may_change(lives, kind) -> None:
     live = lives(kind)
-    joints = live.node.values.get('joints', [])
+    joints = live.node.settings.values().get('joints', [])
     table = per_joint(TABLES[kind], joints)
     descriptors = live.call(DescribeParameters.Request(names=list(table))).descriptors
     for descriptor, parameter in zip(descriptors, table.values(), strict=True):
@@ -377,11 +379,11 @@ def test_of_single_requests_each_is_judged_alone_of_an_atomic_one_all_together(
     live = controller()
     two = {'k1': [50.0], 'k2': [-1.0]}
     assert not live.set(two).successful
-    assert (live.node.values['k1'], live.node.values['k2']) == ([40.0], [10.0, 4.0])
+    assert _gains(live.node) == ([40.0], [10.0, 4.0])
     assert [result.successful for result in live.set_each(two)] == [True, False]
-    assert (live.node.values['k1'], live.node.values['k2']) == ([50.0], [10.0, 4.0])
+    assert _gains(live.node) == ([50.0], [10.0, 4.0])
     assert live.set({'k1': [60.0], 'k2': [5.0]}).successful
-    assert (live.node.values['k1'], live.node.values['k2']) == ([60.0], [5.0])
+    assert _gains(live.node) == ([60.0], [5.0])
     np.testing.assert_array_equal(live.node._controller.settings.k1, [60.0, 60.0])
     np.testing.assert_array_equal(live.node._controller.settings.k2, [5.0, 5.0])
 
@@ -390,13 +392,13 @@ def test_what_belongs_together_has_to_come_in_one_request(lives) -> None:
     live = lives('controller')
     more = {f'reference.joint1.{name}': [value, 0.1] for name, value in (
         ('amplitude', 0.3), ('frequency', 0.5), ('phase', 0.0))}
-    before = dict(live.node.values)
+    before = live.node.settings.values()
     for name, value in more.items():
         [result] = live.set_each({name: value})
         assert not result.successful
         assert 'reference.joint1' in result.reason
         assert 'same length' in result.reason
-    assert live.node.values == before
+    assert live.node.settings.values() == before
     assert live.set(more).successful
     live.step(2.0)
     assert np.size(_used(live, 'reference.joint1.amplitude')) == 2
@@ -437,14 +439,14 @@ def test_a_refused_request_says_why_and_changes_nothing_not_even_the_torque(
         live.step(q=at + np.array(beside))
     node = asked.node
     law = node._controller
-    before = (dict(node.values), law.settings, law.safety, law.performance, law.reference,
+    before = (node.settings.values(), law.settings, law.safety, law.performance, law.reference,
               node._estimate_limit, node.theta)
     k1 = {'k1': [70.0]}
     result = asked.set({**k1, **request_})
     assert not result.successful
     for word in words:
         assert word in result.reason, result.reason
-    after = (dict(node.values), law.settings, law.safety, law.performance, law.reference,
+    after = (node.settings.values(), law.settings, law.safety, law.performance, law.reference,
              node._estimate_limit, node.theta)
     assert before[0] == after[0]
     assert all(a is b for a, b in zip(before[1:], after[1:]))
@@ -670,13 +672,13 @@ def test_a_driver_that_refuses_goes_on_as_it_was(driver, wait_until, values, wor
     live = driver(rate=100.0, command_timeout=60.0, true_model='given', true_parameters=THETA)
     live.send(2.0, -1.0)
     wait_until(lambda: live.node.started)
-    node, before = live.node, dict(live.node.values)
+    node, before = live.node, live.node.settings.values()
     in_use = (node.plant.epochs, node.plant.torque_limit, node.plant._sensors, node.period_ns)
     result = live.set({'dead_time': 5, **values})
     assert not result.successful
     for word in words:
         assert word in result.reason, result.reason
-    assert node.values == before
+    assert node.settings.values() == before
     assert in_use == (node.plant.epochs, node.plant.torque_limit, node.plant._sensors,
                       node.period_ns)
     assert node.plant._dead_time == 0
@@ -738,7 +740,7 @@ def test_an_identifier_goes_on_learning_through_changes_and_refusals(
         result = asked.set({'kt': 99.0, 'history.size': 3, **refused})
         assert not result.successful
         assert identifier.settings is settings
-        assert asked.node.values['kt'] == 10.0
+        assert asked.node.settings.values()['kt'] == 10.0
     both(5)
     assert count > 3
     np.testing.assert_array_equal(identifier.theta, other.node.identifier.theta)

@@ -17,11 +17,12 @@ from rclpy.parameter import Parameter
 import yaml
 
 from adaptive_blf_control.bags.reader import Bag, read_bag
-from adaptive_blf_control.configuration.build import build_arm, build_closed_loop, controller_parts
+from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,
     load_yaml,
-    node_values,
+    node_settings,
 )
 from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.joint_state import decode_joint_state
@@ -290,8 +291,8 @@ def test_a_gain_changes_between_two_samples_and_the_run_stays_that_of_simulate(
     first = next(k for k, (a, b) in enumerate(zip(recorded[COMMANDS], plain[COMMANDS])) if a != b)
     assert 200 <= first < 1000
     data = load_yaml(scene.config)
-    values = {**node_values(data, 'controller'), 'k1': [500.0, 600.0], 'k2': [40.0, 5.0]}
-    settings = controller_parts(values, build_arm(values)).settings
+    settings = node_settings(data, ControllerNodeSettings).replace(
+        k1=[500.0, 600.0], k2=[40.0, 5.0])
 
     def change(loop, sample) -> None:
         if round(sample.t * 1e3) == first - 1:

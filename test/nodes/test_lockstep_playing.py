@@ -18,7 +18,12 @@ from adaptive_blf_control.bags.logs import load_log
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
-from adaptive_blf_control.configuration.parameter_file import given_values, load_yaml, node_values
+from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
+from adaptive_blf_control.configuration.parameter_file import (
+    given_values,
+    load_yaml,
+    node_settings,
+)
 from adaptive_blf_control.errors import BagError, ParameterError
 from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.messages.cdr import decode_joint_state
@@ -79,9 +84,9 @@ def _small_bag(folder: Path, names: list[list[str]]) -> Path:
 
 def _offline(path: Path, config: Path) -> np.ndarray:
     """Return θ̂ after every sample of the bag, learned without ROS, shape (N, m)."""
-    values = {**node_values(load_yaml(config), 'identifier'), **WEAK}
-    arm = build_arm(values)
-    identifier, log = build_identifier(values, arm), load_log(path, joints=arm.joints)
+    settings = node_settings(load_yaml(config), IdentifierNodeSettings).replace(**WEAK)
+    arm = build_arm(settings)
+    identifier, log = build_identifier(settings, arm), load_log(path, joints=arm.joints)
     return np.array([identifier.update(*sample)
                      for sample in zip(log.t.tolist(), log.q, log.qd, log.tau)])
 
@@ -148,16 +153,16 @@ def test_a_bag_of_real_time_whose_states_lack_terms_teaches_what_its_own_terms_s
     content = read_bag(thinned)
     assert content.topics[STATES].count == 3001
     assert content.topics[TERMS].count == 2842
-    values = node_values(load_yaml(config), 'identifier')
-    arm = build_arm(values)
-    offline, log = build_identifier(values, arm), load_log(thinned, joints=arm.joints)
+    settings = node_settings(load_yaml(config), IdentifierNodeSettings)
+    arm = build_arm(settings)
+    offline, log = build_identifier(settings, arm), load_log(thinned, joints=arm.joints)
     terms = content.joint_states(TERMS, arm.parameters)
     expected = []
     for stamp, *sample in zip(content.joint_states(STATES).stamp_ns.tolist(), log.t.tolist(),
                               log.q, log.qd, log.tau):
         sent = int(np.searchsorted(terms.stamp_ns, stamp)) - 1
-        fresh = sent >= 0 and (stamp - terms.stamp_ns[sent]) * 1e-9 <= values[
-            'adaptation_term_timeout']
+        fresh = sent >= 0 and ((stamp - terms.stamp_ns[sent]) * 1e-9
+                               <= settings.adaptation_term_timeout)
         expected.append(offline.update(*sample, terms.position[sent] if fresh else None))
     _learner(graph, config, use_sim_time=True)
     heard = graph.peer().listen(JointState, THETA)

@@ -20,7 +20,7 @@ from rclpy.context import Context
 from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
 
-from adaptive_blf_control.configuration.node_tables import TABLES
+from adaptive_blf_control.configuration.node_settings import TABLES
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.executables import module_of, NODES
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
@@ -219,7 +219,7 @@ def test_wildcard_sections_match_under_any_namespace(tmp_path, key, namespace) -
     try:
         node = ControllerNode(context=context)
         assert node.get_namespace() == (namespace or '/')
-        assert node.values['k1'] == [7.0, 8.0]
+        assert node.settings.values()['k1'] == [7.0, 8.0]
         assert node.resolve_topic_name('joint_states') == f'{namespace}/joint_states'
     finally:
         if node is not None:
@@ -234,7 +234,7 @@ def test_a_section_of_another_name_is_not_for_this_node(tmp_path) -> None:
     context.init(args=['--ros-args', '--params-file', path, '-r', '__ns:=/left'], domain_id=1)
     try:
         node = ControllerNode(context=context)
-        assert node.values['k1'] == [40.0]
+        assert node.settings.values()['k1'] == [40.0]
         node.destroy_node()
     finally:
         context.shutdown()
@@ -248,8 +248,8 @@ def _set(node, **values):
 def test_gains_may_change_while_the_node_runs(graph) -> None:
     node = graph.make(ControllerNode)
     assert _set(node, k1=[50.0, 60.0], coupling='pseudoinverse').successful
-    assert node.values['k1'] == [50.0, 60.0]
-    assert node.values['coupling'] == 'pseudoinverse'
+    assert node.settings.values()['k1'] == [50.0, 60.0]
+    assert node.settings.values()['coupling'] == 'pseudoinverse'
     identifier = graph.make(IdentifierNode)
     assert _set(identifier, gamma=[1.0, 2.0, 3.0, 4.0, 5.0], kt=3.0).successful
     np.testing.assert_array_equal(identifier.identifier.settings.gamma, [1.0, 2.0, 3.0, 4.0, 5.0])
@@ -268,12 +268,12 @@ def test_gains_may_change_while_the_node_runs(graph) -> None:
 ], ids=['range', 'choice', 'length', 'nan', 'inf', 'type', 'read-only', 'read-only joints'])
 def test_a_request_with_one_bad_value_changes_nothing(graph, values, words) -> None:
     node = graph.make(ControllerNode)
-    before = dict(node.values)
+    before = node.settings.values()
     result = _set(node, **values)
     assert not result.successful
     for word in words:
         assert word in result.reason
-    assert node.values == before
+    assert node.settings.values() == before
     assert list(node.get_parameter('k1').value) == [40.0]
 
 
@@ -282,7 +282,7 @@ def test_what_the_core_refuses_is_refused_as_a_whole(graph) -> None:
     result = _set(node, kt=99.0, gamma=[1.0, 2.0])
     assert not result.successful
     assert 'gamma' in result.reason
-    assert node.values['kt'] == node.identifier.settings.kt == 10.0
+    assert node.settings.values()['kt'] == node.identifier.settings.kt == 10.0
     assert node.get_parameter('kt').value == 10.0
 
 
@@ -299,11 +299,12 @@ def test_parameters_are_described_and_set_by_service_while_the_node_runs(graph) 
         Parameter('k2', value=[-1.0]).to_parameter_msg()])
     result = peer.call(SetParametersAtomically, '/left/controller/set_parameters_atomically',
                        request).result
-    assert (result.successful, node.values['k1']) == (False, [40.0])
+    assert (result.successful, node.settings.values()['k1']) == (False, [40.0])
     request.parameters[1] = Parameter('k2', value=[5.0]).to_parameter_msg()
     result = peer.call(SetParametersAtomically, '/left/controller/set_parameters_atomically',
                        request).result
-    assert (result.successful, node.values['k1'], node.values['k2']) == (True, [1.0, 2.0], [5.0])
+    assert result.successful
+    assert (node.settings.k1.tolist(), node.settings.k2.tolist()) == ([1.0, 2.0], [5.0])
 
 
 def test_a_port_that_a_killed_process_left_empty_is_named(tmp_path, monkeypatch, capsys) -> None:

@@ -167,7 +167,7 @@ def _check_parameters(bag: Path, nodes) -> None:
     data = yaml.safe_load(read_bag(bag).custom_data[PARAMETERS_KEY])
     assert set(data) == {f'/{name}' for name in nodes}
     for name, node in nodes.items():
-        assert node_values(data, name) == node.values
+        assert node_values(data, name) == node.settings.values()
 
 
 def _set(peer, node: str, **values: float) -> SetParametersResult:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from adaptive_blf_control.configuration.node_tables import TABLES
+from adaptive_blf_control.configuration.node_settings import TABLES
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.table import (
     broadcast,

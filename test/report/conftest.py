@@ -18,7 +18,8 @@ import yaml
 
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.configuration.build import build_arm
-from adaptive_blf_control.configuration.parameter_file import node_values, PARAMETERS_KEY
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
+from adaptive_blf_control.configuration.parameter_file import node_settings, PARAMETERS_KEY
 from adaptive_blf_control.messages.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
 from adaptive_blf_control.messages.controller_codecs import barrier_names
 from adaptive_blf_control.messages.joint_state import JointStateCodec
@@ -59,7 +60,7 @@ def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: fl
     missing on every topic; estimates start at ``first_estimate`` [s].
     """
     data = run_parameters(arm, 2 if arm == 'two_link' else 3)
-    model = build_arm(node_values(data, 'controller'))
+    model = build_arm(node_settings(data, ControllerNodeSettings))
     writer = BagWriter(path, custom_data={PARAMETERS_KEY: yaml.safe_dump(data)}
                        if parameters else {})
     codecs = {JOINT_STATES: JointStateCodec(model.joints),

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.simulation.sensors import Sensors, SensorSettings
+from adaptive_blf_control.simulation.sensors import resolution, Sensors
+from adaptive_blf_control.simulation.settings import SensorSettings
 
 STEP = 2.0 * math.pi / 200000.0  # 2000 counts behind 1:100
-ENCODER = SensorSettings(encoder_counts=2000, gear_ratio=100.0, velocity_time_constant=0.005)
+ENCODER = SensorSettings(model='encoder', encoder_counts=2000, gear_ratio=100.0,
+                         velocity_time_constant=0.005)
 DT = 1e-3
 
 
@@ -27,7 +29,7 @@ def measured(settings: SensorSettings, q: np.ndarray, torque: float = 0.0):
 def test_positions_are_whole_counts_at_most_half_a_count_off():
     q = np.random.default_rng(1).uniform(-3.0, 3.0, 500)
     seen, _, _ = measured(ENCODER, q)
-    assert ENCODER.resolution == pytest.approx(STEP)
+    assert resolution(ENCODER) == pytest.approx(STEP)
     np.testing.assert_allclose(seen / STEP, np.round(q / STEP), atol=1e-6)
     assert np.abs(seen - q).max() <= 0.5 * STEP * (1.0 + 1e-9)
 
@@ -49,7 +51,8 @@ def test_velocity_lags_by_its_time_constant_and_half_a_sample():
 
 
 def test_without_a_filter_the_velocity_is_the_bare_difference():
-    bare = SensorSettings(encoder_counts=2000, gear_ratio=100.0, velocity_time_constant=0.0)
+    bare = SensorSettings(model='encoder', encoder_counts=2000, gear_ratio=100.0,
+                          velocity_time_constant=0.0)
     seen, velocity, _ = measured(bare, np.linspace(0.0, 0.1, 50))
     np.testing.assert_allclose(velocity[1:], np.diff(seen) / DT)
 

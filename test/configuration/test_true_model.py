@@ -8,12 +8,13 @@ import pytest
 
 from adaptive_blf_control.arms.three_link import three_link_parameters
 from adaptive_blf_control.configuration.build import build_arm, true_theta
-from adaptive_blf_control.configuration.parameter_file import apply_settings, node_values
+from adaptive_blf_control.configuration.node_settings import DriverSettings
+from adaptive_blf_control.configuration.parameter_file import apply_settings, node_settings
 from adaptive_blf_control.errors import ParameterError
 
 
 def theta(*settings: str) -> np.ndarray:
-    values = node_values(apply_settings({}, list(settings)), 'arm_driver')
+    values = node_settings(apply_settings({}, list(settings)), DriverSettings)
     return true_theta(values, build_arm(values))
 
 

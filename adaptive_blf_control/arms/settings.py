@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters that say which arm it is; three of the nodes have them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from adaptive_blf_control.parameters.settings import group, parameter, Settings
+
+__all__ = ['ArmSettings', 'FrictionSettings']
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class FrictionSettings(Settings, where='friction'):
+    """Which friction of a URDF arm is learned."""
+
+    viscous: bool = parameter(
+        True, 'Learn a viscous coefficient per joint (URDF).')
+    coulomb: bool = parameter(
+        False, 'Learn a Coulomb torque per joint (URDF).')
+    offset: bool = parameter(
+        False, 'Learn a constant torque per joint (URDF).')
+    coulomb_velocity: float = parameter(
+        0.02, 'v_s of the smooth Coulomb friction tanh(qd/v_s).', 'rad/s', 0.0, exclusive=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ArmSettings(Settings):
+    """The arm that the regressors describe."""
+
+    arm: str = parameter(
+        'two_link', 'Which arm the regressors describe.',
+        choices=('two_link', 'three_link', 'urdf'))
+    joints: tuple[str, ...] = parameter(
+        ['joint1', 'joint2'],
+        'Joint names in the order of every array; for a URDF a sub-chain may be named.')
+    urdf: str = parameter(
+        '',
+        'URDF of the arm: a path, package://..., or topic:NAME to receive it as a '
+        'std_msgs/String, e.g. topic:robot_description.')
+    gravity: np.ndarray = parameter(
+        [0.0, 0.0, -9.81], 'Gravity in the base frame of the URDF.', 'm/s^2', length=3)
+    friction: FrictionSettings = group(FrictionSettings)

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of the four nodes: the single place that says which node has which."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from adaptive_blf_control.arms.settings import ArmSettings
+from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.messages.topics import TOPICS
+from adaptive_blf_control.parameters.settings import group, parameter, Settings
+from adaptive_blf_control.parameters.table import Table
+from adaptive_blf_control.simulation.settings import PlantSettings
+
+__all__ = ['ControllerNodeSettings', 'DriverSettings', 'GuaranteeSettings',
+           'IdentifierNodeSettings', 'LifecycleSettings', 'LockstepSettings', 'NODE_SETTINGS',
+           'RealtimeSettings', 'RecorderSettings', 'RuntimeSettings', 'TABLES']
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RealtimeSettings(Settings, where='realtime'):
+    """What is asked of the operating system."""
+
+    priority: int = parameter(
+        0, 'SCHED_FIFO priority of the process where the system permits it; 0 runs as usual.',
+        '', 0, 99)
+    cpus: str = parameter(
+        '', "Processors the process keeps to, e.g. '0,2-3'; empty: all.")
+    slice: float = parameter(
+        0.0001,
+        'Length of a turn asked of the ordinary scheduler: a short one comes sooner (Linux 6.12 '
+        'and later); 0 does not ask.', 's', 0.0, 0.1)
+    lock_memory: bool = parameter(
+        False, 'Keep the memory from being swapped out where the system permits it.')
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RuntimeSettings(Settings):
+    """What every node has."""
+
+    executor: str = parameter(
+        'direct',
+        'direct: the loop waits on the data alone; plain: everything through the executor of '
+        'rclpy, slower.', choices=('direct', 'plain'))
+    niceness: int = parameter(
+        0, 'Nice value of the loop: what can wait must not delay control.', '', 0, 19)
+    realtime: RealtimeSettings = group(RealtimeSettings)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class LifecycleSettings(RuntimeSettings):
+    """What every node with a lifecycle has."""
+
+    autostart: bool = parameter(
+        True, 'Configure and activate by itself; false waits for lifecycle requests.')
+    ramp_time: float = parameter(
+        0.2,
+        'Time over which the torque goes to zero on deactivation; the controller takes longer '
+        'where torque_rate_limit asks for it.', 's', 0.0, 5.0, live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class LockstepSettings(Settings, where='arm_driver.lockstep'):
+    """The driver under ``use_sim_time``."""
+
+    rate: float = parameter(
+        0.0, 'Under use_sim_time: times real time; 0 goes as fast as the nodes answer.',
+        '', 0.0, 1000.0, live=True)
+    answers: tuple[str, ...] = parameter(
+        ['controller', 'identifier'],
+        'Under use_sim_time: the nodes that have to answer every state.',
+        choices=('controller', 'identifier'))
+    timeout: float = parameter(
+        10.0, 'Under use_sim_time: how long one of them may take.', 's', 0.0, exclusive=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class DriverSettings(PlantSettings, LifecycleSettings, ArmSettings, where='arm_driver'):
+    """The parameters of ``arm_driver``."""
+
+    rate: float = parameter(
+        1000.0, 'Rate of the joint states.', 'Hz', 1.0, 10000.0, live=True)
+    duration: float = parameter(
+        0.0, 'End the run after this time; 0 runs until stopped.', 's', 0.0, live=True)
+    command_timeout: float = parameter(
+        0.1, 'Without a new command for this long the torque goes to zero.',
+        's', 0.0, 60.0, exclusive=True, live=True)
+    timeout_action: str = parameter(
+        'zero',
+        'What the drives do after command_timeout: zero: no torque; damping: a torque against '
+        'the motion.', choices=('zero', 'damping'), live=True)
+    damping: np.ndarray = parameter(
+        [5.0], 'Damping of timeout_action: damping.', 'N*m*s/rad', 0.0, length='joints', live=True)
+    wait_for_subscribers: int = parameter(
+        0, 'Publish the first state only when joint_states has this many subscribers.', '', 0)
+    frame_id: str = parameter(
+        'base_link', 'Frame of the joint states.')
+    lockstep: LockstepSettings = group(LockstepSettings)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, where='identifier'):
+    """The parameters of ``identifier``."""
+
+    niceness: int = parameter(
+        5, 'Nice value of the loop: what can wait must not delay control.', '', 0, 19)
+    initial_estimate_file: str = parameter(
+        '', 'YAML written by ~/save_estimate to start from instead.')
+    estimate_file: str = parameter(
+        '',
+        'Where theta_hat is written, by ~/save_estimate and every estimate_period. Empty: '
+        'adaptive_blf_control/NAMESPACE/theta_hat.yaml in ROS_HOME, else in ~/.ros.', live=True)
+    estimate_period: float = parameter(
+        5.0,
+        'The estimate is written to estimate_file this often while learning; 0 only on '
+        '~/save_estimate.', 's', 0.0, 3600.0, live=True)
+    resume_within: float = parameter(
+        0.0,
+        'Start from estimate_file if it was written less than this long ago: an identifier that '
+        'was killed goes on where it was; 0 never.', 's', 0.0, 1e9)
+    adaptation_term_timeout: float = parameter(
+        0.1, 'An adaptation term older than this (by stamp) counts as zero.',
+        's', 0.0, 3600.0, exclusive=True, live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class GuaranteeSettings(Settings, where='controller.guarantee'):
+    """What the node states of Theorem 2."""
+
+    mode: str = parameter(
+        'off',
+        'bound: state at the start what Theorem 2 promises and watch it, from the three bounds '
+        'below; off: nothing is known about the arm.', choices=('off', 'bound'), live=True)
+    theta_error: float = parameter(
+        10.0, 'Bound on the norm of the parameter error at the start.', '', 0.0, live=True)
+    smallest_gamma: float = parameter(
+        1.0, 'Smallest element of Gamma of the identifier.', '', 0.0, exclusive=True, live=True)
+    mass: np.ndarray = parameter(
+        [0.1, 10.0], 'Bounds on the smallest and the largest eigenvalue of the inertia matrix.',
+        'kg*m^2', 0.0, exclusive=True, length=2, live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
+                             where='controller'):
+    """The parameters of ``controller``."""
+
+    model: str = parameter(
+        'estimated',
+        'estimated: theta_hat from the identifier (38); known: known_parameters (34).',
+        choices=('estimated', 'known'))
+    known_parameters: np.ndarray = parameter(
+        [0.0], 'theta* for model: known.', length='parameters')
+    initial_estimate: np.ndarray = parameter(
+        [0.0], 'theta_hat until the identifier publishes one.', length='parameters')
+    estimate_limit: np.ndarray = parameter(
+        [1000.0],
+        'Largest absolute value of an element of theta_hat that is believed; an estimate beyond '
+        'it is refused and the last good one kept.',
+        '', 0.0, exclusive=True, length='parameters', live=True)
+    on_violation: str = parameter(
+        'continue',
+        'When a joint leaves a set: continue: the barrier pushes back; stop: the torque goes to '
+        'zero and the node is deactivated.', choices=('continue', 'stop'), live=True)
+    state_timeout: float = parameter(
+        0.1, 'Without a new joint state for this long a zero torque is commanded.',
+        's', 0.0, 60.0, exclusive=True, live=True)
+    monitor_decimation: int = parameter(
+        10,
+        'Publish reference and barrier every this many samples, with the smallest margins since '
+        'the last time; the tracking error goes out with every sample.', '', 1, live=True)
+    guarantee: GuaranteeSettings = group(GuaranteeSettings)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RecorderSettings(RuntimeSettings, where='recorder'):
+    """The parameters of ``recorder``."""
+
+    niceness: int = parameter(
+        10, 'Nice value of the loop: what can wait must not delay control.', '', 0, 19)
+    realtime: RealtimeSettings = group(RealtimeSettings, slice=0.0)
+    bag: str = parameter(
+        'bag', 'Folder of the bag; must not exist.')
+    topics: tuple[str, ...] = parameter(
+        list(TOPICS), 'Topics to record.')
+    flush_period: float = parameter(
+        0.5, 'A chunk reaches the disk at least this often.', 's', 0.01, 1.0)
+
+
+NODE_SETTINGS: dict[str, type[RuntimeSettings]] = {
+    'arm_driver': DriverSettings,
+    'identifier': IdentifierNodeSettings,
+    'controller': ControllerNodeSettings,
+    'recorder': RecorderSettings,
+}
+"""The settings class of each kind of node."""
+
+TABLES: dict[str, Table] = {node: kind.table() for node, kind in NODE_SETTINGS.items()}
+"""The parameters of each kind of node, with ``<joint>`` for every joint's name."""

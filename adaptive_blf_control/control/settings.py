@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of the control law, its sets and its reference."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from adaptive_blf_control.parameters.settings import group, group_per_joint, parameter, Settings
+
+__all__ = ['COUPLINGS', 'ControllerSettings', 'PerformanceSettings', 'ReferenceSettings',
+           'SafetySettings', 'SinusoidSettings']
+
+COUPLINGS = ('per_joint', 'pseudoinverse')
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SafetySettings(Settings, where='controller.safety'):
+    """The safety set (7)."""
+
+    lower: np.ndarray = parameter(
+        [-3.14], 'Lower end of the safety set, k_c (7).', 'rad', length='joints', live=True)
+    upper: np.ndarray = parameter(
+        [3.14], 'Upper end of the safety set, k_d (7).', 'rad', length='joints', live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PerformanceSettings(Settings, where='controller.performance'):
+    """The performance set (8)."""
+
+    lower: np.ndarray = parameter(
+        [-0.15],
+        'Lower end of the performance set, -k_a (8). Equal and opposite to the upper end it '
+        'gives the symmetric barrier (SBLF) for that joint.', 'rad', length='joints', live=True)
+    upper: np.ndarray = parameter(
+        [0.15], 'Upper end of the performance set, k_b (8).', 'rad', length='joints', live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SinusoidSettings(Settings, where='controller.reference'):
+    """Sum of sinusoids that one joint follows."""
+
+    offset: float = parameter(
+        0.0, 'Centre of the sinusoids.', 'rad', live=True)
+    amplitude: np.ndarray = parameter(
+        [0.0], 'Amplitudes of the sinusoids.', 'rad', live=True)
+    frequency: np.ndarray = parameter(
+        [1.0], 'Angular frequencies of the sinusoids.', 'rad/s', live=True)
+    phase: np.ndarray = parameter(
+        [0.0], 'Phases of the sinusoids.', 'rad', live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ReferenceSettings(Settings, where='controller.reference'):
+    """The reference y_d and how a motion joins it."""
+
+    of_joint: Mapping[str, SinusoidSettings] = group_per_joint(SinusoidSettings)
+    smooth_start: float = parameter(
+        2.0,
+        'Time over which the measured posture is joined to the reference and the performance '
+        'set grows to its width; 0 starts on the reference.', 's', 0.0, live=True)
+    resume_time: float = parameter(
+        2.0,
+        'Time over which the measured posture is joined to the reference when the motion begins '
+        'anew, after joint states were lost or the clock jumped ahead.',
+        's', 0.0, exclusive=True, live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ControllerSettings(Settings, where='controller'):
+    """Gains and limits of the law (38), the sets and the reference."""
+
+    k1: np.ndarray = parameter(
+        [40.0], 'Gains of the stabilising function (27).',
+        '1/(s*rad^4)', 0.0, exclusive=True, length='joints', live=True)
+    k2: np.ndarray = parameter(
+        [30.0], 'Gains on e2 in (38).',
+        'N*m*s/rad', 0.0, exclusive=True, length='joints', live=True)
+    coupling: str = parameter(
+        'per_joint',
+        'How the barrier acts on the torque: per_joint (smooth) or the pseudoinverse of the '
+        'paper.', choices=COUPLINGS, live=True)
+    torque_limit: np.ndarray = parameter(
+        [100.0], 'Largest commanded torque.',
+        'N*m', 0.0, exclusive=True, length='joints', live=True)
+    torque_rate_limit: np.ndarray = parameter(
+        [10000.0], 'Largest change of the commanded torque.',
+        'N*m/s', 0.0, exclusive=True, length='joints', live=True)
+    safety: SafetySettings = group(SafetySettings)
+    performance: PerformanceSettings = group(PerformanceSettings)
+    reference: ReferenceSettings = group(ReferenceSettings)

@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings classes: a parameter is declared once, as a typed field of a frozen dataclass.
+
+The attribute path is the parameter's name: ``settings.history.size`` is ``history.size`` in YAML
+and in ROS. The declaration carries unit, range and description, so that ROS descriptors, checks
+of parameter files and the pages of the docs all follow from it:
+
+    @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+    class HistorySettings(Settings, where='identifier.history'):
+        size: int = parameter(20, 'Number of recorded pairs, P.', minimum=1, live=True)
+
+Two settings are equal where all their values are; arrays in them cannot be written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+import dataclasses
+from dataclasses import dataclass, field
+import functools
+from types import MappingProxyType
+from typing import Any, ClassVar, get_type_hints, TypeVar
+
+import numpy as np
+
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.table import (
+    broadcast,
+    JOINT,
+    Parameter,
+    Table,
+    Value,
+    value_problem,
+)
+
+__all__ = ['Settings', 'changed_names', 'group', 'group_per_joint', 'parameter']
+
+_DECLARATION, _GROUP, _PER_JOINT = 'declaration', 'group', 'group per joint'
+_KINDS: dict[Any, str] = {bool: 'bool', int: 'int', float: 'double', str: 'string',
+                          np.ndarray: 'double_array', tuple[str, ...]: 'string_array'}
+_Self = TypeVar('_Self', bound='Settings')
+
+
+def parameter(default: Value, description: str, unit: str = '', minimum: float | None = None,
+              maximum: float | None = None, *, exclusive: bool = False,
+              length: str | int | None = None, choices: tuple[str, ...] = (),
+              live: bool = False) -> Any:
+    """Declare a field of a settings class as a parameter.
+
+    Args:
+        default: Value when nothing is given, a list for an array.
+        description: One sentence for ``ros2 param describe`` and the docs.
+        unit: SI unit, '' where there is none.
+        minimum: Smallest accepted value of a number or of every array element.
+        maximum: Largest accepted value.
+        exclusive: Whether ``minimum`` itself is refused.
+        length: 'joints' or 'parameters' for arrays of length n or m, where one element stands for
+            all; an int for a fixed length; None for any.
+        choices: Accepted strings.
+        live: Whether it can be changed while a node runs.
+    """
+    declaration = Parameter('', '', default, description, unit, minimum, maximum, exclusive,
+                            length, choices, not live)
+    if isinstance(default, list):
+        return field(default_factory=lambda: default, metadata={_DECLARATION: declaration})
+    return field(default=default, metadata={_DECLARATION: declaration})
+
+
+def group(kind: type[Settings], **defaults: Any) -> Any:
+    """Declare a field as a nested group of parameters, where given with other defaults."""
+    return field(default_factory=functools.partial(kind, **defaults), metadata={_GROUP: kind})
+
+
+def group_per_joint(kind: type[Settings]) -> Any:
+    """Declare a field as a mapping from joint names to groups; in names it is ``<joint>``."""
+    return field(default_factory=dict, metadata={_PER_JOINT: kind})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Settings:
+    """Base of all settings; makes every value usable or refuses it with ParameterError."""
+
+    _where: ClassVar[str] = ''
+
+    def __init_subclass__(cls, where: str = '', **options: Any) -> None:
+        """Take the prefix for the names in messages, e.g. ``identifier.history``."""
+        super().__init_subclass__(**options)
+        cls._where = where
+
+    def __post_init__(self) -> None:
+        """Convert lists, integers and float32 arrays; ParameterError names what cannot be used."""
+        for item in dataclasses.fields(self):
+            object.__setattr__(self, item.name, self._usable(item, getattr(self, item.name)))
+        self._check()
+
+    def _check(self) -> None:
+        """Refuse values that do not fit each other; subclasses say which."""
+
+    def _usable(self, item: dataclasses.Field[Any], value: Any) -> Any:
+        name = f'{self._where}.{item.name}'.lstrip('.')
+        if _GROUP in item.metadata:
+            return _as_group(item.metadata[_GROUP], value, name)
+        if _PER_JOINT in item.metadata:
+            kind = item.metadata[_PER_JOINT]
+            return MappingProxyType({str(joint): _as_group(kind, each, f'{name}.{joint}')
+                                     for joint, each in value.items()})
+        row = dataclasses.replace(item.metadata[_DECLARATION], name=name,
+                                  kind=_kinds(type(self))[item.name])
+        value = _plain(row.kind, value)
+        problem = value_problem(row, value, {})
+        if problem:
+            raise ParameterError(name, value, problem)
+        if row.kind == 'double_array':
+            return _frozen(np.array(value, dtype=float))
+        return tuple(value) if row.is_array else value
+
+    @classmethod
+    def table(cls) -> Table:
+        """Return the declarations of all parameters, groups included, in their order."""
+        return tuple(_rows(cls, cls(), ''))
+
+    @classmethod
+    def from_values(cls: type[_Self], values: Mapping[str, Any]) -> _Self:
+        """Build from values by parameter name; what is not given has its default."""
+        arguments: dict[str, Any] = {}
+        for item in dataclasses.fields(cls):
+            kind = item.metadata.get(_GROUP)
+            if kind is not None:
+                inner = _below(f'{item.name}.', values)
+                if inner:
+                    given = dict(getattr(cls(), item.name).values(), **inner)
+                    arguments[item.name] = kind.from_values(given)
+            elif _PER_JOINT in item.metadata:
+                single = {other.name for other in dataclasses.fields(cls)}
+                joints = dict.fromkeys(name.rpartition('.')[0] for name in values
+                                       if '.' in name and name.partition('.')[0] not in single)
+                arguments[item.name] = {
+                    joint: item.metadata[_PER_JOINT].from_values(_below(f'{joint}.', values))
+                    for joint in joints}
+            elif item.name in values:
+                arguments[item.name] = values[item.name]
+        return cls(**arguments)
+
+    def values(self) -> dict[str, Any]:
+        """Return all values by parameter name, arrays as lists: what YAML and ROS hold."""
+        flat: dict[str, Any] = {}
+        for item in dataclasses.fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, Settings):
+                flat.update({f'{item.name}.{name}': v for name, v in value.values().items()})
+            elif isinstance(value, Mapping):
+                flat.update({f'{joint}.{name}': v for joint, each in value.items()
+                             for name, v in each.values().items()})
+            else:
+                flat[item.name] = (value.tolist() if isinstance(value, np.ndarray)
+                                   else list(value) if isinstance(value, tuple) else value)
+        return flat
+
+    def replace(self: _Self, **changes: Any) -> _Self:
+        """Return a copy with other values by parameter name, dotted or with nested settings.
+
+        Raises:
+            ParameterError: a name is not declared, or a value cannot be used.
+        """
+        own = {item.name for item in dataclasses.fields(self)}
+        direct = {name: value for name, value in changes.items() if name in own}
+        changed = dataclasses.replace(self, **direct)
+        dotted = {name: value for name, value in changes.items() if name not in own}
+        if not dotted:
+            return changed
+        values = changed.values()
+        for name, value in dotted.items():
+            if name not in values:
+                raise ParameterError(f'{self._where}.{name}'.lstrip('.'), value,
+                                     f'no such parameter; known: {", ".join(sorted(values))}')
+        return type(self).from_values({**values, **dotted})
+
+    def resolved(self: _Self, **sizes: int) -> _Self:
+        """Return a copy whose arrays have their full length, e.g. ``joints=7, parameters=50``.
+
+        Raises:
+            ParameterError: an array has neither one element nor that many.
+        """
+        full: dict[str, Any] = {}
+        for item in dataclasses.fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, Settings):
+                full[item.name] = value.resolved(**sizes)
+            elif isinstance(value, np.ndarray):
+                row = item.metadata[_DECLARATION]
+                problem = value_problem(dataclasses.replace(row, kind='double_array'),
+                                        value.tolist(), sizes)
+                if problem:
+                    raise ParameterError(f'{self._where}.{item.name}'.lstrip('.'),
+                                         value.tolist(), problem)
+                full[item.name] = broadcast(value, sizes.get(str(row.length), value.size))
+        changed = dataclasses.replace(self, **full)
+        return self if changed == self else changed
+
+    def __eq__(self, other: object) -> bool:
+        """Whether ``other`` is of the same class with the same values."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return self._key() == other._key()
+
+    def __hash__(self) -> int:
+        """Agree with ``==``."""
+        return hash(self._key())
+
+    def _key(self) -> tuple[Any, ...]:
+        return tuple(value.tobytes() if isinstance(value, np.ndarray)
+                     else tuple(sorted((joint, each._key()) for joint, each in value.items()))
+                     if isinstance(value, Mapping) else value
+                     for value in (getattr(self, item.name) for item in dataclasses.fields(self)))
+
+    def __repr__(self) -> str:
+        """Show what differs from the defaults."""
+        usual = type(self)()
+        parts = []
+        for item in dataclasses.fields(self):
+            value, default = getattr(self, item.name), getattr(usual, item.name)
+            same = (np.array_equal(value, default) if isinstance(value, np.ndarray)
+                    else value == default)
+            if not same:
+                shown = value.tolist() if isinstance(value, np.ndarray) else value
+                parts.append(f'{item.name}={shown!r}')
+        return f'{type(self).__name__}({", ".join(parts)})'
+
+
+def changed_names(before: Settings, after: Settings) -> set[str]:
+    """Return the names of the parameters that differ between two settings of one class."""
+    old = before.values()
+    return {name for name, value in after.values().items()
+            if name not in old or old[name] != value}
+
+
+def _kinds(cls: type[Settings]) -> dict[str, str]:
+    """Return the kind of each declared field of a class, read from its annotations once."""
+    if '_kinds' in cls.__dict__:
+        return cls.__dict__['_kinds']  # type: ignore[no-any-return]
+    hints = get_type_hints(cls)
+    kinds = {item.name: _KINDS[hints[item.name]] for item in dataclasses.fields(cls)
+             if _DECLARATION in item.metadata}
+    type.__setattr__(cls, '_kinds', kinds)
+    return kinds
+
+
+def _rows(cls: type[Settings], usual: Settings, prefix: str) -> Iterator[Parameter]:
+    values = usual.values()
+    for item in dataclasses.fields(cls):
+        if _GROUP in item.metadata:
+            yield from _rows(item.metadata[_GROUP], getattr(usual, item.name),
+                             f'{prefix}{item.name}.')
+        elif _PER_JOINT in item.metadata:
+            kind = item.metadata[_PER_JOINT]
+            yield from _rows(kind, kind(), f'{prefix}{JOINT}.')
+        else:
+            yield dataclasses.replace(
+                item.metadata[_DECLARATION], name=f'{prefix}{item.name}',
+                kind=_kinds(cls)[item.name], default=values[item.name])
+
+
+def _as_group(kind: type[Settings], value: Any, name: str) -> Settings:
+    if isinstance(value, kind):
+        return value
+    if isinstance(value, Mapping):
+        return kind(**value)
+    raise ParameterError(name, value, f'{kind.__name__} or a mapping of its fields')
+
+
+def _below(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name.removeprefix(prefix): value for name, value in values.items()
+            if name.startswith(prefix)}
+
+
+def _plain(kind: str, value: Any) -> Any:
+    """Return what a Python caller gave as the plain value of ``kind`` where it is one."""
+    if kind == 'double_array':
+        try:
+            return np.atleast_1d(np.asarray(value, dtype=float)).tolist()
+        except (TypeError, ValueError):
+            return value
+    if kind == 'string_array':
+        return list(value) if isinstance(value, (tuple, list)) else value
+    if kind == 'double' and isinstance(value, (int, np.integer, np.floating)) and not isinstance(
+            value, bool):
+        return float(value)
+    if kind == 'int' and isinstance(value, np.integer):
+        return int(value)
+    if kind == 'bool' and isinstance(value, np.bool_):
+        return bool(value)
+    return value
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of the simulated arm and its sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from adaptive_blf_control.parameters import settings as declare
+from adaptive_blf_control.parameters.settings import group, parameter, Settings
+
+__all__ = ['PlantSettings', 'ScheduleSettings', 'SensorSettings', 'TrueFrictionSettings']
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class TrueFrictionSettings(Settings, where='arm_driver.true_friction'):
+    """True friction of a URDF arm."""
+
+    viscous: np.ndarray = parameter(
+        [0.0], 'True viscous coefficients of a URDF arm.', 'N*m*s/rad', 0.0, length='joints')
+    coulomb: np.ndarray = parameter(
+        [0.0], 'True Coulomb torques of a URDF arm.', 'N*m', 0.0, length='joints')
+    offset: np.ndarray = parameter(
+        [0.0], 'True constant torques of a URDF arm.', 'N*m', length='joints')
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ScheduleSettings(Settings, where='arm_driver.schedule'):
+    """Changes of the true arm while it runs."""
+
+    time: np.ndarray = declare.parameter(
+        [0.0], 'Times, ascending, at which the true arm changes.', 's', 0.0, live=True)
+    parameter: tuple[str, ...] = declare.parameter(
+        [''],
+        'What changes then: a parameter of the true arm, or payload; an empty name does '
+        'nothing.', live=True)
+    value: np.ndarray = declare.parameter(
+        [0.0], 'Its new value; the payload in kg.', live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SensorSettings(Settings, where='arm_driver.sensors'):
+    """How the joints are measured."""
+
+    model: str = parameter(
+        'perfect',
+        'perfect: the true state; encoder: counts, and velocities from their differences.',
+        choices=('perfect', 'encoder'), live=True)
+    encoder_counts: int = parameter(
+        2000, 'Encoder counts per motor turn.', '', 1, live=True)
+    gear_ratio: float = parameter(
+        100.0, 'Motor turns per joint turn.', '', 0.0, exclusive=True, live=True)
+    velocity_time_constant: float = parameter(
+        0.005, 'First-order filter behind the position difference; 0 leaves it bare.',
+        's', 0.0, live=True)
+    torque_noise: float = parameter(
+        0.0, 'Standard deviation of the measured torque.', 'N*m', 0.0, live=True)
+    seed: int = parameter(
+        0, 'Seed of the noise.', '', 0, live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PlantSettings(Settings, where='arm_driver'):
+    """The simulated arm."""
+
+    initial_position: np.ndarray = parameter(
+        [0.0], 'Joint positions at the start.', 'rad', length='joints')
+    initial_velocity: np.ndarray = parameter(
+        [0.0], 'Joint velocities at the start.', 'rad/s', length='joints')
+    true_model: str = parameter(
+        'nominal',
+        'Where theta* of the simulated arm comes from: the nominal values of the arm, or given '
+        'as true_parameters.', choices=('nominal', 'given'))
+    true_parameters: np.ndarray = parameter(
+        [0.0], 'theta* for true_model: given, p1 p2 p3 fv_joint1 fv_joint2 of two_link.',
+        length='parameters', live=True)
+    payload: float = parameter(
+        0.0, 'Point mass at the tip of the true arm, on top of true_model (three_link, urdf).',
+        'kg', 0.0, live=True)
+    dead_time: int = parameter(
+        0, 'Whole samples after which a command acts.', '', 0, 1000, live=True)
+    substeps: int = parameter(
+        1, 'Runge-Kutta steps per sample.', '', 1, 1000, live=True)
+    torque_limit: np.ndarray = parameter(
+        [200.0], 'Torque at which the simulated drives saturate.',
+        'N*m', 0.0, exclusive=True, length='joints', live=True)
+    true_friction: TrueFrictionSettings = group(TrueFrictionSettings)
+    schedule: ScheduleSettings = group(ScheduleSettings)
+    sensors: SensorSettings = group(SensorSettings)
