@@ -63,7 +63,7 @@ demo: env  ## run the paper's two-link task in four processes; ARGS go to the de
 	@$(PY) -m adaptive_blf_control demo $(ARGS)
 
 test: env  ## run all tests; ARGS go to pytest
-	@ROS_PYTHON_CHECK_FIELDS=1 $(PY) -m pytest $(ARGS)
+	@ROS_PYTHON_CHECK_FIELDS=1 $(PY) -m pytest -n 2 --dist loadgroup $(ARGS)
 
 bench: env  ## measure the figures of docs/benchmarks.md; ARGS go to the benchmark
 	@$(PY) -m adaptive_blf_control bench $(ARGS)

@@ -38,6 +38,7 @@ setup(
         'plot': ['matplotlib>=3.6', 'plotly>=6.0'],
         'test': [
             'pytest>=7.4',
+            'pytest-xdist>=3.5',
             'hypothesis>=6.98',
             'rosbags>=0.11',
             'mcap-ros2-support>=0.5',

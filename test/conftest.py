@@ -3,17 +3,30 @@
 
 from __future__ import annotations
 
+import atexit
+from contextlib import ExitStack
 import os
 from pathlib import Path
+import signal
 import tempfile
 
 import pytest
 
+from adaptive_blf_control.runtime.domain import own_domain
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-# Before any test module imports rclpy: two runs on one machine must not hear each other. On Linux
-# domains 0 to 101 keep clear of the ephemeral ports; 0 is everybody's default.
-os.environ['ROS_DOMAIN_ID'] = str(os.getpid() % 101 + 1)
+# A shell that starts the suite in the background lets it, and all that it starts, ignore these.
+for _number, _default in ((signal.SIGINT, signal.default_int_handler),
+                          (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(_number) == signal.SIG_IGN:
+        signal.signal(_number, _default)
+
+# Before any test module imports rclpy: two runs on one machine, or two workers of one run, must
+# not hear each other.
+_claim = ExitStack()
+atexit.register(_claim.close)
+os.environ['ROS_DOMAIN_ID'] = str(_claim.enter_context(own_domain()))
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 # The package sets this on import, which is too late where a test module imports numpy first.
@@ -29,6 +42,18 @@ except ImportError:  # colcon test on a machine with pytest alone: property test
 else:
     settings.register_profile('repository', deadline=None, derandomize=True, database=None)
     settings.load_profile('repository')
+
+
+# They run real nodes in real time, or measure: one after the other, whatever runs beside them.
+_ONE_AFTER_THE_OTHER = ('nodes', 'bench', 'runtime', 'packaging')
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keep the tests that move a simulated robot in real time on one worker of pytest-xdist."""
+    for item in items:
+        room = item.path.relative_to(REPOSITORY / 'test').parts[0]
+        if room in _ONE_AFTER_THE_OTHER:
+            item.add_marker(pytest.mark.xdist_group('real time'))
 
 
 @pytest.fixture(scope='session')

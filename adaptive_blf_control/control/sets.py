@@ -125,6 +125,7 @@ class GrowingBounds:
 
     def at(self, t: float) -> Bounds:
         """Evaluate at ``t`` [s] since the start of the motion."""
-        if t >= self._duration:
+        t = max(t, 0.0)
+        if t >= self._duration:  # always, where there is no smooth start
             return self._end
-        return Bounds(*_grown(max(t, 0.0), self._duration, *self._start, *self._end[:2]))
+        return Bounds(*_grown(t, self._duration, *self._start, *self._end[:2]))

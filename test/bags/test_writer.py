@@ -253,7 +253,7 @@ except BagError as exc:
 
 def run(script, *arguments, status=0):
     """Run a script in a process of its own and return what it printed."""
-    done = subprocess.run([sys.executable, '-c', script, *map(str, arguments)], timeout=60,
+    done = subprocess.run([sys.executable, '-c', script, *map(str, arguments)], timeout=300,
                           capture_output=True, text=True, check=False)
     assert done.returncode == status, done.stderr
     return done.stdout

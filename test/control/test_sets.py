@@ -24,6 +24,15 @@ SAFETY = JointInterval(np.array([-1.17, -2.17]), np.array([1.2, 2.2]), 'safety')
 RANGE = np.array([-1.0, -2.0]), np.array([1.0, 2.0])
 
 
+@pytest.mark.parametrize('t', [-1.0, -1e-9, 0.0, 5.0])
+def test_without_a_smooth_start_the_bounds_are_those_of_the_set_at_any_time(t):
+    bounds = GrowingBounds(PERFORMANCE).at(t)
+    np.testing.assert_array_equal(bounds.lower, PERFORMANCE.lower)
+    np.testing.assert_array_equal(bounds.upper, PERFORMANCE.upper)
+    assert not bounds.lower_rate.any()
+    assert not bounds.upper_rate.any()
+
+
 def test_equality_of_the_papers_example_is_allowed():
     check_performance_inside_safety(SAFETY, PERFORMANCE, RANGE, JOINTS)
 

@@ -519,6 +519,15 @@ def _after(seconds: float) -> None:
     threading.Event().wait(seconds)  # a moment that nothing marks
 
 
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGHUP])
+def test_a_node_that_inherits_an_ignored_signal_ends_on_it_once_it_runs(
+        processes, wait_until, tmp_path, number) -> None:
+    recorder = processes.start('recorder', '--ros-args', '-p', f'bag:={tmp_path / "bag"}',
+                               ignoring=(signal.SIGINT, signal.SIGHUP))
+    wait_until((tmp_path / 'bag').exists, what='a recorder that runs')
+    assert recorder.signal(number) == 0, recorder.text
+
+
 @pytest.mark.parametrize('moment', ['start-up', 'run'])
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_at_any_moment_leaves_zero_torque_and_a_bag_that_is_closed(

@@ -154,7 +154,7 @@ def test_the_page_of_interfaces_explains_every_key_of_the_diagnostics(demo, repo
 def test_the_demo_refuses_a_folder_that_exists_before_it_starts_anything(tmp_path) -> None:
     result = subprocess.run(
         [sys.executable, '-m', 'adaptive_blf_control', 'demo', '--output', str(tmp_path)],
-        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60)
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=300)
     assert result.returncode == 2
     assert 'exists already' in result.stderr
     assert list(tmp_path.iterdir()) == []

@@ -488,7 +488,8 @@ def test_the_plain_executor_runs_a_closed_loop_and_its_lifecycle(graph, cell, wa
     for node in ('controller', 'arm_driver'):
         cell.moves(f'{node} shutdown')
         assert cell.runners[node].join() == 0
-    assert not cell.torques[-1].any()
+    # Delivered is not yet handled: the peer takes one message at a time.
+    wait_until(lambda: not cell.torques[-1].any(), what='zero torque as the last one')
     assert learning.end() == 0
 
 

@@ -65,7 +65,7 @@ def _run(prefix: Path, executable: str, *arguments: str) -> subprocess.Completed
     return subprocess.run(
         [sys.executable, str(prefix / 'lib' / PACKAGE / executable), *arguments],
         cwd=prefix.parent, env={**os.environ, 'PYTHONPATH': path}, stdin=subprocess.DEVNULL,
-        capture_output=True, text=True, timeout=60)
+        capture_output=True, text=True, timeout=300)
 
 
 def test_every_executable_lies_where_ros2_run_looks(prefix: Path) -> None:

@@ -67,7 +67,7 @@ def metadata(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Meta
         shutil.copy2(repository / PACKAGE / name, package / name)
     result = subprocess.run(
         [sys.executable, 'setup.py', '-q', 'egg_info'], cwd=folder, capture_output=True,
-        text=True, timeout=60)
+        text=True, timeout=300)
     assert result.returncode == 0, result.stderr
     egg_info = folder / f'{PACKAGE}.egg-info'
     header = Parser().parsestr((egg_info / 'PKG-INFO').read_text())

@@ -29,7 +29,7 @@ threads = [int(task.name) for task in Path('/proc/self/task').iterdir()]
 
 def _run(code: str) -> object:
     done = subprocess.run([sys.executable, '-c', BEGIN + code], capture_output=True, text=True,
-                          timeout=60, check=False)
+                          timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1])
 
