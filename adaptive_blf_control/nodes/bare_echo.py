@@ -19,6 +19,7 @@ import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -129,7 +130,7 @@ def main(args: list[str] | None = None) -> int:
     except (_DoneError, KeyboardInterrupt, ExternalShutdownException):
         pass
     np.savez(options.output, served=np.array(node.served), trips=np.array(node.trips))
-    rclpy.try_shutdown()
+    try_shutdown()
     return 0
 
 

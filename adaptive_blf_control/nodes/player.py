@@ -15,6 +15,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 from rosgraph_msgs.msg import Clock
 
 from adaptive_blf_control.bags.reader import BagMessage, read_bag
@@ -292,7 +293,7 @@ def play(path: str, settings: PlaySettings, ros_arguments: Sequence[str]) -> Pla
         finally:
             player.close()
     finally:
-        rclpy.try_shutdown()
+        try_shutdown()
     return player
 
 

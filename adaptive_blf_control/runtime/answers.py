@@ -119,7 +119,7 @@ class Answers:
             return DirectWait([entry.subscription for entry in self._channels.values()], context)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(self._node)
-        return PlainWait(executor)
+        return PlainWait(lambda timeout: executor.spin_once(timeout_sec=timeout))
 
     def _pause(self, topic: str, timeout: float, give_up: float) -> None:
         if time.monotonic() >= give_up:

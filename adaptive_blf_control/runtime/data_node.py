@@ -15,6 +15,7 @@ import time
 from typing import Any, Generic, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.clock import ROSClock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
@@ -242,7 +243,7 @@ class DataNode(Node, Generic[NodeSettings]):
     def sampled(self, stamp_ns: int = 0) -> None:
         """Count one sample of the node's work, measured at ``stamp_ns``."""
         self.statistics.sample(time.monotonic_ns(), stamp_ns)
-        if self.lockstep:
+        if isinstance(self._ros_clock, ROSClock) and self.lockstep:
             stamp_ns = min(max(stamp_ns, 0), TOO_LATE - 1)  # rclpy knows no other times
             self._ros_clock.set_ros_time_override(
                 ROSTime(nanoseconds=stamp_ns, clock_type=ClockType.ROS_TIME))

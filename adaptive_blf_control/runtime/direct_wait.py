@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 import functools
 import time
-from typing import Protocol
+from typing import Any, Protocol
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
@@ -88,7 +88,9 @@ class PlainChannel:
         def keep(data: bytes, info: dict[str, int]) -> None:
             self._waiting.append((data, info))
 
-        self.subscription = node.create_subscription(message_type, topic, keep, qos, raw=True)
+        # rclpy hands over the info to callbacks with two arguments; its types know one.
+        callback: Callable[..., None] = keep
+        self.subscription = node.create_subscription(message_type, topic, callback, qos, raw=True)
 
     def take(self, handler: Handler, newest_only: bool = False) -> int:
         """See :class:`Channel`."""
@@ -157,7 +159,7 @@ def end_transitions(node: LifecycleNodeMixin) -> None:
         machine.destroy_when_not_in_use()
 
 
-def answer_transitions(node: LifecycleNodeMixin, answer: Callable[..., object]) -> None:
+def answer_transitions(node: LifecycleNodeMixin, answer: Callable[..., Any]) -> None:
     """Let ``answer(rclpy's own answer, request, response)`` answer requests for a transition."""
     service = node._service_change_state
     service.callback = functools.partial(answer, service.callback)

@@ -83,9 +83,8 @@ def declare(node: Node, kind: str, settings_class: type[NodeSettings]) -> NodeSe
     Raises:
         ParameterError: names the parameter, the value and what is expected.
     """
-    given = {name: _plain(parameter.value)
-             for name, parameter in node.get_parameters_by_prefix('').items()
-             if not name.startswith(ROS_OWN)}
+    given = {name: _plain(node.get_parameter(name).value)
+             for name in node.get_parameters_by_prefix('') if not name.startswith(ROS_OWN)}
     for name in [n for n in given if known_elsewhere(n, kind)]:
         node.undeclare_parameter(name)  # from a shared section, meant for other nodes
         del given[name]

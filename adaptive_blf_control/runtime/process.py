@@ -11,8 +11,10 @@ import time
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.logging import get_logger_level, LoggingSeverity, set_logger_level
+from rclpy.impl.logging_severity import LoggingSeverity
+from rclpy.logging import get_logger_level, set_logger_level
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runtime.data_node import DataNode
@@ -65,10 +67,10 @@ def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -
         node = make(stop=stop)
     except (BlfError, ParameterException, RuntimeError) as error:
         if stop.signal:
-            rclpy.try_shutdown()
+            try_shutdown()
             raise SystemExit(128 + stop.signal) from None  # nothing was sent yet
         print(f'{kind}: {error}', file=sys.stderr)
-        rclpy.try_shutdown()
+        try_shutdown()
         return 2
     try:
         return node.run()
@@ -77,7 +79,7 @@ def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -
         return 2
     finally:
         node.destroy_node()
-        rclpy.try_shutdown()
+        try_shutdown()
 
 
 def initialise(kind: str, args: list[str] | None) -> None:

@@ -31,6 +31,7 @@ from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import TOPICS
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.player import account, Player, PlaySettings
+from adaptive_blf_control.runtime import answers
 from adaptive_blf_control.runtime.answers import NoAnswer, stamp_of
 from adaptive_blf_control.tools.identify import main as identify
 from adaptive_blf_control.tools.simulate import main as simulate
@@ -114,6 +115,15 @@ def test_the_identifier_fed_from_a_bag_learns_what_identify_learns_from_it(
     np.testing.assert_array_equal(offline[-1], expected)
     np.testing.assert_allclose(played, offline, rtol=0.0, atol=1e-9)
     assert np.linalg.norm(played[-1] - played[0]) > 1.0
+
+
+def test_without_wait_sets_of_its_own_the_player_hears_every_answer_through_an_executor(
+        graph, wait_until: Callable, monkeypatch, bag: Path, config: Path) -> None:
+    monkeypatch.setattr(answers, 'DIRECT', False)  # as beside an rclpy whose inside has changed
+    _learner(graph, config, **WEAK)
+    player = _player(graph, bag, topics=('joint_states',))
+    player.play()
+    assert player.lockstep.answered == player.sent[STATES] == 3001
 
 
 def test_with_the_adaptation_terms_the_estimates_of_the_run_itself_come_back(
