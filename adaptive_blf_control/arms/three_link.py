@@ -14,6 +14,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.arms.integrator import make_rk4
+from adaptive_blf_control.arms.inverse_dynamics import described
 from adaptive_blf_control.arms.planar import planar_points
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError, ParameterError
@@ -236,6 +237,10 @@ class ThreeLinkArm:
         self.parameters: tuple[str, ...] = (*(f'p{i}' for i in range(1, 11)), 'f')
         self.nominal = three_link_parameters()
         self.payload_direction: np.ndarray | None = three_link_parameters(1.0) - self.nominal
+
+    def __repr__(self) -> str:
+        """Name joints and count parameters."""
+        return described(self)
 
     @property
     def n(self) -> int:

@@ -7,6 +7,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.arms.integrator import make_rk4
+from adaptive_blf_control.arms.inverse_dynamics import described
 from adaptive_blf_control.arms.planar import planar_points
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError
@@ -117,6 +118,10 @@ class TwoLinkArm:
         self.parameters: tuple[str, ...] = ('p1', 'p2', 'p3', f'fv_{joints[0]}', f'fv_{joints[1]}')
         self.nominal = np.array(NOMINAL)
         self.payload_direction: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        """Name joints and count parameters."""
+        return described(self)
 
     @property
     def n(self) -> int:

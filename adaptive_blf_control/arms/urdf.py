@@ -16,6 +16,7 @@ from adaptive_blf_control.arms.base_parameters import (
     PER_BODY,
     preferred_columns,
 )
+from adaptive_blf_control.arms.inverse_dynamics import described
 from adaptive_blf_control.arms.joint_friction import finite_array, JointFriction
 from adaptive_blf_control.arms.urdf_dynamics import UrdfDynamics, with_inertias
 from adaptive_blf_control.arms.urdf_model import (
@@ -105,6 +106,10 @@ class UrdfArm:
         self.nominal = np.concatenate([self.base_from_inertial(self.inertial),
                                        self._friction.nominal])
         self.payload_direction: np.ndarray | None = self._payload_direction()
+
+    def __repr__(self) -> str:
+        """Name joints and count parameters."""
+        return described(self)
 
     @property
     def n(self) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 from adaptive_blf_control.bags.reader import Bag, JOINT_STATE, read_bag
 from adaptive_blf_control.errors import BagError, LogError
 
-__all__ = ['MeasuredLog', 'load_log']
+__all__ = ['MeasuredLog', 'read_log']
 
 MINIMUM_ROWS = 3
 
@@ -41,7 +41,7 @@ class MeasuredLog(NamedTuple):
     problem: str | None = None
 
 
-def load_log(path: Path | str, *, topic: str | None = None,
+def read_log(path: Path | str, *, topic: str | None = None,
              joints: Sequence[str] | None = None) -> MeasuredLog:
     """Read a measured log.
 

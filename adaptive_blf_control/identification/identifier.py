@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
+from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.compiled import all_finite, jit
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor
+from adaptive_blf_control.identification.determination import undetermined
 from adaptive_blf_control.identification.excitation import Excitation
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.recorded_noise import NoisyHistory
@@ -66,8 +69,23 @@ class Identifier:
             starts anew), ``stamp repeated``, ``stamp went back``.
     """
 
-    def __init__(self, arm: Arm, settings: IdentifierSettings) -> None:
-        """Start from ``settings.initial_estimate`` with an empty stack."""
+    def __init__(self, arm: Arm, settings: IdentifierSettings | None = None,
+                 **changes: Any) -> None:
+        """Start from ``settings.initial_estimate`` with an empty stack.
+
+        Args:
+            arm: The arm whose parameters are learned.
+            settings: Gains, filters, history and monitors. Where none are given, the defaults
+                with a history of at least two pairs for each parameter.
+            changes: Settings by parameter name, e.g. ``kt=1.0, **{'history.size': 200}``.
+
+        Raises:
+            ParameterError: a setting is not known, cannot be used or does not fit the arm.
+        """
+        if settings is None:
+            usual = IdentifierSettings()
+            settings = usual.replace(**{'history.size': max(usual.history.size, 2 * arm.m)})
+        settings = settings.replace(**changes)
         settings = settings.resolved(joints=arm.n, parameters=arm.m)
         self.arm = arm
         self._take(settings)
@@ -149,6 +167,62 @@ class Identifier:
                 q, qd, tau = random.normal(size=(3, self.arm.n))
                 spare.update(k * 1e-3, q, qd, tau)
 
+    def __repr__(self) -> str:
+        """Show what has been learned."""
+        return (f'<Identifier of {self.arm!r}: rank {self.rank} of {self.arm.m}, '
+                f'{self.stack.count} of {self.stack.size} pairs>')
+
+    @property
+    def rank(self) -> int:
+        """Rank of the history stack; θ̂ converges once it is m (Theorem 1)."""
+        return self.stack.rank
+
+    @property
+    def estimate(self) -> dict[str, float]:
+        """θ̂ by parameter name."""
+        return dict(zip(self.arm.parameters, self.theta.tolist()))
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Names of the parameters that the recorded pairs do not determine; see `undetermined`."""
+        return undetermined(self.stack.gram, self.arm.parameters)
+
+    def predict(self, q: Any, qd: Any, qdd: Any) -> np.ndarray:
+        """Return the torque of a motion under θ̂, shape like ``q`` [N·m].
+
+        Args:
+            q: Positions, shape (n,) or (N, n) [rad].
+            qd: Velocities, likewise [rad/s].
+            qdd: Accelerations, likewise [rad/s²].
+
+        Raises:
+            ParameterError: an array has another shape.
+        """
+        return inverse_dynamics(self.arm, self.theta, q, qd, qdd)
+
+    def learn(self, t: Any, q: Any, qd: Any, tau: Any) -> np.ndarray:
+        """Take a whole log, one sample after the other, as :meth:`update` does.
+
+        Args:
+            t: Times, shape (N,) [s].
+            q: Positions, shape (N, n) [rad].
+            qd: Velocities, shape (N, n) [rad/s].
+            tau: Mean torques over the intervals that end at ``t``, shape (N, n) [N·m].
+
+        Returns:
+            θ̂ after the last sample, shape (m,).
+
+        Raises:
+            ParameterError: an array has another shape.
+        """
+        times = checked_array('t', t, (-1,))
+        each = f'one for each of {", ".join(self.arm.joints)}'
+        rows = [checked_array(name, value, (len(times), self.arm.n), each)
+                for name, value in (('q', q), ('qd', qd), ('tau', tau))]
+        for sample in zip(times.tolist(), *rows):
+            self.update(*sample)
+        return self.theta
+
     @property
     def pair(self) -> tuple[np.ndarray, np.ndarray]:
         """Present filtered regressor (n, m) and torque (n,) [N·m]."""
@@ -194,6 +268,10 @@ class Identifier:
         return NoisyHistory(self.arm.n, self.arm.m, history.size, history.epsilon, history.noise,
                             history.noise_seed)
 
+    def _checked(self, name: str, value: Any) -> np.ndarray:
+        return checked_array(name, value, (self.arm.n,),
+                             f'one for each of {", ".join(self.arm.joints)}')
+
     def observe(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> float:
         """Filter one sample without learning from it.
 
@@ -206,6 +284,7 @@ class Identifier:
         Returns:
             The interval [s] the filter advanced by; 0 where it (re)started or dropped the sample.
         """
+        q, qd, tau = self._checked('q', q), self._checked('qd', qd), self._checked('tau', tau)
         if not (math.isfinite(t) and _finite_sample(q, qd, tau)):
             self.dropped['not finite'] += 1
             return 0.0
@@ -258,8 +337,8 @@ class Identifier:
             except np.linalg.LinAlgError:  # a pair that LAPACK cannot judge is not recorded
                 self.dropped['not finite'] += 1
             self._excitation.update(dt, regressor)
-            self._step(dt, regressor, torque,
-                       self._no_term if adaptation_term is None else adaptation_term)
+            self._step(dt, regressor, torque, self._no_term if adaptation_term is None else
+                       checked_array('adaptation_term', adaptation_term, (self.arm.m,)))
         return self.theta
 
     def _watch(self, dt: float, regressor: np.ndarray, torque: np.ndarray) -> None:

@@ -14,7 +14,7 @@ import sys
 from typing import Any
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.bags.logs import load_log
+from adaptive_blf_control.bags.logs import read_log
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import (
@@ -102,7 +102,7 @@ def _identify(options: argparse.Namespace) -> tuple[dict[str, Any], Arm]:
     if not output.parent.is_dir():  # known before the work, not after
         raise ParameterError('--output', str(output), 'a file in a folder that exists')
     arm = build_arm(settings)
-    log = load_log(options.log, topic=options.topic, joints=arm.joints)
+    log = read_log(options.log, topic=options.topic, joints=arm.joints)
     if log.problem:
         print(f'identify: {options.log}: {log.problem}', file=sys.stderr)
     identifier = build_identifier(settings, arm)

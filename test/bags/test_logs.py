@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adaptive_blf_control.bags.logs import load_log
+from adaptive_blf_control.bags.logs import read_log
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.messages.cdr import encode_int32, JointStateCodec
@@ -44,7 +44,7 @@ def numbers(count, width=6):
 def test_bag_is_read_by_name_with_time_from_its_first_stamp(tmp_path):
     start, table = 1_700_000_000_000_000_000, numbers(4)
     rows = [(start + i * 1_000_001, 5 + i, row) for i, row in enumerate(table)]
-    log = load_log(write_bag(tmp_path / 'run', rows), joints=['b', 'a'])
+    log = read_log(write_bag(tmp_path / 'run', rows), joints=['b', 'a'])
     assert log.joints == ('b', 'a')
     assert log.t.tolist() == [0.0, 0.001000001, 0.002000002, 0.003000003]
     np.testing.assert_array_equal(log.q, table[:, [1, 0]])
@@ -55,7 +55,7 @@ def test_bag_is_read_by_name_with_time_from_its_first_stamp(tmp_path):
 
 def test_log_time_serves_where_all_stamps_are_zero(tmp_path):
     rows = [(0, 10**9 * i, row) for i, row in enumerate(numbers(3))]
-    assert load_log(write_bag(tmp_path / 'run', rows)).t.tolist() == [0.0, 1.0, 2.0]
+    assert read_log(write_bag(tmp_path / 'run', rows)).t.tolist() == [0.0, 1.0, 2.0]
 
 
 def test_bad_rows_are_dropped_and_counted(tmp_path):
@@ -65,58 +65,58 @@ def test_bad_rows_are_dropped_and_counted(tmp_path):
     gripper = JointStateCodec(['finger']).encode(8, [0.0], [0.0], [0.0])
     rows = [(stamp * 10**9, 0, row) for stamp, row in zip(stamps, table)]
     bag = write_bag(tmp_path / 'run', rows, more=[('/joint_states', JOINT_STATE, gripper)])
-    log = load_log(bag)
+    log = read_log(bag)
     assert log.t.tolist() == [0.0, 1.0, 4.0, 5.0, 6.0]
     np.testing.assert_array_equal(log.q, table[[0, 1, 4, 7, 8], :2])
     assert log.dropped == 5
     lines = [','.join(map(str, (stamp, *row))) for stamp, row in zip(stamps, table)]
-    csv = load_log(write_csv(tmp_path / 'log.csv', HEADER, *lines))
+    csv = read_log(write_csv(tmp_path / 'log.csv', HEADER, *lines))
     assert (csv.t.tolist(), csv.dropped) == ([1.0, 2.0, 5.0, 6.0, 7.0], 4)
 
 
 def test_topic_is_chosen_or_the_candidates_are_named(tmp_path):
     rows = [(i, i, row) for i, row in enumerate(numbers(3))]
     other = ('/theta_hat', JOINT_STATE, JointStateCodec(['m'], fields=['position']).encode(0, [1]))
-    assert load_log(write_bag(tmp_path / 'a', rows, topic='/arm/js')).q.shape == (3, 2)
-    assert load_log(write_bag(tmp_path / 'b', rows, more=[other])).q.shape == (3, 2)
+    assert read_log(write_bag(tmp_path / 'a', rows, topic='/arm/js')).q.shape == (3, 2)
+    assert read_log(write_bag(tmp_path / 'b', rows, more=[other])).q.shape == (3, 2)
     two = write_bag(tmp_path / 'c', rows, topic='/arm/js', more=[other])
     with pytest.raises(LogError, match=r"one of \['/arm/js', '/theta_hat'\]"):
-        load_log(two)
-    assert load_log(two, topic='arm/js').q.shape == (3, 2)
+        read_log(two)
+    assert read_log(two, topic='arm/js').q.shape == (3, 2)
     with pytest.raises(LogError, match="no effort|no velocity for joint 'm'"):
-        load_log(two, topic='/theta_hat')
+        read_log(two, topic='/theta_hat')
     with pytest.raises(LogError, match='no topic'):
-        load_log(two, topic='/none')
+        read_log(two, topic='/none')
     with BagWriter(tmp_path / 'd') as writer:
         writer.add_topic('/n', 'std_msgs/msg/Int32')
         writer.write('/n', encode_int32(1), 0)
     with pytest.raises(LogError, match='no topic of type'):
-        load_log(tmp_path / 'd')
+        read_log(tmp_path / 'd')
 
 
 def test_bag_errors_name_bag_joint_and_count(tmp_path):
     rows = [(i, i, row) for i, row in enumerate(numbers(3))]
     path = write_bag(tmp_path / 'run', rows)
     with pytest.raises(LogError, match=r"run: /?joint_states message 0: .* lacks joint 'z'"):
-        load_log(path, joints=['a', 'z'])
+        read_log(path, joints=['a', 'z'])
     with pytest.raises(LogError, match='2 usable rows of 2'):
-        load_log(write_bag(tmp_path / 'short', rows[:2]))
+        read_log(write_bag(tmp_path / 'short', rows[:2]))
     with pytest.raises(LogError, match='missing'):
-        load_log(tmp_path / 'missing')
+        read_log(tmp_path / 'missing')
     codec = JointStateCodec(['a'], fields=['position', 'velocity'])
     with BagWriter(tmp_path / 'free') as writer:
         writer.add_topic('/joint_states', JOINT_STATE)
         for i in range(5):
             writer.write('/joint_states', codec.encode(i, [1.0], [2.0]), i)
     with pytest.raises(LogError, match="no effort for joint 'a'"):
-        load_log(tmp_path / 'free')
+        read_log(tmp_path / 'free')
 
 
 def test_truncated_bag_is_told(tmp_path):
     path = write_bag(tmp_path / 'run', [(i, i, row) for i, row in enumerate(numbers(50))])
     file = path / 'run_0.mcap'
     file.write_bytes(file.read_bytes()[:7000])
-    log = load_log(path)
+    log = read_log(path)
     assert 3 <= len(log.t) < 50
     assert 'truncated' in log.problem
 
@@ -124,11 +124,11 @@ def test_truncated_bag_is_told(tmp_path):
 def test_csv_columns_in_any_order_with_others_between(tmp_path):
     path = write_csv(tmp_path / 'log.csv', '\ufefftau2,q1, t,note,q2,qd2,qd1,tau1',
                      *(f'6,1,{i},x,2,4,3,5' for i in range(3)), '')
-    log = load_log(path, joints=('left', 'right'))
+    log = read_log(path, joints=('left', 'right'))
     assert log.joints == ('left', 'right')
     assert log.t.tolist() == [0.0, 1.0, 2.0]
     assert [part[0].tolist() for part in (log.q, log.qd, log.tau)] == [[1, 2], [3, 4], [5, 6]]
-    assert load_log(path).joints == ('joint1', 'joint2')
+    assert read_log(path).joints == ('joint1', 'joint2')
 
 
 @pytest.mark.parametrize(('lines', 'words'), [
@@ -146,7 +146,7 @@ def test_csv_columns_in_any_order_with_others_between(tmp_path):
 def test_bad_csv_is_refused_with_row_and_column(tmp_path, lines, words):
     path = write_csv(tmp_path / 'log.csv', *lines)
     with pytest.raises(LogError, match=words) as caught:
-        load_log(path)
+        read_log(path)
     assert str(path) in str(caught.value)
 
 
@@ -154,19 +154,19 @@ def test_csv_that_cannot_be_read_and_names_that_do_not_fit(tmp_path):
     path = write_csv(tmp_path / 'log.csv', HEADER, *ROWS)
     for names in (['a'], ['a', 'a'], ['a', 'b', 'c']):
         with pytest.raises(LogError, match='different names'):
-            load_log(path, joints=names)
+            read_log(path, joints=names)
     path.write_bytes(b'\xff\xfe\x00t')
     with pytest.raises(LogError, match='cannot be read'):
-        load_log(path)
+        read_log(path)
     with pytest.raises(LogError, match='cannot be read'):
-        load_log(tmp_path / 'none.csv')
+        read_log(tmp_path / 'none.csv')
 
 
 def test_real_logs_are_read_whole(realdata):
-    panda = load_log(realdata / 'panda_gaz2019/panda_exciting_traj.csv')
+    panda = read_log(realdata / 'panda_gaz2019/panda_exciting_traj.csv')
     assert (panda.q.shape, panda.dropped) == ((20544, 7), 0)
-    bag = load_log(realdata / 'ur10_unisa2025/ur10_exciting_trajectory.db3')
-    csv = load_log(realdata / 'ur10_unisa2025/ur10_exciting.csv', joints=bag.joints)
+    bag = read_log(realdata / 'ur10_unisa2025/ur10_exciting_trajectory.db3')
+    csv = read_log(realdata / 'ur10_unisa2025/ur10_exciting.csv', joints=bag.joints)
     assert bag.q.shape == (3441, 6)
     assert bag.joints[:2] == ('shoulder_pan_joint', 'shoulder_lift_joint')
     for name, tolerance in (('t', 2e-9), ('q', 6e-7), ('qd', 6e-7), ('tau', 6e-5)):

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from adaptive_blf_control.bags.logs import load_log
+from adaptive_blf_control.bags.logs import read_log
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
@@ -87,7 +87,7 @@ def _offline(path: Path, config: Path) -> np.ndarray:
     """Return θ̂ after every sample of the bag, learned without ROS, shape (N, m)."""
     settings = node_settings(load_yaml(config), IdentifierNodeSettings).replace(**WEAK)
     arm = build_arm(settings)
-    identifier, log = build_identifier(settings, arm), load_log(path, joints=arm.joints)
+    identifier, log = build_identifier(settings, arm), read_log(path, joints=arm.joints)
     return np.array([identifier.update(*sample)
                      for sample in zip(log.t.tolist(), log.q, log.qd, log.tau)])
 
@@ -165,7 +165,7 @@ def test_a_bag_of_real_time_whose_states_lack_terms_teaches_what_its_own_terms_s
     assert content.topics[TERMS].count == 2842
     settings = node_settings(load_yaml(config), IdentifierNodeSettings)
     arm = build_arm(settings)
-    offline, log = build_identifier(settings, arm), load_log(thinned, joints=arm.joints)
+    offline, log = build_identifier(settings, arm), read_log(thinned, joints=arm.joints)
     terms = content.joint_states(TERMS, arm.parameters)
     expected = []
     for stamp, *sample in zip(content.joint_states(STATES).stamp_ns.tolist(), log.t.tolist(),

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip('pinocchio')
 
 from adaptive_blf_control.arms.urdf import UrdfArm
-from adaptive_blf_control.bags.logs import load_log
+from adaptive_blf_control.bags.logs import read_log
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.identification.torque_filter import TorqueFilter
@@ -319,4 +319,4 @@ def test_bag_of_the_ur10_gives_the_same_as_its_csv(capsys, realdata, repository,
         str(realdata / 'ur10_unisa2025/ur10_exciting_trajectory.db3'), *arguments[1:]])
     assert bag['joints'] == csv['joints']
     np.testing.assert_allclose(bag['test_rmse'], csv['test_rmse'], rtol=0.01)  # 7 digits in CSV
-    assert len(load_log(arguments[0]).t) == bag['samples']
+    assert len(read_log(arguments[0]).t) == bag['samples']

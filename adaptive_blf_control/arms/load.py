@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An arm from a URDF in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import os
+
+import numpy as np
+
+from adaptive_blf_control.arms.urdf import UrdfArm
+
+__all__ = ['load_arm']
+
+
+def load_arm(urdf: str | os.PathLike[str], joints: Sequence[str] | None = None, *,
+             viscous: bool = True, coulomb: bool = False, offset: bool = False,
+             coulomb_velocity: float = 0.02,
+             gravity: Sequence[float] | np.ndarray = (0.0, 0.0, -9.81)) -> UrdfArm:
+    """Return the arm of a URDF, linear in its base parameters and the friction asked for (2).
+
+    Args:
+        urdf: Path, ``package://package/path`` or XML text.
+        joints: Joint names in the order of every array; None takes every joint with one axis,
+            from the base outwards. The others are locked at zero.
+        viscous: Whether θ has a viscous coefficient per joint [N·m·s/rad].
+        coulomb: Whether θ has a Coulomb torque per joint, tanh(q̇/v_s) [N·m].
+        offset: Whether θ has a constant torque per joint [N·m].
+        coulomb_velocity: v_s [rad/s], > 0.
+        gravity: In the base frame of the URDF, shape (3,) [m/s²].
+
+    Raises:
+        ArmError: no arm can be made of the URDF and the joints.
+        ParameterError: a number cannot be used.
+        MissingExtra: Pinocchio, which reads the URDF, is not installed.
+    """
+    return UrdfArm(urdf, joints, friction_viscous=viscous, friction_coulomb=coulomb,
+                   friction_offset=offset, coulomb_velocity=coulomb_velocity, gravity=gravity)
