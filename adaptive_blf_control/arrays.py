@@ -28,6 +28,8 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...], what: str = '')
             and value.shape == shape):
         return value
     try:
+        if value is None:  # numpy would take it for NaN
+            raise TypeError
         array = np.ascontiguousarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise ParameterError(name, value, f'numbers of shape {_text(shape)}') from None

@@ -229,6 +229,9 @@ def read_bag(path: Path | str) -> Bag:
     A file that breaks off is read up to the break, which `Bag.problem` tells; a folder needs no
     metadata.yaml.
 
+    Args:
+        path: The folder or the file.
+
     Raises:
         BagError: names the path: it is missing, of another type, or has no message.
     """

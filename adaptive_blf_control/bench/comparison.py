@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-import copy
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -26,6 +25,7 @@ from adaptive_blf_control.simulation.baselines.gains import (
 from adaptive_blf_control.simulation.baselines.law import Law
 from adaptive_blf_control.simulation.baselines.slotine_li import SlotineLi
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, sample_time
+from adaptive_blf_control.simulation.plant import known_truth
 
 __all__ = ['FIXED', 'LAWS', 'LawRun', 'VARIANTS', 'drive', 'run_law', 'window_samples']
 
@@ -122,12 +122,12 @@ def _variant_loop(data: Data, variant: _Variant) -> ClosedLoop:
     settings = list(variant.settings)
     plain = build_closed_loop(data)
     if variant.prior == 'known':
-        true = plain.plant.truth(plain.arm.parameters)[0][1]
+        true = known_truth(plain.plant, plain.arm.parameters)[0][1]
         settings.append(f'controller.known_parameters={true.tolist()}')
     elif variant.prior == 'wrong':
         wrong = (WRONG_MODEL * plain.arm.nominal).tolist()
         settings += [f'{node}.initial_estimate={wrong}' for node in ('controller', 'identifier')]
-    return build_closed_loop(apply_settings(copy.deepcopy(dict(data)), settings))
+    return build_closed_loop(apply_settings(data, settings))
 
 
 def run_law(data: Data, name: str, duration: float) -> tuple[ClosedLoop, LawRun]:

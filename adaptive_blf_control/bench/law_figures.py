@@ -12,6 +12,7 @@ from adaptive_blf_control.bench.comparison import LawRun
 from adaptive_blf_control.runs.summary import SETTLED, settling_time
 from adaptive_blf_control.runs.torque_error import PredictedTorque
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
+from adaptive_blf_control.simulation.plant import known_truth
 
 __all__ = ['COLUMNS', 'law_figures', 'markdown_row']
 
@@ -52,7 +53,7 @@ def _learning(loop: ClosedLoop, run: LawRun) -> dict[str, Any]:
     if run.theta is None:
         return figures
     t, theta = run.t[::EVERY], run.theta[::EVERY]
-    true = loop.plant.truth(loop.arm.parameters)[-1][1]
+    true = known_truth(loop.plant, loop.arm.parameters)[-1][1]
     relative = np.linalg.norm(theta - true, axis=1) / np.linalg.norm(true)
     predicted = PredictedTorque(loop.arm, loop.controller.reference,
                                 float(run.t[-1])).error(theta, true)

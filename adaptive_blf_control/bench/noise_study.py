@@ -23,6 +23,7 @@ from adaptive_blf_control.identification.update_law import implicit_step
 from adaptive_blf_control.runs.torque_error import PredictedTorque
 from adaptive_blf_control.simulation.baselines.gains import WRONG_MODEL
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
+from adaptive_blf_control.simulation.plant import known_truth
 
 __all__ = ['GatedStack', 'PARTS', 'RidgeIdentifier', 'SecondMinute', 'run_study',
            'second_minute']
@@ -108,7 +109,7 @@ def second_minute(folder: Path, settings: Sequence[str], payload: float,
     if change is not None:
         change(loop)
     measure = PredictedTorque(loop.arm, loop.controller.reference, 120.0)
-    true = loop.plant.truth(loop.arm.parameters)[0][1]
+    true = known_truth(loop.plant, loop.arm.parameters)[0][1]
     law, errors, left = Ours(loop), [], 0
     for k, (t, _) in enumerate(drive(loop, law, 120.0)):
         left += not _inside(loop, t)
@@ -202,7 +203,7 @@ def _alarms(folder: Path) -> None:
             largest = max(largest, float(monitor.statistic.max()))
             left += not _inside(loop, t)
         measure = PredictedTorque(loop.arm, loop.controller.reference, 120.0)
-        error = measure.error(law.theta, loop.plant.truth(loop.arm.parameters)[0][1])
+        error = measure.error(law.theta, known_truth(loop.plant, loop.arm.parameters)[0][1])
         print(f'| {payload:g} | {monitor.changes} | {largest:.2f} | {monitor.threshold:g} | '
               f'{left} | {_percent(error)} |\n', flush=True)
 
@@ -222,7 +223,7 @@ def _detection(folder: Path) -> None:
 
 
 def _detect(loop: ClosedLoop) -> list[str]:
-    (_, _), (jump, true) = loop.plant.truth(loop.arm.parameters)
+    (_, _), (jump, true) = known_truth(loop.plant, loop.arm.parameters)
     measure = PredictedTorque(loop.arm, loop.controller.reference, 2.0 * jump)
     monitor, stack, law, left = loop.identifier.monitor, loop.identifier.stack, Ours(loop), 0
     found = full = bad = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -20,20 +20,20 @@ from adaptive_blf_control.configuration.node_settings import (
 )
 from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.control.controller import Controller
-from adaptive_blf_control.control.reference import Reference, SmoothStart, SumOfSinusoids
-from adaptive_blf_control.control.sets import JointInterval
-from adaptive_blf_control.control.settings import ControllerSettings, ReferenceSettings
+from adaptive_blf_control.control.parts import controller_parts
+from adaptive_blf_control.control.reference import SmoothStart
+from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.parameters.plugin import load_plugin, require
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
-from adaptive_blf_control.simulation.plant import Epoch, Plant
+from adaptive_blf_control.simulation.plant import Epoch, Plant, REQUIRED, SimulatedArm
 from adaptive_blf_control.simulation.schedule import Change, Schedule
 from adaptive_blf_control.simulation.sensors import Sensors
 
-__all__ = ['ControllerParts', 'build_arm', 'build_closed_loop', 'build_controller',
-           'build_identifier', 'build_plant', 'controller_parts', 'initial_estimate',
-           'initial_theta', 'true_theta']
+__all__ = ['build_arm', 'build_closed_loop', 'build_controller', 'build_identifier',
+           'build_plant', 'build_simulated_arm', 'initial_estimate', 'initial_theta', 'true_theta']
 
 FRICTION = ('viscous', 'coulomb', 'offset')
 
@@ -99,6 +99,19 @@ def true_theta(settings: DriverSettings, arm: Arm) -> np.ndarray:
 
 
 def build_plant(settings: DriverSettings, arm: Arm) -> Plant:
+    """Build what the driver drives: the simulated arm, or the plant that ``plant`` names.
+
+    Raises:
+        ParameterError: a value cannot be used, or the named plant lacks what a plant needs.
+    """
+    if settings.plant == 'builtin':
+        return build_simulated_arm(settings, arm)
+    plant: Plant = load_plugin('arm_driver.plant', settings.plant)(settings, arm)
+    require('arm_driver.plant', settings.plant, plant, REQUIRED)
+    return plant
+
+
+def build_simulated_arm(settings: DriverSettings, arm: Arm) -> SimulatedArm:
     """Build the simulated arm of the driver."""
     columns = (settings.schedule.time, settings.schedule.parameter, settings.schedule.value)
     if len({len(column) for column in columns}) != 1:
@@ -110,43 +123,9 @@ def build_plant(settings: DriverSettings, arm: Arm) -> Plant:
     epochs = [Epoch(t, arm.dynamics(theta), dict(zip(arm.parameters, theta.tolist())))
               for t, theta in schedule.epochs]
     settings = settings.resolved(joints=arm.n)
-    return Plant(epochs, settings.initial_position, settings.initial_velocity,
-                 settings.torque_limit, settings.substeps, Sensors(settings.sensors),
-                 settings.dead_time)
-
-
-def _reference(settings: ReferenceSettings, joints: tuple[str, ...]) -> Reference:
-    sinusoids = [settings.of_joint[joint] for joint in joints]
-    rows = [[getattr(each, field) for each in sinusoids]
-            for field in ('amplitude', 'frequency', 'phase')]
-    for joint, *columns in zip(joints, *rows):
-        lengths = [len(column) for column in columns]
-        if len(set(lengths)) != 1:
-            raise ParameterError(f'controller.reference.{joint}', lengths,
-                                 'amplitude, frequency and phase of the same length')
-    terms = max(len(row) for row in rows[0])
-    padded = [np.array([np.pad(row, (0, terms - len(row))) for row in column])
-              for column in rows]
-    return SumOfSinusoids(np.array([each.offset for each in sinusoids]), *padded)
-
-
-class ControllerParts(NamedTuple):
-    """What of the controller may change while it runs: keywords of `Controller.retune`."""
-
-    settings: ControllerSettings
-    safety: JointInterval
-    performance: JointInterval
-    reference: Reference
-
-
-def controller_parts(settings: ControllerSettings, arm: Arm) -> ControllerParts:
-    """Build what of the controller may change while it runs, the reference without its start."""
-    settings = settings.resolved(joints=arm.n)
-    safety = JointInterval(settings.safety.lower, settings.safety.upper, 'controller.safety')
-    performance = JointInterval(settings.performance.lower, settings.performance.upper,
-                                'controller.performance')
-    return ControllerParts(settings, safety, performance,
-                           _reference(settings.reference, arm.joints))
+    return SimulatedArm(epochs, settings.initial_position, settings.initial_velocity,
+                        settings.torque_limit, settings.substeps, Sensors(settings.sensors),
+                        settings.dead_time)
 
 
 def build_controller(settings: ControllerSettings, arm: Arm,
@@ -159,7 +138,7 @@ def build_controller(settings: ControllerSettings, arm: Arm,
         SetViolation: 𝒫̄ ⊄ 𝒮̄, or the start lies outside a set.
         ParameterError: a value cannot be used.
     """
-    parts = controller_parts(settings, arm)
+    parts = controller_parts(settings, arm.joints)
     if start is not None and settings.reference.smooth_start > 0.0:
         parts = parts._replace(reference=SmoothStart(
             parts.reference, settings.reference.smooth_start, start))

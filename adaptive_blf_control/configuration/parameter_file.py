@@ -8,7 +8,8 @@ to at least one node; a name in a node's own section to that node.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+import copy
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -133,11 +134,15 @@ def node_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
     return validated(table.values(), given, node, {'joints': len(joints)})
 
 
-def apply_settings(data: dict[str, Any], settings: list[str]) -> dict[str, Any]:
+def apply_settings(data: Mapping[str, Any], settings: Iterable[str]) -> dict[str, Any]:
     """Apply ``[node.]name=value`` settings to a parameter file's data.
 
     Without a node's name a setting goes to every node. Values are YAML: ``controller.k2=[30.0]``.
+
+    Returns:
+        Changed data; what was given stays as it is.
     """
+    changed = copy.deepcopy(dict(data))
     for setting in settings:
         name, equals, text = setting.partition('=')
         if not equals or not name:
@@ -148,14 +153,15 @@ def apply_settings(data: dict[str, Any], settings: list[str]) -> dict[str, Any]:
             value = yaml.safe_load(text)
         except yaml.YAMLError:
             raise ParameterError('--set', setting, 'a YAML value after =') from None
-        home = data.setdefault('/**' if node == '**' else f'/**/{node}', {'ros__parameters': {}})
+        home = changed.setdefault('/**' if node == '**' else f'/**/{node}',
+                                  {'ros__parameters': {}})
         # Other sections that apply to the node may come later in the file, and later ones win.
-        others = [section for name, section in data.items()
+        others = [section for name, section in changed.items()
                   if (node == '**' or name == node or name.endswith(f'/{node}'))
                   and key in dict(_flat(section['ros__parameters']))]
         for section in (home, *others):
             _merge(section['ros__parameters'], _nested(key, value))
-    return data
+    return changed
 
 
 def _nested(name: str, value: Any) -> dict[str, Any]:

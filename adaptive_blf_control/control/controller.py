@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.law import answer, growing_errors
+from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.reference import (
     Crossfade,
     full_range,
@@ -101,19 +103,42 @@ class Controller:
         reference: y_d.
     """
 
-    def __init__(self, arm: Arm, settings: ControllerSettings, safety: JointInterval,
-                 performance: JointInterval, reference: Reference) -> None:
+    def __init__(self, arm: Arm, settings: ControllerSettings | None = None,
+                 safety: JointInterval | None = None, performance: JointInterval | None = None,
+                 reference: Reference | None = None, **changes: Any) -> None:
         """Check 𝒫̄ ⊆ 𝒮̄ (9); SetViolation names joint and numbers where it fails.
 
         With a `SmoothStart` the performance bounds grow along with it (`GrowingBounds`), so that
         the motion may begin anywhere inside the safety set.
+
+        Args:
+            arm: The arm.
+            settings: Gains, limits, sets and reference; the defaults where None.
+            safety: Safety set (7) in place of that of the settings.
+            performance: Performance set (8) in place of that of the settings.
+            reference: y_d in place of the sinusoids of the settings.
+            changes: Settings by parameter name, e.g. ``k1=40.0, **{'safety.upper': 2.0}``.
+
+        Raises:
+            ParameterError: a setting is not known, cannot be used or does not fit the arm.
+            SetViolation: see above.
         """
+        settings = (settings or ControllerSettings()).replace(**changes)
+        parts = controller_parts(settings, arm.joints)
+        safety, performance = safety or parts.safety, performance or parts.performance
+        reference = reference or parts.reference
         self.arm = arm
+        self._each = f'one for each of {", ".join(arm.joints)}'
         self._tune(settings)
         self._last_torque = np.zeros(arm.n)
         self._last_t: float | None = None
         self._smooth_start = reference if isinstance(reference, SmoothStart) else None
         self._take(self._checked(0.0, safety, performance, reference))
+
+    def __repr__(self) -> str:
+        """Name the arm and its sets."""
+        return (f'<Controller of {self.arm!r}: safety {self.safety.lower.tolist()} to '
+                f'{self.safety.upper.tolist()} rad>')
 
     def _tune(self, settings: ControllerSettings) -> None:
         self.settings = settings.resolved(joints=self.arm.n)
@@ -198,6 +223,10 @@ class Controller:
             qd: Measured velocities, shape (n,) [rad/s].
             theta: Parameter estimate θ̂, shape (m,).
         """
+        n, m = self.arm.n, self.arm.m
+        q = checked_array('q', q, (n,), self._each)
+        qd = checked_array('qd', qd, (n,), self._each)
+        theta = checked_array('theta', theta, (m,), 'one for each of the parameters')
         gains = self._gains
         point, bounds = self.reference.at(t), self._bounds.at(t)
         e1, e2, alpha, alpha_dot, b = growing_errors(

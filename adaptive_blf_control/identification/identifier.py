@@ -88,6 +88,7 @@ class Identifier:
         settings = settings.replace(**changes)
         settings = settings.resolved(joints=arm.n, parameters=arm.m)
         self.arm = arm
+        self._each = f'one for each of {", ".join(arm.joints)}'
         self._take(settings)
         self.theta = settings.initial_estimate.copy()
         self.stack = HistoryStack(arm.n, arm.m, settings.history.size, settings.history.epsilon,
@@ -216,8 +217,7 @@ class Identifier:
             ParameterError: an array has another shape.
         """
         times = checked_array('t', t, (-1,))
-        each = f'one for each of {", ".join(self.arm.joints)}'
-        rows = [checked_array(name, value, (len(times), self.arm.n), each)
+        rows = [checked_array(name, value, (len(times), self.arm.n), self._each)
                 for name, value in (('q', q), ('qd', qd), ('tau', tau))]
         for sample in zip(times.tolist(), *rows):
             self.update(*sample)
@@ -269,8 +269,7 @@ class Identifier:
                             history.noise_seed)
 
     def _checked(self, name: str, value: Any) -> np.ndarray:
-        return checked_array(name, value, (self.arm.n,),
-                             f'one for each of {", ".join(self.arm.joints)}')
+        return checked_array(name, value, (self.arm.n,), self._each)
 
     def observe(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> float:
         """Filter one sample without learning from it.
@@ -326,6 +325,8 @@ class Identifier:
         Returns:
             θ̂, shape (m,).
         """
+        term = self._no_term if adaptation_term is None else checked_array(
+            'adaptation_term', adaptation_term, (self.arm.m,))
         dt = self.observe(t, q, qd, tau)
         if dt > 0.0:
             regressor, torque = self._filter.pair
@@ -337,8 +338,7 @@ class Identifier:
             except np.linalg.LinAlgError:  # a pair that LAPACK cannot judge is not recorded
                 self.dropped['not finite'] += 1
             self._excitation.update(dt, regressor)
-            self._step(dt, regressor, torque, self._no_term if adaptation_term is None else
-                       checked_array('adaptation_term', adaptation_term, (self.arm.m,)))
+            self._step(dt, regressor, torque, term)
         return self.theta
 
     def _watch(self, dt: float, regressor: np.ndarray, torque: np.ndarray) -> None:

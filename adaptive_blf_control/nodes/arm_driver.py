@@ -24,9 +24,9 @@ from rclpy.context import Context
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from adaptive_blf_control.configuration.build import build_plant
+from adaptive_blf_control.configuration.build import build_plant, build_simulated_arm
 from adaptive_blf_control.configuration.node_settings import DriverSettings
-from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.errors import BagError, ParameterError
 from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES
@@ -37,6 +37,7 @@ from adaptive_blf_control.runtime.loop_statistics import Histogram
 from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
+from adaptive_blf_control.simulation.plant import SimulatedArm
 
 __all__ = ['ArmDriver', 'main']
 
@@ -74,7 +75,8 @@ class ArmDriver(ManagedNode[DriverSettings]):
         """Build the arm from the parameters; ParameterError or ArmError where that fails."""
         self.arm = arm_of(self, self.settings)
         self.plant = build_plant(self.settings, self.arm)
-        self.plant.trial(self.plant.torque, 1e-3)  # compile before the clock runs
+        if isinstance(self.plant, SimulatedArm):
+            self.plant.trial(self.plant.torque, 1e-3)  # compile before the clock runs
         self.period_ns = int(round(1e9 / self.settings.rate))
         self._codec = JointStateCodec(self.arm.joints, self.settings.frame_id)
         self._nan = np.full(self.arm.n, np.nan)
@@ -117,7 +119,10 @@ class ArmDriver(ManagedNode[DriverSettings]):
         if not hasattr(self, 'plant'):
             return
         if changed & PLANT or any(name.startswith(('schedule.', 'sensors.')) for name in changed):
-            self.plant.adopt(build_plant(settings, self.arm))
+            if not isinstance(self.plant, SimulatedArm):
+                raise ParameterError('arm_driver.plant', settings.plant,
+                                     'builtin: another plant cannot be changed while it runs')
+            self.plant.adopt(build_simulated_arm(settings, self.arm))
         period_ns = int(round(1e9 / settings.rate))
         if period_ns != self.period_ns:
             if self._due_ns != NEVER:

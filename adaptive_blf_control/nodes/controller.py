@@ -27,7 +27,6 @@ from trajectory_msgs.msg import JointTrajectory
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.configuration.build import (
     build_controller,
-    controller_parts,
     initial_theta,
 )
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
@@ -37,6 +36,7 @@ from adaptive_blf_control.control.controller import (
     sampling_model,
     sampling_number,
 )
+from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.reference import Posture, settled, SmoothStart
 from adaptive_blf_control.errors import BagError, BlfError, SetViolation
 from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
@@ -202,7 +202,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             trial = None if limit is None else build_controller(settings, self.arm, None)
         else:
             trial = controller
-            parts = controller_parts(settings, self.arm)
+            parts = controller_parts(settings, self.arm.joints)
             groups = {name.split('.')[0] for name in changed
                       if name not in ('reference.smooth_start', 'reference.resume_time')}
             controller.retune(
@@ -395,7 +395,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         """
         if not self._planned:
             return self._joined(q)
-        parts = controller_parts(self.settings, self.arm)
+        parts = controller_parts(self.settings, self.arm.joints)
         hold = SmoothStart(Posture(q), self.settings.reference.resume_time, q)
         controller = Controller(self.arm, *parts._replace(reference=hold))
         controller.check_start(q)

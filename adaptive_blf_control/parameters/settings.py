@@ -44,7 +44,7 @@ _Self = TypeVar('_Self', bound='Settings')
 def parameter(default: Value, description: str, unit: str = '', minimum: float | None = None,
               maximum: float | None = None, *, exclusive: bool = False,
               length: str | int | None = None, choices: tuple[str, ...] = (),
-              live: bool = False) -> Any:
+              live: bool = False, plugin: bool = False) -> Any:
     """Declare a field of a settings class as a parameter.
 
     Args:
@@ -58,9 +58,10 @@ def parameter(default: Value, description: str, unit: str = '', minimum: float |
             all; an int for a fixed length; None for any.
         choices: Accepted strings.
         live: Whether it can be changed while a node runs.
+        plugin: Whether ``module:name`` is accepted beside the choices.
     """
     declaration = Parameter('', '', default, description, unit, minimum, maximum, exclusive,
-                            length, choices, not live)
+                            length, choices, not live, plugin)
     if isinstance(default, list):
         return field(default_factory=lambda: default, metadata={_DECLARATION: declaration})
     return field(default=default, metadata={_DECLARATION: declaration})

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.plugin import is_plugin
 
 __all__ = ['JOINT', 'Parameter', 'Table', 'broadcast', 'per_joint', 'validated', 'value_problem']
 
@@ -42,6 +43,7 @@ class Parameter:
             all; an int for a fixed length; None for any.
         choices: Accepted strings.
         read_only: Structure that cannot change while the node runs.
+        plugin: Whether ``module:name`` is accepted beside the choices.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Parameter:
     length: str | int | None = None
     choices: tuple[str, ...] = ()
     read_only: bool = True
+    plugin: bool = False
 
     @property
     def is_array(self) -> bool:
@@ -64,6 +67,10 @@ class Parameter:
     def named(self, joint: str) -> Parameter:
         """Return this parameter for one joint."""
         return Parameter(**{**self.__dict__, 'name': self.name.replace(JOINT, joint)})
+
+    def choices_text(self) -> str:
+        """Return the accepted strings in words, '' where every one is accepted."""
+        return ', '.join([*self.choices, *(['module:name'] if self.plugin else [])])
 
     def range_text(self) -> str:
         """Return the accepted range in words, '' where every value is accepted."""
@@ -106,8 +113,9 @@ def _element_problem(parameter: Parameter, value: Any) -> str | None:
             return parameter.range_text()
         if high is not None and number > high:
             return parameter.range_text()
-    if parameter.choices and value not in parameter.choices:
-        return f'one of {", ".join(parameter.choices)}'
+    if parameter.choices and value not in parameter.choices and not (
+            parameter.plugin and is_plugin(value)):
+        return f'one of {parameter.choices_text()}'
     return None
 
 

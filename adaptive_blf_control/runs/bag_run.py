@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 
 from adaptive_blf_control.bags.reader import Bag
-from adaptive_blf_control.configuration.build import build_arm, build_plant
+from adaptive_blf_control.configuration.build import build_arm, build_simulated_arm
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, DriverSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings, PARAMETERS_KEY
 from adaptive_blf_control.control.sets import JointInterval
@@ -23,7 +23,8 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
     TRACKING_ERROR,
 )
-from adaptive_blf_control.runs.summary import Run, Truth
+from adaptive_blf_control.runs.summary import Run
+from adaptive_blf_control.simulation.plant import Truth
 
 __all__ = ['bag_parameters', 'rates', 'run_of_bag', 'topic_named']
 
@@ -88,7 +89,9 @@ def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> Tr
     if not any(key.endswith('/arm_driver') for key in data):
         return None
     driver = node_settings(data, DriverSettings)
-    return build_plant(driver, build_arm(driver)).truth(parameters)
+    if driver.plant != 'builtin':
+        return None
+    return build_simulated_arm(driver, build_arm(driver)).truth(parameters)
 
 
 def rates(bag: Bag, run: Run) -> dict[str, float]:

@@ -53,7 +53,8 @@ def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
         'us_per_sample_mean': float(np.mean(microseconds)),
         'us_per_sample_p99': float(np.percentile(microseconds, 99.0)),
         'period_us': float(1e6 * np.median(np.diff(log.t))),
-        'theta_hat': dict(zip(arm.parameters, theta.tolist())),
+        'undetermined': list(identifier.undetermined),
+        'theta_hat': identifier.estimate,
     }
 
 
@@ -92,8 +93,11 @@ def table(figures: dict[str, Any], source: str) -> str:
         f'{period / median:.1f} x the rate of the robot ({period:.0f} us)',
         f'left out        {figures["dropped"]} samples; filter restarted '
         f'{figures["restarts"]} times',
-        f'theta_hat       {figures["output"]}',
     ]
+    if figures.get('undetermined'):
+        lines.append(f'not determined  {", ".join(figures["undetermined"])}')
+    if 'output' in figures:
+        lines.append(f'theta_hat       {figures["output"]}')
     return '\n'.join(lines)
 
 

@@ -17,6 +17,7 @@ from adaptive_blf_control.control.guarantee import (
 )
 from adaptive_blf_control.control.law import errors
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
+from adaptive_blf_control.simulation.plant import truth_of
 
 __all__ = ['Promise', 'promise_of_trace']
 
@@ -56,14 +57,19 @@ class Promise(NamedTuple):
                 + ('kept' if self.first is None else f'left: {self.first}'))
 
 
-def promise_of_trace(loop: ClosedLoop, trace: Trace) -> Promise:
+def promise_of_trace(loop: ClosedLoop, trace: Trace) -> Promise | None:
     """Compare a run with Theorem 2, on the true state.
 
-    θ* is constant in the theorem: where it changes, V is taken anew as the V(0) of what follows.
+    θ* is constant in the theorem: where it changes, V is taken again as the V(0) of what follows.
+
+    Returns:
+        None where the plant does not tell its θ*.
     """
     controller, settings = loop.controller, loop.identifier.settings
     arm, performance = loop.arm, controller.performance
-    truth = loop.plant.truth(arm.parameters)
+    truth = truth_of(loop.plant, arm.parameters)
+    if truth is None:
+        return None
     values, starts, promised = np.empty(trace.t.size), [], []
     monitor: GuaranteeMonitor | None = None
     first: Departure | None = None

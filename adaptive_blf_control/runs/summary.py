@@ -10,10 +10,9 @@ import numpy as np
 
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
+from adaptive_blf_control.simulation.plant import Truth, truth_of
 
-__all__ = ['SETTLED', 'Run', 'Truth', 'run_of_trace', 'settling_time', 'summarise', 'table']
-
-Truth = tuple[tuple[float, np.ndarray], ...]
+__all__ = ['SETTLED', 'Run', 'run_of_trace', 'settling_time', 'summarise', 'table']
 
 SETTLED = 0.01  # part of ‖θ*‖ under which ‖θ̃‖ counts as settled
 
@@ -66,7 +65,7 @@ def run_of_trace(loop: ClosedLoop, trace: Trace) -> Run:
     return Run(loop.arm.joints, loop.arm.parameters, trace.t, trace.q, trace.e1, trace.t,
                trace.theta_hat, int(trace.rank[-1]), float(trace.sigma_min[-1]),
                loop.controller.safety, loop.controller.performance,
-               loop.plant.truth(loop.arm.parameters))
+               truth_of(loop.plant, loop.arm.parameters))
 
 
 def settling_time(t: np.ndarray, error: np.ndarray, threshold: float) -> float | None:

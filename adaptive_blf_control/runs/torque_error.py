@@ -17,6 +17,7 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.reference import Reference
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
+from adaptive_blf_control.simulation.plant import known_truth, truth_of
 
 __all__ = ['PredictedTorque', 'errors_of_trace', 'torque_error_of_trace', 'torque_line']
 
@@ -73,14 +74,19 @@ def errors_of_trace(loop: ClosedLoop, trace: Trace, times: np.ndarray) -> np.nda
     """
     measure = PredictedTorque(loop.arm, loop.controller.reference, float(trace.t[-1]))
     index = np.minimum(np.searchsorted(trace.t, times - 1e-9), trace.t.size - 1)
-    truth = loop.plant.truth(loop.arm.parameters)
+    truth = known_truth(loop.plant, loop.arm.parameters)
     epoch = np.searchsorted([t for t, _ in truth], trace.t[index] + 1e-9, side='right') - 1
     true = np.array([theta for _, theta in truth])[np.maximum(epoch, 0)]
     return measure.error(trace.theta_hat[index], true)
 
 
 def torque_error_of_trace(loop: ClosedLoop, trace: Trace) -> list[float | None]:
-    """Return the error at the end of a run per joint, None where the ratio has no meaning."""
+    """Return the error at the end of a run per joint, None where the ratio has no meaning.
+
+    It has none either where the plant does not tell its θ*.
+    """
+    if truth_of(loop.plant, loop.arm.parameters) is None:
+        return [None] * loop.arm.n
     last, = errors_of_trace(loop, trace, trace.t[-1:])
     return [float(value) if math.isfinite(value) else None for value in last]
 

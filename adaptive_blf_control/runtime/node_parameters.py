@@ -54,7 +54,7 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
     message.description = parameter.description + unit
     message.additional_constraints = ', '.join(filter(None, [
         parameter.range_text(),
-        f'one of {", ".join(parameter.choices)}' if parameter.choices else '',
+        f'one of {parameter.choices_text()}' if parameter.choices else '',
         f'length 1 or one for each of the {parameter.length}'
         if isinstance(parameter.length, str) else '']))
     low, high = parameter.minimum, parameter.maximum

@@ -17,7 +17,7 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.simulation.plant import Plant
+from adaptive_blf_control.simulation.plant import Plant, SimulatedArm
 from adaptive_blf_control.simulation.sensors import Measurement
 
 __all__ = ['ClosedLoop', 'Sample', 'Trace', 'sample_time']
@@ -114,7 +114,8 @@ class ClosedLoop:
         """Compile everything on throw-away objects, so that a run starts at full speed."""
         self.controller.warm_up(self._initial_estimate)
         self.identifier.warm_up()
-        self.plant.trial(np.zeros(self.arm.n), self.period)
+        if isinstance(self.plant, SimulatedArm):
+            self.plant.trial(np.zeros(self.arm.n), self.period)
 
     def run(self, duration: float, observer: Callable[[Sample], None] | None = None) -> Trace:
         """Run for ``duration`` [s] of arm time and return the trace.

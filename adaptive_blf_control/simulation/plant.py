@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.simulation.sensors import Measurement, Sensors
 from adaptive_blf_control.simulation.settings import SensorSettings
 
-__all__ = ['Epoch', 'Plant']
+__all__ = ['Epoch', 'HasTruth', 'Plant', 'REQUIRED', 'SimulatedArm', 'Truth', 'known_truth',
+           'truth_of']
 
 
 class Epoch(NamedTuple):
@@ -26,7 +27,79 @@ class Epoch(NamedTuple):
     parameters: Mapping[str, float]
 
 
-class Plant:
+Truth = tuple[tuple[float, np.ndarray], ...]
+"""(t, θ*) from t [s] on, in ascending order from 0, θ* of shape (m,)."""
+
+
+class Plant(Protocol):
+    """What the driver and `simulate` drive: an arm of ours or a foreign simulator.
+
+    It needs no θ*. What it can do besides, it says by having the method: :class:`HasTruth`.
+
+    Attributes:
+        q: True positions, shape (n,) [rad].
+        qd: True velocities, shape (n,) [rad/s].
+        torque: Torque that acts now, shape (n,) [N·m].
+    """
+
+    q: np.ndarray
+    qd: np.ndarray
+    torque: np.ndarray
+
+    def measure(self, torque: np.ndarray, dt: float) -> Measurement:
+        """Return what the sensors show, once a sample.
+
+        Args:
+            torque: Mean torque over the interval that ends now, shape (n,) [N·m].
+            dt: Length of that interval [s], 0 for the first sample.
+        """
+        ...
+
+    def measured_position(self) -> np.ndarray:
+        """Return what the sensors show of q now, shape (n,) [rad]; it is no sample."""
+        ...
+
+    def apply(self, torque: np.ndarray) -> None:
+        """Command a torque, shape (n,) [N·m], and hold it."""
+        ...
+
+    def advance(self, dt: float) -> None:
+        """Move on by ``dt`` [s] under the torque that is held."""
+        ...
+
+    def brake(self) -> None:
+        """Hold the arm where it is, without torque."""
+        ...
+
+
+REQUIRED = ('q', 'qd', 'torque', 'measure', 'measured_position', 'apply', 'advance', 'brake')
+"""What a part has to have to be a `Plant`."""
+
+
+@runtime_checkable
+class HasTruth(Protocol):
+    """A plant whose θ* is known."""
+
+    def truth(self, parameters: Sequence[str]) -> Truth:
+        """Return (t, θ*) over time in the order of ``parameters``, for monitors only."""
+        ...
+
+
+def truth_of(plant: Plant, parameters: Sequence[str]) -> Truth | None:
+    """Return θ* of a plant over time, None where it has none to tell."""
+    return plant.truth(parameters) if isinstance(plant, HasTruth) else None
+
+
+def known_truth(plant: Plant, parameters: Sequence[str]) -> Truth:
+    """Return θ* of a plant over time; ParameterError where it has none to tell."""
+    truth = truth_of(plant, parameters)
+    if truth is None:
+        raise ParameterError('arm_driver.plant', type(plant).__name__,
+                             'a plant whose theta* is known')
+    return truth
+
+
+class SimulatedArm:
     """State (3) of the true arm, advanced with RK4 under the torque last applied.
 
     Attributes:
@@ -68,7 +141,7 @@ class Plant:
         self._underway: deque[np.ndarray] = deque(
             [self.torque] * max(dead_time - 1, 0))
 
-    def truth(self, parameters: Sequence[str]) -> tuple[tuple[float, np.ndarray], ...]:
+    def truth(self, parameters: Sequence[str]) -> Truth:
         """Return (t, θ*) of each epoch in the order of ``parameters``, for monitors only.
 
         An effect the true arm does not have counts as 0.
@@ -106,7 +179,7 @@ class Plant:
                                                  self._substeps)
         self.t += dt
 
-    def adopt(self, other: Plant) -> None:
+    def adopt(self, other: SimulatedArm) -> None:
         """Become ``other`` but for state and time: another payload, limit, sensor or dead time.
 
         The sensors go on as they are where their settings do not change.

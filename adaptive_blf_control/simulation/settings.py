@@ -64,6 +64,10 @@ class SensorSettings(Settings, where='arm_driver.sensors'):
 class PlantSettings(Settings, where='arm_driver'):
     """The simulated arm."""
 
+    plant: str = parameter(
+        'builtin',
+        'What is driven: builtin: the arm with the true parameters below; module:name: called '
+        'with the settings and the arm, it returns a plant.', choices=('builtin',), plugin=True)
     initial_position: np.ndarray = parameter(
         [0.0], 'Joint positions at the start.', 'rad', length='joints')
     initial_velocity: np.ndarray = parameter(

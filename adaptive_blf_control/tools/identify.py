@@ -8,14 +8,12 @@ after the other. Before and after the training span, θ̂ is frozen and the samp
 from __future__ import annotations
 
 import argparse
+import copy
 import json
 from pathlib import Path
 import sys
 from typing import Any
 
-from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.bags.logs import read_log
-from adaptive_blf_control.configuration.build import build_arm, build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,
@@ -23,26 +21,12 @@ from adaptive_blf_control.configuration.parameter_file import (
     load_yaml,
     node_settings,
 )
-from adaptive_blf_control.errors import BlfError, LogError, ParameterError
+from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.identification.estimate_file import write_estimate
-from adaptive_blf_control.runs.log_pass import choose_spans, learn, NO_TEST
-from adaptive_blf_control.runs.log_report import figures_of, table
+from adaptive_blf_control.runs.identification import identify, joints_of, REAL_ROBOT
+from adaptive_blf_control.runs.log_report import table
 
-__all__ = ['REAL_ROBOT', 'main']
-
-REAL_ROBOT: dict[str, Any] = {
-    'arm': 'urdf',
-    'friction': {'viscous': True, 'coulomb': True, 'offset': True},
-    'update_law': 'concurrent',
-    'kt': 1.0,
-    'kh': 1000.0,
-    'filter': {'time_constant': 0.1, 'settle': 5.0},
-    'history': {'size': 1000, 'epsilon': 0.05},
-    'change': {'window': 0.0},
-    'excitation': {'window': 0.0},
-}
-"""The identifier's parameters where no ``--config`` is given; ``docs/benchmarks.md`` tells why."""
-
+__all__ = ['main']
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='identify', description=__doc__,
@@ -76,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
 def _settings(options: argparse.Namespace) -> IdentifierNodeSettings:
     """Return the identifier's settings: from the file (or `REAL_ROBOT`), then the options."""
     data = load_yaml(options.config) if options.config else {
-        '/**/identifier': {'ros__parameters': json.loads(json.dumps(REAL_ROBOT))}}
+        '/**/identifier': {'ros__parameters': copy.deepcopy(REAL_ROBOT)}}
     data = apply_settings(data, options.settings)
     settings = node_settings(data, IdentifierNodeSettings)
     if options.urdf is not None:
@@ -86,48 +70,32 @@ def _settings(options: argparse.Namespace) -> IdentifierNodeSettings:
     if options.joints is not None:
         return settings.replace(joints=[name.strip() for name in options.joints.split(',')])
     if settings.arm == 'urdf' and 'joints' not in given_values(data, 'identifier'):
-        return settings.replace(joints=_joints_of(settings.urdf))
+        return settings.replace(joints=joints_of(settings.urdf))
     return settings
 
 
-def _joints_of(urdf: str) -> list[str]:
-    from adaptive_blf_control.arms.urdf_model import reduced_model
-    from adaptive_blf_control.arms.urdf_source import read_urdf
-    return list(reduced_model(read_urdf(urdf), None)[1])
-
-
-def _identify(options: argparse.Namespace) -> tuple[dict[str, Any], Arm]:
+def _identify(options: argparse.Namespace) -> dict[str, Any]:
     settings = _settings(options)
     output = options.output or Path(settings.estimate_file or 'theta_hat.yaml')
     if not output.parent.is_dir():  # known before the work, not after
         raise ParameterError('--output', str(output), 'a file in a folder that exists')
-    arm = build_arm(settings)
-    log = read_log(options.log, topic=options.topic, joints=arm.joints)
-    if log.problem:
-        print(f'identify: {options.log}: {log.problem}', file=sys.stderr)
-    identifier = build_identifier(settings, arm)
-    spans = choose_spans(log.t, options.train, options.test, 5.0 * settings.filter.memory)
-    result = learn(identifier, log, *spans)
-    for name, fit in (('train', result.train), ('test', result.test)):
-        if fit.count == 0 and not (name == 'test' and options.test == NO_TEST):
-            raise LogError(f'{options.log}: no sample of the {name} span can be used: the filter '
-                           f'restarts at gaps of more than {settings.filter.gap:g} s and '
-                           f'settles for {settings.filter.settle:g} time constants')
-    figures = figures_of(log, identifier, result, spans)
+    result = identify(options.log, settings=settings, train=options.train, test=options.test,
+                      topic=options.topic)
+    if result.problem:
+        print(f'identify: {options.log}: {result.problem}', file=sys.stderr)
     try:
-        write_estimate(output, identifier.snapshot())
+        write_estimate(output, result.identifier.snapshot())
     except OSError as error:
         raise ParameterError('--output', str(output), f'a file that can be written '
                              f'({error.strerror})') from None
-    figures['output'] = str(output)
-    return figures, arm
+    return {**result.figures, 'output': str(output)}
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the command; 0 if parameters were learned, 2 on bad input."""
     options = _parser().parse_args(args)
     try:
-        figures, arm = _identify(options)
+        figures = _identify(options)
     except BlfError as error:
         print(f'identify: {" ".join(str(error).split())}', file=sys.stderr)
         return 2

@@ -26,7 +26,7 @@ Doubles need a decimal point in YAML (`1.0`, not `1`).
 
 
 def _row(parameter: Parameter) -> str:
-    accepted = parameter.range_text() or ', '.join(parameter.choices)
+    accepted = parameter.range_text() or parameter.choices_text()
     length = f' x {parameter.length}' if parameter.length is not None else ''
     default = json.dumps(parameter.default)
     return (f'| `{parameter.name}` | {parameter.kind}{length} | `{default}` | {parameter.unit} | '

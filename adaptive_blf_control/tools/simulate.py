@@ -10,17 +10,10 @@ import sys
 
 from adaptive_blf_control.command_line import seconds
 from adaptive_blf_control.configuration.build import build_closed_loop
-from adaptive_blf_control.configuration.node_settings import DriverSettings
-from adaptive_blf_control.configuration.parameter_file import (
-    apply_settings,
-    load_yaml,
-    node_settings,
-)
+from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.identification.rank_condition import rank_warning
-from adaptive_blf_control.runs.promise import promise_of_trace
-from adaptive_blf_control.runs.summary import run_of_trace, summarise, table
-from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
+from adaptive_blf_control.runs.simulation import duration_of, simulate
 
 __all__ = ['main']
 
@@ -46,33 +39,21 @@ def main(args: list[str] | None = None) -> int:
         warning = rank_warning(loop.identifier.settings, loop.arm.n, loop.arm.m)
         if warning:
             print(f'simulate: warning: {warning}', file=sys.stderr)
-        loop.warm_up()
-        duration = options.duration or node_settings(data, DriverSettings).duration or 20.0
+        duration = duration_of(data, options.duration)
         if options.bag is None:
-            trace = loop.run(duration)
+            run = simulate(loop, duration)
         else:
             from adaptive_blf_control.runs.bag_observer import BagObserver
             with BagObserver(options.bag, loop, data) as observer:
-                trace = loop.run(duration, observer)
+                run = simulate(loop, duration, observer=observer)
     except BlfError as error:
         print(f'simulate: {error}', file=sys.stderr)
         return 2
-    run = run_of_trace(loop, trace)
-    figures = summarise(run)
-    promise = promise_of_trace(loop, trace)
-    figures['guarantee'] = promise.figures()
-    figures['predicted_torque_error'] = torque_error_of_trace(loop, trace)
-    figures['wall_s'] = trace.wall_s
-    figures['real_time_factor'] = float(trace.t[-1] / trace.wall_s)
     if options.json:
-        print(json.dumps(figures, indent=2))
+        print(json.dumps(run.figures(), indent=2))
     else:
-        print(table(figures, run))
-        print(torque_line(figures['predicted_torque_error']))
-        print(promise.line())
-        print(f'speed                {figures["real_time_factor"]:.1f} x real time'
-              + (f'\nbag                  {options.bag}' if options.bag else ''))
-    return 0 if figures['set_violations'] == 0 else 1
+        print(repr(run) + (f'\nbag                  {options.bag}' if options.bag else ''))
+    return 0 if run.kept else 1
 
 
 if __name__ == '__main__':

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 
 import pytest
@@ -176,7 +177,7 @@ def test_what_another_node_knows_is_told_apart_from_what_none_knows():
 
 
 def test_a_setting_for_one_node_changes_that_node(data):
-    apply_settings(data, ['identifier.kt=8.0', 'controller.k1=[9.0]',
+    data = apply_settings(data, ['identifier.kt=8.0', 'controller.k1=[9.0]',
                           'controller.reference.left.amplitude=[0.5]'])
     assert node_values(data, 'identifier')['kt'] == 8.0
     controller = node_values(data, 'controller')
@@ -186,7 +187,7 @@ def test_a_setting_for_one_node_changes_that_node(data):
 
 
 def test_a_setting_for_every_node_wins_over_the_sections_of_the_nodes(data):
-    apply_settings(data, ['filter.time_constant=0.5', 'arm=urdf', 'history.size=4'])
+    data = apply_settings(data, ['filter.time_constant=0.5', 'arm=urdf', 'history.size=4'])
     identifier = node_values(data, 'identifier')
     assert identifier['filter.time_constant'] == 0.5
     assert identifier['history.size'] == 4
@@ -197,13 +198,19 @@ def test_a_setting_for_every_node_wins_over_the_sections_of_the_nodes(data):
 def test_a_setting_for_one_node_wins_over_every_section_of_that_node(data):
     data['/**/controller'] = {'ros__parameters': {'k2': [1.0]}}
     data['/robot/controller'] = {'ros__parameters': {'k2': [2.0]}}
-    apply_settings(data, ['controller.k2=[3.0]'])
+    data = apply_settings(data, ['controller.k2=[3.0]'])
     assert node_values(data, 'controller')['k2'] == [3.0]
 
 
 def test_the_last_of_two_settings_wins(data):
-    apply_settings(data, ['identifier.kt=8.0', 'identifier.kt=9.0'])
+    data = apply_settings(data, ['identifier.kt=8.0', 'identifier.kt=9.0'])
     assert node_values(data, 'identifier')['kt'] == 9.0
+
+
+def test_settings_leave_the_data_they_are_applied_to_as_they_were(data):
+    before = copy.deepcopy(data)
+    apply_settings(data, ['identifier.kt=8.0'])
+    assert data == before
 
 
 @pytest.mark.parametrize(('setting', 'expected'), [

@@ -8,18 +8,19 @@ import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.simulation.plant import Epoch, Plant
+from adaptive_blf_control.simulation.plant import Epoch, SimulatedArm
 
 ARM = TwoLinkArm()
 THETA = ARM.nominal
 TRUE = Epoch(0.0, ARM.dynamics(THETA), dict(zip(ARM.parameters, THETA.tolist())))
 
 
-def plant(limit: float = 100.0, substeps: int = 1) -> Plant:
-    return Plant([TRUE], np.array([0.1, 1.0]), np.array([0.5, -0.2]), np.full(2, limit), substeps)
+def plant(limit: float = 100.0, substeps: int = 1) -> SimulatedArm:
+    return SimulatedArm([TRUE], np.array([0.1, 1.0]), np.array([0.5, -0.2]), np.full(2, limit),
+                        substeps)
 
 
-def energy(arm: Plant) -> float:
+def energy(arm: SimulatedArm) -> float:
     return float(0.5 * arm.qd @ ARM.Y1(arm.q, arm.qd) @ THETA)
 
 
@@ -86,7 +87,7 @@ def test_states_handed_out_are_never_changed():
 
 def test_a_plant_keeps_its_own_start():
     q = np.array([0.1, 1.0])
-    arm = Plant([TRUE], q, np.zeros(2), np.ones(2))
+    arm = SimulatedArm([TRUE], q, np.zeros(2), np.ones(2))
     q[:] = 9.0
     np.testing.assert_array_equal(arm.q, [0.1, 1.0])
 
@@ -104,4 +105,4 @@ def test_a_start_is_finite(name, bad):
     start = {'initial_position': np.zeros(2), 'initial_velocity': np.zeros(2),
              name: np.array([0.0, bad])}
     with pytest.raises(ParameterError, match=rf'arm_driver\.{name}'):
-        Plant([TRUE], *start.values(), np.ones(2))
+        SimulatedArm([TRUE], *start.values(), np.ones(2))

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sets and the reference that the settings of a controller describe."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.control.reference import Reference, SumOfSinusoids
+from adaptive_blf_control.control.sets import JointInterval
+from adaptive_blf_control.control.settings import (
+    ControllerSettings,
+    ReferenceSettings,
+    SinusoidSettings,
+)
+from adaptive_blf_control.errors import ParameterError
+
+__all__ = ['ControllerParts', 'controller_parts']
+
+
+def _reference(settings: ReferenceSettings, joints: tuple[str, ...]) -> Reference:
+    sinusoids = [settings.of_joint.get(joint, SinusoidSettings()) for joint in joints]
+    rows = [[getattr(each, field) for each in sinusoids]
+            for field in ('amplitude', 'frequency', 'phase')]
+    for joint, *columns in zip(joints, *rows):
+        lengths = [len(column) for column in columns]
+        if len(set(lengths)) != 1:
+            raise ParameterError(f'controller.reference.{joint}', lengths,
+                                 'amplitude, frequency and phase of the same length')
+    terms = max(len(row) for row in rows[0])
+    padded = [np.array([np.pad(row, (0, terms - len(row))) for row in column])
+              for column in rows]
+    return SumOfSinusoids(np.array([each.offset for each in sinusoids]), *padded)
+
+
+class ControllerParts(NamedTuple):
+    """What of the controller may change while it runs: keywords of `Controller.retune`."""
+
+    settings: ControllerSettings
+    safety: JointInterval
+    performance: JointInterval
+    reference: Reference
+
+
+def controller_parts(settings: ControllerSettings, joints: tuple[str, ...]) -> ControllerParts:
+    """Build what of the controller may change while it runs, the reference without its start."""
+    settings = settings.resolved(joints=len(joints))
+    safety = JointInterval(settings.safety.lower, settings.safety.upper, 'controller.safety')
+    performance = JointInterval(settings.performance.lower, settings.performance.upper,
+                                'controller.performance')
+    return ControllerParts(settings, safety, performance,
+                           _reference(settings.reference, joints))

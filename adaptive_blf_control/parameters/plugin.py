@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parts that are not ours: ``module:name`` in a parameter names a class or a function to call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import importlib
+from typing import Any
+
+from adaptive_blf_control.errors import ParameterError
+
+__all__ = ['is_plugin', 'load_plugin', 'require']
+
+
+def is_plugin(text: object) -> bool:
+    """Return whether a parameter's value has the form ``module:name``."""
+    module, colon, name = str(text).partition(':')
+    return bool(colon) and name.isidentifier() and all(
+        part.isidentifier() for part in module.split('.'))
+
+
+def load_plugin(parameter: str, text: str) -> Any:
+    """Return what ``module:name`` names.
+
+    Args:
+        parameter: Name of the parameter, for the message.
+        text: Its value; the module is imported from Python's path.
+
+    Raises:
+        ParameterError: no such module or name, or the module fails while it is imported.
+    """
+    if not is_plugin(text):
+        raise ParameterError(parameter, text, 'module:name')
+    module, _, name = text.partition(':')
+    try:
+        return getattr(importlib.import_module(module), name)
+    except Exception as error:  # a stranger's module may raise anything
+        raise ParameterError(parameter, text, f'a module and a name in it that can be imported '
+                             f'({type(error).__name__}: {error})') from error
+
+
+def require(parameter: str, text: str, part: object, names: Sequence[str]) -> None:
+    """Raise ParameterError where a part lacks one of the attributes its protocol asks for."""
+    missing = [name for name in names if not hasattr(part, name)]
+    if missing:
+        raise ParameterError(parameter, text, f'a part with {", ".join(names)}: '
+                             f'{type(part).__name__} has no {", ".join(missing)}')

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The model of a measured robot from its log, in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import copy
+from dataclasses import dataclass, field
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.bags.logs import MeasuredLog, read_log
+from adaptive_blf_control.configuration.build import build_arm, build_identifier
+from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
+from adaptive_blf_control.configuration.parameter_file import node_settings
+from adaptive_blf_control.errors import LogError, ParameterError
+from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.runs.log_pass import choose_spans, learn, NO_TEST
+from adaptive_blf_control.runs.log_report import figures_of, table
+
+__all__ = ['Identification', 'REAL_ROBOT', 'identify', 'real_robot_settings']
+
+REAL_ROBOT: dict[str, Any] = {
+    'arm': 'urdf',
+    'friction': {'viscous': True, 'coulomb': True, 'offset': True},
+    'update_law': 'concurrent',
+    'kt': 1.0,
+    'kh': 1000.0,
+    'filter': {'time_constant': 0.1, 'settle': 5.0},
+    'history': {'size': 1000, 'epsilon': 0.05},
+    'change': {'window': 0.0},
+    'excitation': {'window': 0.0},
+}
+"""The identifier's parameters where no ``--config`` is given; ``docs/benchmarks.md`` tells why."""
+
+
+@dataclass(frozen=True, repr=False)
+class Identification:
+    """What one pass over a log has taught.
+
+    Attributes:
+        identifier: The identifier after the pass: ``estimate`` (θ̂ by name), ``rank``,
+            ``undetermined`` and ``predict``.
+        figures: Per joint the RMSE of the filtered torque [N·m] and what else `figures_of` gives.
+        source: Where the log came from.
+        problem: Why the log ends early (a truncated bag), or None.
+    """
+
+    identifier: Identifier
+    figures: dict[str, Any] = field(default_factory=dict)
+    source: str = 'log'
+    problem: str | None = None
+
+    @property
+    def theta(self) -> dict[str, float]:
+        """θ̂ by parameter name."""
+        return self.identifier.estimate
+
+    @property
+    def rank(self) -> int:
+        """Rank of the history."""
+        return self.identifier.rank
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Names of the parameters that the log does not determine."""
+        return self.identifier.undetermined
+
+    @property
+    def test_rmse(self) -> np.ndarray:
+        """RMSE of the filtered torque on the test span per joint, (n,) [N·m]; NaN without one."""
+        return np.array(self.figures['test_rmse'], dtype=float)
+
+    def predict(self, q: Any, qd: Any, qdd: Any) -> np.ndarray:
+        """Return the torque of a motion under θ̂; see `Identifier.predict`."""
+        return self.identifier.predict(q, qd, qdd)
+
+    def __repr__(self) -> str:
+        """Show the figures as a table."""
+        return table(self.figures, self.source)
+
+
+def real_robot_settings() -> IdentifierNodeSettings:
+    """Return the settings for a measured robot, those of `REAL_ROBOT`."""
+    return node_settings({'/**/identifier': {'ros__parameters': copy.deepcopy(REAL_ROBOT)}},
+                         IdentifierNodeSettings)
+
+
+def identify(log: MeasuredLog | str | os.PathLike[str],
+             urdf: str | os.PathLike[str] | None = None, joints: Sequence[str] | None = None, *,
+             train: str | None = None, test: str | None = None, topic: str | None = None,
+             settings: IdentifierNodeSettings | None = None,
+             changes: Mapping[str, Any] | None = None) -> Identification:
+    """Learn the parameters of a measured robot from its log, in one pass.
+
+    The log is streamed through the identifier of the node: no look-ahead, one sample after the
+    other. Before and after the training span θ̂ is frozen and the samples are only filtered.
+
+    Args:
+        log: A bag, a CSV file (see `read_log`) or a log that was read.
+        urdf: Path or ``package://...`` of the robot; may be left out where the settings name it.
+        joints: Joints to identify, the others are locked; the URDF's where None. For a CSV file
+            the names of its columns, in order.
+        train: Span to learn from, ``T0:T1`` [s]; the first half after the filters have forgotten
+            their start, where None.
+        test: Span to predict with θ̂ frozen; the rest where None, ``none`` for no test.
+        topic: JointState topic of a bag.
+        settings: Those of the identifier; `REAL_ROBOT`'s where None.
+        changes: Settings by parameter name, e.g. ``{'history.size': 200}``.
+
+    Raises:
+        LogError: the log cannot be read, or has no sample that can be used.
+        ParameterError: a setting or span cannot be used.
+        ArmError: no arm can be made of the URDF and the joints.
+    """
+    settings = (settings or real_robot_settings()).replace(**(changes or {}))
+    if urdf is not None:
+        settings = settings.replace(arm='urdf', urdf=os.fspath(urdf))
+        if joints is None:
+            joints = joints_of(os.fspath(urdf))
+    if settings.arm == 'urdf' and (not settings.urdf or settings.urdf.startswith('topic:')):
+        raise ParameterError('urdf', settings.urdf, 'a file: name one with urdf')
+    if joints is not None:
+        settings = settings.replace(joints=list(joints))
+    arm = build_arm(settings)
+    source = 'log' if isinstance(log, MeasuredLog) else os.fspath(log)
+    if not isinstance(log, MeasuredLog):
+        log = read_log(Path(log), topic=topic, joints=arm.joints)
+    identifier = build_identifier(settings, arm)
+    filters = settings.filter
+    spans = choose_spans(log.t, train, test, 5.0 * filters.memory)
+    result = learn(identifier, log, *spans)
+    for name, fit in (('train', result.train), ('test', result.test)):
+        if fit.count == 0 and not (name == 'test' and test == NO_TEST):
+            raise LogError(f'{source}: no sample of the {name} span can be used: the filter '
+                           f'restarts at gaps of more than {filters.gap:g} s and settles for '
+                           f'{filters.settle:g} time constants')
+    return Identification(identifier, figures_of(log, identifier, result, spans), source,
+                          log.problem)
+
+
+def joints_of(urdf: str) -> list[str]:
+    """Return the joints of a URDF that have one axis and mimic no other, base first."""
+    from adaptive_blf_control.arms.urdf_model import reduced_model
+    from adaptive_blf_control.arms.urdf_source import read_urdf
+    return list(reduced_model(read_urdf(urdf), None)[1])
