@@ -17,6 +17,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 __version__ = '0.1.0'
 
 if TYPE_CHECKING:
+    from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics as inverse_dynamics
     from adaptive_blf_control.arms.load import load_arm as load_arm
     from adaptive_blf_control.arms.three_link import ThreeLinkArm as ThreeLinkArm
     from adaptive_blf_control.arms.two_link import TwoLinkArm as TwoLinkArm
@@ -60,8 +61,9 @@ _MODULES = {
     'ControllerSettings': 'control.settings', 'Identifier': 'identification.identifier',
     'IdentifierSettings': 'identification.settings', 'MeasuredLog': 'bags.logs',
     'ThreeLinkArm': 'arms.three_link', 'TwoLinkArm': 'arms.two_link', 'UrdfArm': 'arms.urdf',
-    'identify': 'runs.identification', 'load_arm': 'arms.load', 'read_bag': 'bags.reader',
-    'read_log': 'bags.logs', 'simulate': 'runs.simulation',
+    'identify': 'runs.identification', 'inverse_dynamics': 'arms.inverse_dynamics',
+    'load_arm': 'arms.load', 'read_bag': 'bags.reader', 'read_log': 'bags.logs',
+    'simulate': 'runs.simulation',
     **dict.fromkeys(('ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra',
                      'ParameterError', 'SetViolation'), 'errors'),
 }

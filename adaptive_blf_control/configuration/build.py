@@ -106,7 +106,8 @@ def build_plant(settings: DriverSettings, arm: Arm) -> Plant:
     """
     if settings.plant == 'builtin':
         return build_simulated_arm(settings, arm)
-    plant: Plant = load_plugin('arm_driver.plant', settings.plant)(settings, arm)
+    plant: Plant = load_plugin('arm_driver.plant', settings.plant)(
+        settings.resolved(joints=arm.n), arm)
     require('arm_driver.plant', settings.plant, plant, REQUIRED)
     return plant
 

@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arrays import checked_array
-from adaptive_blf_control.control.barrier import barrier
-from adaptive_blf_control.control.law import answer, growing_errors
+from adaptive_blf_control.control.barrier import active_bound, barrier
+from adaptive_blf_control.control.law import rate_limited, unwound_term
+from adaptive_blf_control.control.laws import Law, LawSample, make_law
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.reference import (
     Crossfade,
@@ -29,10 +31,12 @@ from adaptive_blf_control.control.sets import (
     JointInterval,
 )
 from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.parameters.settings import Settings
 
 __all__ = ['Controller', 'ControlOutput', 'sampling_model',
            'sampling_number']
 
+_Group = Mapping[str, Any] | Settings
 FIRST_INTERVAL = 1e-3  # s that the first torque of a motion may have taken to rise from zero
 
 
@@ -45,7 +49,7 @@ class ControlOutput(NamedTuple):
         e1: Tracking error (5) [rad].
         e2: q̇ − α [rad/s].
         reference: y_d with derivatives.
-        x: Regressor X, shape (n, m).
+        x: Regressor X, shape (n, m); None for a law without an adaptation term.
         bound: Active bound (11) [rad].
         wanted: Torque before the limits [N·m].
         bounds: Performance bounds in use.
@@ -56,7 +60,7 @@ class ControlOutput(NamedTuple):
     e1: np.ndarray
     e2: np.ndarray
     reference: ReferencePoint
-    x: np.ndarray
+    x: np.ndarray | None
     bound: np.ndarray
     wanted: np.ndarray
     bounds: Bounds
@@ -65,20 +69,6 @@ class ControlOutput(NamedTuple):
     def saturated(self) -> np.ndarray:
         """Where the limit of the torque or of its rate is at work, shape (n,), bool."""
         return self.torque != self.wanted
-
-
-class _Gains(NamedTuple):
-    """The arrays of the settings as the law takes them: writable, as it is compiled for those."""
-
-    k1: np.ndarray
-    k2: np.ndarray
-    torque_limit: np.ndarray
-    torque_rate_limit: np.ndarray
-
-    @classmethod
-    def of(cls, settings: ControllerSettings) -> _Gains:
-        """Copy them out of the settings."""
-        return cls(*(getattr(settings, name).copy() for name in cls._fields))
 
 
 class _Sets(NamedTuple):
@@ -104,8 +94,10 @@ class Controller:
     """
 
     def __init__(self, arm: Arm, settings: ControllerSettings | None = None,
-                 safety: JointInterval | None = None, performance: JointInterval | None = None,
-                 reference: Reference | None = None, **changes: Any) -> None:
+                 safety: JointInterval | _Group | None = None,
+                 performance: JointInterval | _Group | None = None,
+                 reference: Reference | _Group | None = None, law: Law | None = None,
+                 **changes: Any) -> None:
         """Check 𝒫̄ ⊆ 𝒮̄ (9); SetViolation names joint and numbers where it fails.
 
         With a `SmoothStart` the performance bounds grow along with it (`GrowingBounds`), so that
@@ -114,20 +106,29 @@ class Controller:
         Args:
             arm: The arm.
             settings: Gains, limits, sets and reference; the defaults where None.
-            safety: Safety set (7) in place of that of the settings.
-            performance: Performance set (8) in place of that of the settings.
-            reference: y_d in place of the sinusoids of the settings.
+            safety: Safety set (7) in place of that of the settings, or its settings.
+            performance: Performance set (8), likewise.
+            reference: y_d in place of the sinusoids of the settings, or their settings.
+            law: A law in place of the one that the settings name.
             changes: Settings by parameter name, e.g. ``k1=40.0, **{'safety.upper': 2.0}``.
 
         Raises:
             ParameterError: a setting is not known, cannot be used or does not fit the arm.
             SetViolation: see above.
         """
-        settings = (settings or ControllerSettings()).replace(**changes)
+        given = {'safety': safety, 'performance': performance, 'reference': reference}
+        groups = {name: part for name, part in given.items()
+                  if isinstance(part, (Mapping, Settings))}
+        settings = (settings or ControllerSettings()).replace(**changes, **groups)
         parts = controller_parts(settings, arm.joints)
-        safety, performance = safety or parts.safety, performance or parts.performance
-        reference = reference or parts.reference
+        safety = safety if isinstance(safety, JointInterval) else parts.safety
+        performance = (performance if isinstance(performance, JointInterval)
+                       else parts.performance)
+        if reference is None or isinstance(reference, (Mapping, Settings)):
+            reference = parts.reference
         self.arm = arm
+        self._given_law = law
+        self._no_term = np.zeros(arm.m)
         self._each = f'one for each of {", ".join(arm.joints)}'
         self._tune(settings)
         self._last_torque = np.zeros(arm.n)
@@ -142,7 +143,10 @@ class Controller:
 
     def _tune(self, settings: ControllerSettings) -> None:
         self.settings = settings.resolved(joints=self.arm.n)
-        self._gains = _Gains.of(self.settings)
+        self._law = self._given_law or make_law(self.arm, self.settings)
+        # Copies that may be written to: the limits are compiled for those.
+        self._limit = self.settings.torque_limit.copy()
+        self._rate_limit = self.settings.torque_rate_limit.copy()
 
     def _checked(self, t: float, safety: JointInterval, performance: JointInterval,
                  reference: Reference) -> _Sets:
@@ -227,18 +231,16 @@ class Controller:
         q = checked_array('q', q, (n,), self._each)
         qd = checked_array('qd', qd, (n,), self._each)
         theta = checked_array('theta', theta, (m,), 'one for each of the parameters')
-        gains = self._gains
         point, bounds = self.reference.at(t), self._bounds.at(t)
-        e1, e2, alpha, alpha_dot, b = growing_errors(
-            q, qd, point.position, point.velocity, point.acceleration, bounds.lower, bounds.upper,
-            bounds.lower_rate, bounds.upper_rate, gains.k1)
-        x = self.arm.X(q, qd, alpha, alpha_dot)
+        answer = self._law.answer(LawSample(t, q, qd, point, bounds, theta))
         dt = FIRST_INTERVAL if self._last_t is None else t - self._last_t
-        tau, wanted, term = answer(x, theta, gains.k2, e1, e2, b,
-                                   self.settings.coupling == 'per_joint', gains.torque_limit,
-                                   self._last_torque, gains.torque_rate_limit, dt)
+        tau = rate_limited(answer.torque, self._limit, self._last_torque, self._rate_limit, dt)
+        term = self._no_term if answer.regressor is None else unwound_term(
+            answer.regressor, answer.e2, answer.torque, tau)
         self._last_torque, self._last_t = tau, t
-        return ControlOutput(tau, term, e1, e2, point, x, b, wanted, bounds)
+        e1 = q - point.position
+        return ControlOutput(tau, term, e1, answer.e2, point, answer.regressor,
+                             active_bound(e1, bounds.lower, bounds.upper), answer.torque, bounds)
 
     def margins(self, q: np.ndarray, output: ControlOutput) -> np.ndarray:
         """Return the distances to the nearer bounds of both sets at a sample, (2n,) [rad].
@@ -262,7 +264,8 @@ class Controller:
         """
         start = self.reference.at(0.0).position
         trial = Controller(self.arm, self.settings, self.safety, self.performance,
-                           SmoothStart(settled(self.reference, np.inf), 1.0, start))
+                           SmoothStart(settled(self.reference, np.inf), 1.0, start),
+                           self._given_law)
         output = trial.update(0.5, start, np.zeros(self.arm.n), theta)
         trial.lyapunov(start, output, theta)
         trial.margins(start, output)

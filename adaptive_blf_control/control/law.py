@@ -11,7 +11,7 @@ import numpy as np
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.control.barrier import active_bound, barrier_gradient, interior
 
-__all__ = ['answer', 'errors', 'growing_errors', 'limited', 'per_joint_coupling',
+__all__ = ['errors', 'growing_errors', 'limited', 'per_joint_coupling',
            'pseudoinverse_coupling', 'rate_limited', 'stabilising_function', 'torque',
            'unwound_term']
 
@@ -115,19 +115,6 @@ def unwound_term(x: np.ndarray, e2: np.ndarray, wanted: np.ndarray,
         given: Torque after them, shape (n,) [N·m].
     """
     return np.dot(np.where((given - wanted) * e2 > 0.0, 0.0, e2), x)
-
-
-@jit
-def answer(x: np.ndarray, theta: np.ndarray, k2: np.ndarray, e1: np.ndarray, e2: np.ndarray,
-           b: np.ndarray, smooth: bool, limit: np.ndarray, last: np.ndarray, rate: np.ndarray,
-           dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the limited torque, the wanted one (38), and Xᵀe2 (37), in one compiled call.
-
-    See `torque`, `rate_limited` and `unwound_term`.
-    """
-    wanted = torque(x, theta, k2, e1, e2, b, smooth)
-    given = rate_limited(wanted, limit, last, rate, dt)
-    return given, wanted, unwound_term(x, e2, wanted, given)
 
 
 @jit

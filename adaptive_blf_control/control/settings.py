@@ -10,10 +10,11 @@ import numpy as np
 
 from adaptive_blf_control.parameters.settings import group, group_per_joint, parameter, Settings
 
-__all__ = ['COUPLINGS', 'ControllerSettings', 'PerformanceSettings', 'ReferenceSettings',
+__all__ = ['COUPLINGS', 'LAWS', 'ControllerSettings', 'PerformanceSettings', 'ReferenceSettings',
            'SafetySettings', 'SinusoidSettings']
 
 COUPLINGS = ('per_joint', 'pseudoinverse')
+LAWS = ('ablf', 'pd', 'computed_torque')
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -72,6 +73,11 @@ class ReferenceSettings(Settings, where='controller.reference'):
 class ControllerSettings(Settings, where='controller'):
     """Gains and limits of the law (38), the sets and the reference."""
 
+    law: str = parameter(
+        'ablf',
+        'ablf: the law (38); pd, computed_torque: for comparison, without an adaptation term; '
+        'module:name: called with the arm and these settings, it returns a law.',
+        choices=LAWS, plugin=True)
     k1: np.ndarray = parameter(
         [40.0], 'Gains of the stabilising function (27).',
         '1/(s*rad^4)', 0.0, exclusive=True, length='joints', live=True)

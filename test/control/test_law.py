@@ -8,7 +8,6 @@ import pytest
 
 from adaptive_blf_control.control.barrier import barrier_gradient
 from adaptive_blf_control.control.law import (
-    answer,
     errors,
     growing_errors,
     limited,
@@ -192,14 +191,3 @@ def test_adaptation_that_would_wind_up_against_a_limit_is_held_joint_by_joint():
                 expected += x[i] * e2[i]
         np.testing.assert_allclose(unwound_term(x, e2, wanted, given), expected, atol=1e-12)
     assert min(held, kept) > 50
-
-
-def test_answer_is_torque_limits_and_term_at_once():
-    random, b = np.random.default_rng(9), np.full(3, 0.2)
-    for e1, e2, last, _ in vectors(20):
-        x, theta, k2 = random.normal(size=(3, 7)), random.normal(size=7), np.full(3, 20.0)
-        limit, rate = np.full(3, 30.0), np.array([1e3, 1e4, 1e5])
-        given, wanted, term = answer(x, theta, k2, e1, e2, b, True, limit, last, rate, 1e-3)
-        np.testing.assert_array_equal(wanted, torque(x, theta, k2, e1, e2, b, True))
-        np.testing.assert_array_equal(given, rate_limited(wanted, limit, last, rate, 1e-3))
-        np.testing.assert_array_equal(term, unwound_term(x, e2, wanted, given))
