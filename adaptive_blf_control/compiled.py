@@ -9,20 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import singledispatch
 import hashlib
 import os
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-__all__ = ['COMPILED', 'all_finite', 'before_each_compilation', 'jit', 'jit_closure']
+__all__ = ['ByType', 'COMPILED', 'all_finite', 'before_each_compilation', 'by_type', 'jit']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 try:
     import numba
     from numba.core import event as numba_event
+    from numba.extending import overload
     import scipy.linalg  # noqa: F401 (numba's np.linalg is scipy's LAPACK)
     COMPILED: bool = not numba.config.DISABLE_JIT
 except ImportError:  # plain numpy is the documented fallback
@@ -65,11 +67,50 @@ def jit(function: Function) -> Function:
     return compiled  # type: ignore[no-any-return]
 
 
-def jit_closure(function: Function) -> Function:
-    """Compile a function that closes over other compiled functions (not cacheable on disk)."""
-    if numba is None:
-        return function
-    return numba.njit(error_model='numpy')(function)  # type: ignore[no-any-return]
+class ByType(Protocol):
+    """A function with one implementation per type of its first argument."""
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the implementation for the type of the first argument."""
+        ...
+
+    def register(self, cls: type, func: Callable[..., Any]) -> None:
+        """Name the implementation for a type, a function made by `jit`.
+
+        Raises:
+            TypeError: Another type of the same name has one. Compiled functions tell NamedTuples
+                apart by the names of the class and its fields only.
+        """
+        ...
+
+
+def by_type(function: Callable[..., Any]) -> ByType:
+    """Make a function that is implemented per type of its first argument, a NamedTuple.
+
+    A compiled function that calls it is compiled once per such type, with the implementation of
+    that type in line, and cached on disk. Neither holds for a function that takes the
+    implementation as an argument or closes over it.
+
+    Args:
+        function: What is called for a type without an implementation; it is not compiled.
+    """
+    generic: Any = singledispatch(function)
+    add = generic.register
+
+    def register(cls: type, func: Callable[..., Any]) -> None:
+        if any(known is not cls and known.__name__ == cls.__name__ for known in generic.registry):
+            raise TypeError(f'a type named {cls.__name__} has an implementation of '
+                            f'{function.__name__}: expected another name')
+        add(cls, func)
+
+    generic.register = register
+    if COMPILED:
+        @overload(generic, jit_options={'error_model': 'numpy'}, strict=False)
+        def implementation(first: Any, *_: Any) -> Callable[..., Any] | None:
+            chosen = generic.dispatch(getattr(first, 'instance_class', object))
+            return getattr(chosen, 'py_func', None)
+    result: ByType = generic
+    return result
 
 
 def before_each_compilation(call: Callable[[], None]) -> AbstractContextManager[None]:

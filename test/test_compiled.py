@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from adaptive_blf_control.arms import two_link
 from adaptive_blf_control.compiled import (
     all_finite,
     before_each_compilation,
+    by_type,
     COMPILED,
-    jit_closure,
+    jit,
 )
 from adaptive_blf_control.control import barrier, law, reference
 from adaptive_blf_control.identification import history_stack, torque_filter, update_law
@@ -100,11 +102,10 @@ def test_all_finite_sees_every_element(values, expected):
 BLOCKED = """
 import sys
 sys.modules['numba'] = None
-from adaptive_blf_control.compiled import COMPILED, jit, jit_closure
+from adaptive_blf_control.compiled import COMPILED, jit
 def function(x): return x
 assert not COMPILED
 assert jit(function) is function
-assert jit_closure(function) is function
 import adaptive_blf_control.simulation.closed_loop
 """
 
@@ -116,11 +117,13 @@ def test_the_core_works_where_numba_is_not_installed():
 
 @pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
 def test_what_is_called_before_each_compilation_may_end_it():
-    @jit_closure
+    numba = pytest.importorskip('numba')
+
+    @numba.njit
     def inner(x: float) -> float:
         return 2.0 * x
 
-    @jit_closure
+    @numba.njit
     def outer(x: float) -> float:
         return inner(x) + 1.0
 
@@ -136,3 +139,81 @@ def test_what_is_called_before_each_compilation_may_end_it():
     assert calls == [0, 1]  # outer, then inner, which it needs
     assert outer(1.0) == 3.0
     assert calls == [0, 1]
+
+
+class Circle(NamedTuple):
+    """A shape to tell from a square."""
+
+    radius: float
+
+
+class Square(NamedTuple):
+    """A shape to tell from a circle."""
+
+    side: float
+
+
+@by_type
+def area(shape: Circle | Square) -> float:
+    """Return the area of a shape; no other is known."""
+    raise TypeError(type(shape).__name__)
+
+
+@jit
+def circle_area(shape: Circle) -> float:
+    """Return the area of a circle."""
+    return 3.0 * shape.radius * shape.radius
+
+
+@jit
+def square_area(shape: Square) -> float:
+    """Return the area of a square."""
+    return shape.side * shape.side
+
+
+@jit
+def volume(shape: Circle | Square, height: float) -> float:
+    """Return the volume of a prism on a shape."""
+    return height * area(shape)
+
+
+area.register(Circle, circle_area)
+area.register(Square, square_area)
+
+
+def test_a_function_by_type_takes_the_implementation_of_its_first_argument():
+    assert (area(Circle(2.0)), area(Square(2.0))) == (12.0, 4.0)
+    with pytest.raises(TypeError, match='str'):
+        area('round')
+
+
+def test_a_compiled_function_calls_the_implementation_for_the_type_it_is_given():
+    assert (volume(Circle(2.0), 5.0), volume(Square(2.0), 5.0)) == (60.0, 20.0)
+
+
+def test_two_types_of_one_name_are_not_told_apart_and_the_second_is_refused():
+    class Circle(NamedTuple):
+        radius: float
+
+    with pytest.raises(TypeError, match='Circle'):
+        area.register(Circle, circle_area)
+
+
+WARM = """
+import numpy as np
+from adaptive_blf_control.arms.integrator import advance
+from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.arms.three_link import ThreeLinkArm
+for arm in (TwoLinkArm(), ThreeLinkArm()):
+    state = np.zeros(arm.n)
+    arm.dynamics(arm.nominal).advance(state, state, state, 1e-3, 1)
+print(sum(advance.stats.cache_misses.values()))
+"""
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
+def test_a_second_process_compiles_no_integrator():
+    run = [subprocess.run([sys.executable, '-c', WARM], check=True, capture_output=True, text=True,
+                          env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
+           for _ in range(2)]
+    assert run[-1].stdout.split() == ['0']

@@ -9,11 +9,12 @@ p4 = p10 = 2 p9 hold; (47)-(51) do not use that, so all eleven columns are indep
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
-from adaptive_blf_control.arms.integrator import make_rk4
+from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
 from adaptive_blf_control.arms.inverse_dynamics import described
 from adaptive_blf_control.arms.planar import planar_points
 from adaptive_blf_control.compiled import jit
@@ -198,7 +199,17 @@ def three_link_acceleration(q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
     return qdd
 
 
-_advance = make_rk4(three_link_acceleration)
+class _TrueThreeLink(NamedTuple):
+    theta: np.ndarray
+
+
+@jit
+def _true_acceleration(arm: _TrueThreeLink, q: np.ndarray, qd: np.ndarray,
+                       tau: np.ndarray) -> np.ndarray:
+    return three_link_acceleration(q, qd, tau, arm.theta)
+
+
+acceleration.register(_TrueThreeLink, _true_acceleration)
 
 
 def _smallest_eigenvalue(theta: np.ndarray) -> float:
@@ -209,21 +220,12 @@ def _smallest_eigenvalue(theta: np.ndarray) -> float:
     return float(np.linalg.eigvalsh(masses)[:, 0].min())
 
 
-class _ThreeLinkDynamics:
-    def __init__(self, theta: np.ndarray) -> None:
-        self.theta = np.array(theta, dtype=float)
-        smallest = _smallest_eigenvalue(self.theta)
-        if not smallest > 0.0:
-            raise ArmError(f'three_link: the inertia matrix of p1 to p10 = '
-                           f'{self.theta[:10].tolist()} is not positive definite for every '
-                           f'posture: smallest eigenvalue {smallest:.3g}')
-
-    def acceleration(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        return three_link_acceleration(q, qd, tau, self.theta)
-
-    def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
-                substeps: int) -> tuple[np.ndarray, np.ndarray]:
-        return _advance(q, qd, tau, self.theta, dt, substeps)
+def _check_mass_matrix(theta: np.ndarray) -> None:
+    smallest = _smallest_eigenvalue(theta)
+    if not smallest > 0.0:
+        raise ArmError(f'three_link: the inertia matrix of p1 to p10 = {theta[:10].tolist()} is '
+                       f'not positive definite for every posture: smallest eigenvalue '
+                       f'{smallest:.3g}')
 
 
 class ThreeLinkArm:
@@ -271,7 +273,9 @@ class ThreeLinkArm:
 
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics; ArmError where M(q) would not be positive definite."""
-        return _ThreeLinkDynamics(theta)
+        true = _TrueThreeLink(np.array(theta, dtype=float))
+        _check_mass_matrix(true.theta)
+        return CompiledDynamics(true)
 
     def link_points(self, q: np.ndarray) -> np.ndarray:
         """Base, both inner joints and the tip at joint positions q, shape (4, 3) [m]."""

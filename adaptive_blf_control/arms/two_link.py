@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
-from adaptive_blf_control.arms.integrator import make_rk4
+from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
 from adaptive_blf_control.arms.inverse_dynamics import described
 from adaptive_blf_control.arms.planar import planar_points
 from adaptive_blf_control.compiled import jit
@@ -86,25 +88,25 @@ def two_link_acceleration(q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
     return qdd
 
 
-_advance = make_rk4(two_link_acceleration)
+class _TrueTwoLink(NamedTuple):
+    theta: np.ndarray
 
 
-class _TwoLinkDynamics:
-    def __init__(self, theta: np.ndarray) -> None:
-        p1, p2, p3 = theta[:3]
-        # det M = (p1 + 2 p3 c)(p2) − (p2 + p3 c)², smallest at c = ±1
-        smallest = min(p1 * p2 - p2 * p2 - p3 * p3, p2)
-        if not smallest > 0.0:
-            raise ArmError(f'two_link: the inertia matrix of p1, p2, p3 = {p1:g}, {p2:g}, {p3:g} '
-                           f'is not positive definite for every posture')
-        self.theta = np.array(theta, dtype=float)
+@jit
+def _true_acceleration(arm: _TrueTwoLink, q: np.ndarray, qd: np.ndarray,
+                       tau: np.ndarray) -> np.ndarray:
+    return two_link_acceleration(q, qd, tau, arm.theta)
 
-    def acceleration(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        return two_link_acceleration(q, qd, tau, self.theta)
 
-    def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
-                substeps: int) -> tuple[np.ndarray, np.ndarray]:
-        return _advance(q, qd, tau, self.theta, dt, substeps)
+acceleration.register(_TrueTwoLink, _true_acceleration)
+
+
+def _check_mass_matrix(p1: float, p2: float, p3: float) -> None:
+    # det M = (p1 + 2 p3 c)(p2) − (p2 + p3 c)², smallest at c = ±1
+    smallest = min(p1 * p2 - p2 * p2 - p3 * p3, p2)
+    if not smallest > 0.0:
+        raise ArmError(f'two_link: the inertia matrix of p1, p2, p3 = {p1:g}, {p2:g}, {p3:g} '
+                       f'is not positive definite for every posture')
 
 
 class TwoLinkArm:
@@ -152,7 +154,8 @@ class TwoLinkArm:
 
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics; ArmError where M(q) would not be positive definite."""
-        return _TwoLinkDynamics(theta)
+        _check_mass_matrix(*theta[:3])
+        return CompiledDynamics(_TrueTwoLink(np.array(theta, dtype=float)))
 
     def link_points(self, q: np.ndarray) -> np.ndarray:
         """Base, elbow and tip at joint positions q, shape (3, 3) [m].
