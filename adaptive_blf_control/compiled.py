@@ -39,7 +39,7 @@ def _cache_folder() -> str:
     update it would go on running the old barrier inside the new law.
     """
     package = Path(__file__).parent
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(Path(__file__).read_bytes())
     for room in ('arms', 'control', 'identification'):  # where the compiled functions are
         for source in sorted((package / room).glob('*.py')):
             digest.update(source.read_bytes())
@@ -89,7 +89,8 @@ def by_type(function: Callable[..., Any]) -> ByType:
 
     A compiled function that calls it is compiled once per such type, with the implementation of
     that type in line, and cached on disk. Neither holds for a function that takes the
-    implementation as an argument or closes over it.
+    implementation as an argument or closes over it. The cache knows the sources of this package:
+    who changes an implementation outside of it has to clear the cache of what calls it.
 
     Args:
         function: What is called for a type without an implementation; it is not compiled.

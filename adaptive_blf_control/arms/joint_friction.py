@@ -41,8 +41,6 @@ class JointFriction:
             raise ParameterError('coulomb_velocity', coulomb_velocity, 'a speed > 0 [rad/s]')
         self.coulomb_velocity = float(coulomb_velocity)
         self._n = len(joints)
-        self._rows = np.arange(self._n)
-        self._ones = np.ones(self._n)
         self._kinds = tuple(kind for kind in FRICTION_KINDS if kind in nominal)
         self.names = tuple(f'{FRICTION_KINDS[kind]}_{joint}'
                            for kind in self._kinds for joint in joints)
@@ -52,23 +50,14 @@ class JointFriction:
                 raise ParameterError(kind, nominal[kind], 'coefficients that are not negative')
         self.nominal = np.concatenate([np.zeros(0), *values])
 
-    def fill(self, out: np.ndarray, qd: np.ndarray, first: int) -> None:
-        """Write the columns at joint velocities q̇, shape (n,), into ``out`` from column ``first``.
+    def first_columns(self, before: int) -> np.ndarray:
+        """Return the first column of each kind of `FRICTION_KINDS`, shape (3,), −1 without it.
 
         Args:
-            out: Zeros from that column on, shape (n, first + number of names).
-            qd: Joint velocities, shape (n,) [rad/s].
-            first: Number of columns before those of friction.
+            before: Number of columns before those of friction.
         """
-        for kind in self._kinds:
-            if kind == 'viscous':
-                values = qd
-            elif kind == 'coulomb':
-                values = np.tanh(qd / self.coulomb_velocity)
-            else:
-                values = self._ones
-            out[self._rows, first + self._rows] = values
-            first += self._n
+        return np.array([before + self._n * self._kinds.index(kind) if kind in self._kinds else -1
+                         for kind in FRICTION_KINDS])
 
     def coefficients(self, parameters: np.ndarray) -> np.ndarray:
         """Return viscous, Coulomb and constant coefficients in rows, shape (3, n).

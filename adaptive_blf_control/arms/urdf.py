@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An arm from a URDF: regressors in base parameters and friction, computed by Pinocchio."""
+"""An arm from a URDF: read by Pinocchio, regressors in base parameters and friction."""
 
 from __future__ import annotations
 
@@ -16,11 +16,18 @@ from adaptive_blf_control.arms.base_parameters import (
     PER_BODY,
     preferred_columns,
 )
+from adaptive_blf_control.arms.chain import chain_of_model, joint_vector
+from adaptive_blf_control.arms.chain_dynamics import ChainInertias, pseudo_inertias
+from adaptive_blf_control.arms.chain_regressors import (
+    chain_parameters,
+    chain_X,
+    chain_Y12,
+    ChainParameters,
+)
 from adaptive_blf_control.arms.inverse_dynamics import described
 from adaptive_blf_control.arms.joint_friction import finite_array, JointFriction
-from adaptive_blf_control.arms.urdf_dynamics import UrdfDynamics, with_inertias
+from adaptive_blf_control.arms.urdf_dynamics import UrdfDynamics
 from adaptive_blf_control.arms.urdf_model import (
-    floating_copy,
     JointOrder,
     load_pinocchio,
     reduced_model,
@@ -55,6 +62,7 @@ class UrdfArm:
         position_lower: Shape (n,) [rad]; minus infinity for a continuous joint.
         position_upper: Shape (n,) [rad]; infinity for a continuous joint.
         model: Pinocchio model of the sub-chain (joints in the tree's order).
+        chain: The same arm as arrays, what compiled functions take.
     """
 
     def __init__(self, source: str | os.PathLike[str], joints: Sequence[str] | None = None, *,
@@ -95,8 +103,8 @@ class UrdfArm:
             raise ParameterError('gravity', gravity, 'three finite numbers')
         self.model = with_gravity(model, finite_array('gravity', gravity, 3))
         self._order = JointOrder(self.model, self.joints)
+        self._data = self.model.createData()
         self._set_limits()
-        self._set_workspace()
         self._set_base_parameters()
         nominal = _nominal_friction(
             {'viscous': (friction_viscous, viscous), 'coulomb': (friction_coulomb, coulomb),
@@ -106,6 +114,8 @@ class UrdfArm:
         self.nominal = np.concatenate([self.base_from_inertial(self.inertial),
                                        self._friction.nominal])
         self.payload_direction: np.ndarray | None = self._payload_direction()
+        self.chain: ChainParameters = chain_parameters(
+            chain_of_model(self.model, self.joints), self._base.independent, self._friction)
 
     def __repr__(self) -> str:
         """Name joints and count parameters."""
@@ -130,66 +140,35 @@ class UrdfArm:
 
     def Y(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
         """Return Y with Y θ = M q̈ + C q̇ + G + F q̇ (2), shape (n, m) [N·m per unit of θ]."""
-        order = self._order
-        standard = self._pin.computeJointTorqueRegressor(
-            self.model, self._data, order.position(q), order.velocity(qd), order.velocity(qdd))
-        return self._with_friction(standard.take(self._pick), qd)
+        return self.X(q, qd, qd, qdd)
 
     def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Momentum regressor, Y1 θ = M(q) q̇ (12), shape (n, m) [N·m·s per unit of θ]."""
-        order, zero = self._order, self._zero
-        out = np.zeros((self.n, self.m))
-        out[:, :self.base_count] = self._pin.computeJointTorqueRegressor(
-            self._weightless, self._weightless_data, order.position(q), zero,
-            order.velocity(qd)).take(self._pick)
-        return out
+        return self.Y12(q, qd)[0]
 
     def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Y2 θ = −Ṁ q̇ + C q̇ + G + F q̇ (12), shape (n, m) [N·m per unit of θ]."""
         return self.Y12(q, qd)[1]
 
     def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (Y1, Y2) for less than the price of both.
+        """Return (Y1, Y2); see `chain_Y12`.
 
-        −Ṁ q̇ + C q̇ = −Cᵀq̇ = −∂T/∂q with T the kinetic energy. With J_i the axis of joint i and
-        h_j the momentum of body j in world coordinates, row i of M q̇ is J_iᵀ Σ_j h_j over the
-        bodies that i moves, and ∂T/∂q_i is J̇_iᵀ Σ_j h_j over the same bodies: exact, no
-        differences. h_j as a regressor is what a floating base feels while it is held at rest.
+        Raises:
+            ArmError: If an array is not of shape (n,).
         """
-        pin, order = self._pin, self._order
-        position, velocity = order.position(q), order.velocity(qd)
-        self._floating_position[7:] = position
-        self._floating_velocity[6:] = velocity
-        floating = pin.computeJointTorqueRegressor(
-            self._floating, self._floating_data, self._floating_position, self._floating_zero,
-            self._floating_velocity)
-        pin.computeJointJacobiansTimeVariation(self.model, self._data, position, velocity)
-        turning = self._data.dJ.reshape(6, -1).T.take(order.rows, axis=0)
-        kinetic = turning @ floating.take(self._pick_momentum)
-        weight = pin.computeJointTorqueRegressor(self.model, self._data, position, self._zero,
-                                                 self._zero).take(self._pick)
-        y1 = np.zeros((self.n, self.m))
-        y1[:, :self.base_count] = floating.take(self._pick_floating)
-        kinetic *= self._moves
-        weight -= kinetic
-        return y1, self._with_friction(weight, qd)
+        n = self.n
+        return chain_Y12(self.chain, joint_vector(q, n), joint_vector(qd, n))
 
     def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
           alpha_dot: np.ndarray) -> np.ndarray:
-        """X θ = M α̇ + C α + G + F q̇, shape (n, m) [N·m per unit of θ].
+        """X θ = M α̇ + C α + G + F q̇, shape (n, m) [N·m per unit of θ]; see `chain_X`.
 
-        C is the Christoffel matrix. C(q, v) v = c(v) is quadratic in v, so that
-        C(q, q̇) α = c((q̇ + α)/2) − c((q̇ − α)/2): two inverse dynamics make X.
+        Raises:
+            ArmError: If an array is not of shape (n,).
         """
-        pin, order = self._pin, self._order
-        position = order.position(q)
-        mean = order.velocity(0.5 * (qd + alpha))
-        difference = order.velocity(0.5 * (qd - alpha))
-        standard = pin.computeJointTorqueRegressor(self.model, self._data, position, mean,
-                                                   order.velocity(alpha_dot))
-        standard -= pin.computeJointTorqueRegressor(self._weightless, self._weightless_data,
-                                                    position, difference, self._zero)
-        return self._with_friction(standard.take(self._pick), qd)
+        n = self.n
+        return chain_X(self.chain, joint_vector(q, n), joint_vector(qd, n),
+                       joint_vector(alpha, n), joint_vector(alpha_dot, n))
 
     # -- parameters ---------------------------------------------------------------------------
 
@@ -230,20 +209,15 @@ class UrdfArm:
         Raises:
             ArmError: If ``theta`` has the wrong length or no positive definite mass matrix.
         """
-        inertial = self.to_inertial(theta)
-        model = with_inertias(self.model, inertial[np.argsort(self._order.rows)])
-        return UrdfDynamics(model, self._order, self.friction(theta),
-                            self._friction.coulomb_velocity)
+        chain = self.chain.chain
+        inertias = pseudo_inertias(self.to_inertial(theta)[chain.place])
+        return UrdfDynamics(ChainInertias(chain, inertias, self.friction(theta),
+                                          self.chain.coulomb_velocity))
 
     def mass_matrix(self, q: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
         """Return M(q) for θ (the URDF's by default), shape (n, n) [kg·m²]."""
-        base = self.nominal if theta is None else self._checked(theta)
-        base, zero = base[:self.base_count], np.zeros(self.n)
-        order = self._order
-        return np.column_stack([
-            self._pin.computeJointTorqueRegressor(
-                self._weightless, self._weightless_data, order.position(q), zero,
-                order.velocity(axis)).take(self._pick) @ base for axis in np.eye(self.n)])
+        theta = self.nominal if theta is None else self._checked(theta)
+        return np.column_stack([self.Y1(q, axis) @ theta for axis in np.eye(self.n)])
 
     def link_points(self, q: np.ndarray) -> np.ndarray:
         """Points to draw the arm through at joint positions q, shape (k, 3) [m], root frame.
@@ -266,36 +240,17 @@ class UrdfArm:
         self.torque_limit = _limit(model.effortLimit[rows])
         self.velocity_limit = _limit(model.velocityLimit[rows])
 
-    def _set_workspace(self) -> None:
-        model = self.model
-        self._data = model.createData()
-        self._weightless = with_gravity(model, np.zeros(3))
-        self._weightless_data = self._weightless.createData()
-        self._floating = floating_copy(model)
-        self._floating_data = self._floating.createData()
-        self._zero = np.zeros(model.nv)
-        self._floating_zero = np.zeros(model.nv + 6)
-        self._floating_velocity = np.zeros(model.nv + 6)
-        self._floating_position = np.zeros(model.nq + 7)
-        self._floating_position[6] = 1.0  # the unit quaternion
-
     def _set_base_parameters(self) -> None:
-        model, rows, width = self.model, self._order.rows, PER_BODY * self.n
+        model, rows = self.model, self._order.rows
         base = decompose(self._random_regressors(), preferred_columns(self.n))
         self._base = base
-        columns = base.independent
-        bodies, kinds = np.divmod(columns, PER_BODY)
-        self._pick = rows[:, None] * width + columns
-        floating = np.arange(6 + self.n)[:, None] * (width + PER_BODY) + columns + PER_BODY
-        self._pick_momentum, self._pick_floating = floating[:6], floating[6 + rows]
-        moved = [set(model.subtrees[int(row) + 1]) for row in rows]
-        self._moves = np.array([[float(body + 1 in subtree) for body in bodies]
-                                for subtree in moved])
+        bodies, kinds = np.divmod(base.independent, PER_BODY)
         self._base_names = tuple(f'{model.names[int(body) + 1]}.{INERTIAL_NAMES[kind]}'
                                  for body, kind in zip(bodies, kinds, strict=True))
         user = (PER_BODY * rows[:, None] + np.arange(PER_BODY)).reshape(-1)
         self.base_from_standard = base.from_standard[:, user]
-        self._user_base = BaseParameters(np.argsort(user)[columns], self.base_from_standard)
+        self._user_base = BaseParameters(np.argsort(user)[base.independent],
+                                         self.base_from_standard)
         self.inertial = np.array([model.inertias[int(row) + 1].toDynamicParameters()
                                   for row in rows])
 
@@ -330,12 +285,6 @@ class UrdfArm:
     def _nearest_inertial(self, base: np.ndarray, reference: np.ndarray) -> np.ndarray:
         standard = self._user_base.nearest_standard(base, reference.reshape(-1))
         return standard.reshape(-1, PER_BODY)
-
-    def _with_friction(self, base: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        out = np.zeros((self.n, self.m))
-        out[:, :self.base_count] = base
-        self._friction.fill(out, qd, self.base_count)
-        return out
 
     def _checked(self, theta: np.ndarray) -> np.ndarray:
         theta = np.asarray(theta, dtype=float)

@@ -11,7 +11,7 @@ import numpy as np
 from adaptive_blf_control.arms.urdf_source import select_joints, urdf_joints
 from adaptive_blf_control.errors import ArmError, MissingExtra
 
-__all__ = ['JointOrder', 'floating_copy', 'load_pinocchio', 'reduced_model', 'with_gravity']
+__all__ = ['JointOrder', 'load_pinocchio', 'reduced_model', 'with_gravity']
 
 
 def load_pinocchio() -> Any:
@@ -68,22 +68,6 @@ def with_gravity(model: Any, gravity: np.ndarray) -> Any:
     copy = model.copy()
     copy.gravity.linear = gravity
     return copy
-
-
-def floating_copy(model: Any) -> Any:
-    """Put the kinematics of a model on a floating base, without gravity.
-
-    The first six rows of the torque regressor of such a model, its base at rest, hold the wrench
-    of every single body in world coordinates: what `UrdfArm` needs for ∂T/∂q.
-    """
-    pin = load_pinocchio()
-    floating = pin.Model()
-    floating.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), 'floating_base')
-    for i in range(1, model.njoints):
-        floating.addJoint(model.parents[i] + 1, model.joints[i], model.jointPlacements[i],
-                          model.names[i])
-    floating.gravity.linear = np.zeros(3)
-    return floating
 
 
 class JointOrder:

@@ -10,21 +10,18 @@ from adaptive_blf_control.arms.joint_friction import JointFriction
 from adaptive_blf_control.errors import ParameterError
 
 
-def test_columns_times_coefficients_give_the_friction_torque() -> None:
+def test_columns_stand_in_the_order_of_the_names_behind_those_before() -> None:
     friction = JointFriction(['a', 'b'], {'viscous': [1.0, 2.0], 'coulomb': 3.0, 'offset': -4.0},
                              0.02)
-    qd = np.array([0.01, -0.3])
-    out = np.zeros((2, 7))
-    friction.fill(out, qd, 1)
-    np.testing.assert_array_equal(out[:, 0], 0.0)
-    expected = np.array([1.0, 2.0]) * qd + 3.0 * np.tanh(qd / 0.02) - 4.0
-    np.testing.assert_allclose(out[:, 1:] @ friction.nominal, expected)
     assert friction.names == ('fv_a', 'fv_b', 'fc_a', 'fc_b', 'f0_a', 'f0_b')
+    np.testing.assert_array_equal(friction.nominal, [1.0, 2.0, 3.0, 3.0, -4.0, -4.0])
+    assert friction.first_columns(1).tolist() == [1, 3, 5]
 
 
 def test_kinds_that_were_not_chosen_are_zero() -> None:
     friction = JointFriction(['a', 'b'], {'offset': [1.0, 2.0]}, 0.02)
     assert friction.names == ('f0_a', 'f0_b')
+    assert friction.first_columns(4).tolist() == [-1, -1, 4]
     np.testing.assert_array_equal(friction.coefficients(np.array([5.0, 6.0])),
                                   [[0.0, 0.0], [0.0, 0.0], [5.0, 6.0]])
 
