@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.spatial import cross
+from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.compiled import jit
-from adaptive_blf_control.errors import ArmError
 
 __all__ = ['Chain', 'chain_of_model', 'joint_vector', 'placements', 'subtree_ends']
 
@@ -65,18 +65,16 @@ def chain_of_model(model: Any, names: Sequence[str]) -> Chain:
         gravity=np.array(model.gravity.linear, dtype=float))
 
 
-def joint_vector(value: np.ndarray, n: int) -> np.ndarray:
-    """Return a copy that compiled functions take without being compiled once more, shape (n,).
+def joint_vector(name: str, value: Any, n: int) -> np.ndarray:
+    """Return an array that compiled functions take without being compiled once more, (n,).
 
     They are compiled for contiguous arrays that may be written, and check no length.
 
     Raises:
-        ArmError: If it is not of shape (n,).
+        ParameterError: It is not an array of n numbers.
     """
-    array: np.ndarray = np.array(value, dtype=float)
-    if array.shape != (n,):
-        raise ArmError(f'an array of the joints has the shape {array.shape}: expected ({n},)')
-    return array
+    array = checked_array(name, value, (n,))
+    return array if array.flags.writeable else array.copy()
 
 
 def subtree_ends(parent: np.ndarray) -> np.ndarray:

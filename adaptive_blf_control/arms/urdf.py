@@ -154,21 +154,21 @@ class UrdfArm:
         """Return (Y1, Y2); see `chain_Y12`.
 
         Raises:
-            ArmError: If an array is not of shape (n,).
+            ParameterError: An array is not of shape (n,).
         """
         n = self.n
-        return chain_Y12(self.chain, joint_vector(q, n), joint_vector(qd, n))
+        return chain_Y12(self.chain, joint_vector('q', q, n), joint_vector('qd', qd, n))
 
     def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
           alpha_dot: np.ndarray) -> np.ndarray:
         """X θ = M α̇ + C α + G + F q̇, shape (n, m) [N·m per unit of θ]; see `chain_X`.
 
         Raises:
-            ArmError: If an array is not of shape (n,).
+            ParameterError: An array is not of shape (n,).
         """
         n = self.n
-        return chain_X(self.chain, joint_vector(q, n), joint_vector(qd, n),
-                       joint_vector(alpha, n), joint_vector(alpha_dot, n))
+        return chain_X(self.chain, joint_vector('q', q, n), joint_vector('qd', qd, n),
+                       joint_vector('alpha', alpha, n), joint_vector('alpha_dot', alpha_dot, n))
 
     # -- parameters ---------------------------------------------------------------------------
 

@@ -34,30 +34,30 @@ class UrdfDynamics(CompiledDynamics):
         """Return q̈ = M⁻¹(τ − C q̇ − G − F q̇ − f_c tanh(q̇/v_s) − f_0), shape (n,) [rad/s²].
 
         Raises:
-            ArmError: If an array is not of shape (n,).
+            ParameterError: An array is not of shape (n,).
         """
         n = self._n
-        return chain_acceleration(self.arm, joint_vector(q, n), joint_vector(qd, n),
-                                  joint_vector(tau, n))
+        return chain_acceleration(self.arm, joint_vector('q', q, n), joint_vector('qd', qd, n),
+                                  joint_vector('tau', tau, n))
 
     def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
                 substeps: int) -> tuple[np.ndarray, np.ndarray]:
         """Integrate over ``dt`` [s] under a held torque with RK4 sub-steps; return new (q, q̇).
 
         Raises:
-            ArmError: If an array is not of shape (n,).
+            ParameterError: An array is not of shape (n,).
         """
         n = self._n
-        return super().advance(joint_vector(q, n), joint_vector(qd, n), joint_vector(tau, n),
-                               float(dt), int(substeps))
+        return super().advance(joint_vector('q', q, n), joint_vector('qd', qd, n),
+                               joint_vector('tau', tau, n), float(dt), int(substeps))
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M(q), shape (n, n) [kg·m²].
 
         Raises:
-            ArmError: If ``q`` is not of shape (n,).
+            ParameterError: ``q`` is not of shape (n,).
         """
-        return chain_mass(self.arm, joint_vector(q, self._n))
+        return chain_mass(self.arm, joint_vector('q', q, self._n))
 
     def _check_mass_matrix(self) -> None:
         random = np.random.default_rng(0)

@@ -18,7 +18,7 @@ from adaptive_blf_control.arms.chain import placements, subtree_ends
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.arms.urdf_source import read_urdf
 from adaptive_blf_control.compiled import COMPILED
-from adaptive_blf_control.errors import ArmError
+from adaptive_blf_control.errors import ArmError, ParameterError
 
 pin = pytest.importorskip('pinocchio')
 
@@ -66,6 +66,7 @@ URDFS = {
                                         SHOULDERS),
     'allegro hand': (f'{ROBOTS}/allegro_hand_description/urdf/allegro_right_hand.urdf', None),
     'a tree with skew axes': (BRANCHED, ('a', 'b', 'c', 'd', 'e')),
+    'a single joint': (BRANCHED, ('d',)),
 }
 TOLERANCE = 1e-10
 VELOCITY = 0.05  # of Coulomb friction
@@ -109,7 +110,7 @@ class Case(NamedTuple):
         standard = pin.computeJointTorqueRegressor(model, self.data, self.configuration(q),
                                                    self.ordered(qd), self.ordered(qdd))
         model.gravity.linear = gravity
-        return self.rows(standard)[:, [PER_BODY * (joint - 1) + kind
+        return self.rows(standard.reshape(self.arm.n, -1))[:, [PER_BODY * (joint - 1) + kind
                                        for joint, kind in self.columns()]]
 
     def friction(self, qd: np.ndarray) -> np.ndarray:
@@ -120,15 +121,16 @@ class Case(NamedTuple):
     def transposed_coriolis(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Return base columns of Cᵀ q̇: one more unit of each parameter, one at a time."""
         model, columns = self.model, []
+        square = (self.arm.n, self.arm.n)
         plain = pin.computeCoriolisMatrix(model, self.data, self.configuration(q),
-                                          self.ordered(qd)).T @ self.ordered(qd)
+                                          self.ordered(qd)).reshape(square).T @ self.ordered(qd)
         for joint, kind in self.columns():
             body = model.inertias[joint].copy()
             more = body.toDynamicParameters() + np.eye(PER_BODY)[kind]
             model.inertias[joint] = pin.Inertia.FromDynamicParameters(more)
             coriolis = pin.computeCoriolisMatrix(model, self.data, self.configuration(q),
                                                  self.ordered(qd))
-            columns.append(self.rows(coriolis.T @ self.ordered(qd) - plain))
+            columns.append(self.rows(coriolis.reshape(square).T @ self.ordered(qd) - plain))
             model.inertias[joint] = body
         return np.array(columns).T
 
@@ -211,7 +213,8 @@ def test_control_regressor_is_the_bilinear_form_of_the_quadratic_one(case: Case)
 def test_mass_matrix(case: Case) -> None:
     dynamics = case.arm.dynamics(case.arm.nominal)
     for q, _, _, _ in states(case):
-        upper = np.triu(pin.crba(case.model, case.data, case.configuration(q)))
+        mass = pin.crba(case.model, case.data, case.configuration(q))
+        upper = np.triu(mass.reshape(case.arm.n, -1))
         expected = case.rows(case.rows(upper + np.triu(upper, 1).T).T)
         same(dynamics.mass_matrix(q), expected)
 
@@ -268,7 +271,7 @@ def test_vectors_of_another_length_are_refused() -> None:
                      lambda v: arm.X(right, right, right, v), lambda v: arm.Y(right, right, v),
                      lambda v: dynamics.acceleration(right, right, v), dynamics.mass_matrix,
                      lambda v: dynamics.advance(right, v, right, 1e-3, 1)):
-            with pytest.raises(ArmError, match=r'expected \(5,\)'):
+            with pytest.raises(ParameterError, match=r'expected .*shape \(5,\)'):
                 call(wrong)
 
 
