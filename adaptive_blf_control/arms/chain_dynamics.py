@@ -2,8 +2,7 @@
 """Mass matrix and forward dynamics of an open kinematic chain with one set of inertias.
 
 Composite rigid bodies for M, recursive Newton-Euler for C q̇ + G, and a factorisation of M:
-Featherstone, Rigid Body Dynamics Algorithms (2008), chapters 5 and 6. Up to about ten joints this
-is faster than articulated bodies.
+Featherstone, Rigid Body Dynamics Algorithms (2008), chapters 5 and 6.
 """
 
 from __future__ import annotations
