@@ -30,11 +30,10 @@ from adaptive_blf_control.errors import BagError, ParameterError
 from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES
-from adaptive_blf_control.nodes.arm_lockstep import ArmLockstep
+from adaptive_blf_control.nodes.arm_lockstep import ArmLockstep, SteppedDriver
 from adaptive_blf_control.nodes.command_source import CommandSource
 from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runtime.loop_statistics import Histogram
-from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
 from adaptive_blf_control.simulation.plant import SimulatedArm
@@ -48,7 +47,7 @@ SHORTEST_ANSWER = 50_000  # ns
 PLANT = {'true_parameters', 'payload', 'torque_limit', 'substeps', 'dead_time'}
 
 
-class ArmDriver(ManagedNode[DriverSettings]):
+class ArmDriver(SteppedDriver):
     """Simulated arm: commands in, joint states out.
 
     Attributes:

@@ -12,21 +12,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 import time
-from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 import numpy as np
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.runtime.answers import stamp_of
+from adaptive_blf_control.runtime.managed_node import ManagedNode
+from adaptive_blf_control.simulation.plant import Plant
 
-if TYPE_CHECKING:
-    from adaptive_blf_control.nodes.arm_driver import ArmDriver
-
-__all__ = ['EPOCH_NS', 'ArmLockstep', 'LockstepTimeout']
+__all__ = ['EPOCH_NS', 'ArmLockstep', 'LockstepTimeout', 'SteppedDriver']
 
 EPOCH_NS = 10**9  # stamp of the first state: 0 means "no time yet" in ROS
 ANSWERS = {'controller': ADAPTATION_TERM, 'identifier': THETA_HAT}
@@ -36,10 +36,39 @@ class LockstepTimeout(BlfError, TimeoutError):
     """A node has not answered a state in time; the message names it."""
 
 
+class SteppedDriver(ManagedNode[DriverSettings]):
+    """What the lockstep asks of the driver that it steps.
+
+    Attributes:
+        arm: The arm, for its joints.
+        plant: What is driven.
+        started: Whether a first command has released the brakes.
+        period_ns: Period of the states [ns].
+    """
+
+    arm: Arm
+    plant: Plant
+    started: bool
+    period_ns: int
+
+    @property
+    def serves(self) -> bool:
+        """Whether the node is configured and nobody has asked it to stop."""
+        raise NotImplementedError
+
+    def heard_by(self, count: int) -> bool:
+        """Whether at least ``count`` subscribe to the joint states."""
+        raise NotImplementedError
+
+    def send_state(self, stamp_ns: int, effort: np.ndarray, interval: float) -> None:
+        """Measure and publish; ``effort`` is the mean torque over the ``interval`` [s] before."""
+        raise NotImplementedError
+
+
 class ArmLockstep:
     """Steps the arm of a driver once every state has its answers."""
 
-    def __init__(self, driver: ArmDriver) -> None:
+    def __init__(self, driver: SteppedDriver) -> None:
         """Subscribe to the answers that are asked for."""
         self._driver = driver
         names = driver.settings.lockstep.answers

@@ -62,7 +62,6 @@ def test_no_room_imports_one_above_it(modules: dict[Path, set[str]]) -> None:
     assert upward == []
 
 
-@pytest.mark.xfail(strict=True, reason='arm_lockstep names the type of the driver it steps')
 def test_no_two_modules_import_each_other(modules: dict[Path, set[str]]) -> None:
     """No circle, not even one that only a type checker follows."""
     def name_of(path: Path) -> str:
