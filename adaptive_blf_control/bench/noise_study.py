@@ -19,13 +19,15 @@ from adaptive_blf_control.configuration.parameter_file import apply_settings, lo
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.update_law import implicit_step
+from adaptive_blf_control.identification.update_laws import Evidence
 from adaptive_blf_control.runs.torque_error import PredictedTorque
 from adaptive_blf_control.simulation.baselines.gains import WRONG_MODEL
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 from adaptive_blf_control.simulation.plant import known_truth
 
-__all__ = ['GatedStack', 'PARTS', 'RidgeIdentifier', 'SecondMinute', 'run_study',
+__all__ = ['GatedStack', 'PARTS', 'Ridge', 'SecondMinute', 'run_study',
            'second_minute']
 
 ENCODER = 'three_link_encoder'
@@ -76,22 +78,24 @@ class GatedStack(HistoryStack):
         return super().offer(regressor, torque)
 
 
-class RidgeIdentifier(Identifier):
-    """Ridge: directions of Q below ``floor`` are filled up to it with ``prior``, shape (m,)."""
+class Ridge:
+    """Directions of Q below ``floor`` are filled up to it with ``prior``, shape (m,)."""
 
-    floor = 0.0
-    prior = np.zeros(0)
+    def __init__(self, settings: IdentifierSettings, floor: float, prior: np.ndarray) -> None:
+        """Take the gains, the floor and the prior."""
+        self._settings, self._floor, self._prior = settings, floor, prior
 
-    def _step(self, dt: float, regressor: np.ndarray, torque: np.ndarray,
-              adaptation_term: np.ndarray) -> None:
-        settings, stack = self.settings, self.stack
-        if stack.rank == 0 or not self.settled:
-            return
-        values, vectors = np.linalg.eigh(stack.gram)
-        ridge = (vectors * np.maximum(self.floor - values, 0.0)) @ vectors.T
-        self.theta = implicit_step(
-            self.theta, dt, settings.gamma, settings.kt, settings.kh, regressor, torque,
-            stack.gram + ridge, stack.moment + ridge @ self.prior, adaptation_term)
+    def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
+        """See `UpdateLaw`; nothing is learned before the first pair."""
+        if not evidence.gram.any() or not evidence.settled:
+            return theta
+        values, vectors = np.linalg.eigh(evidence.gram)
+        ridge = (vectors * np.maximum(self._floor - values, 0.0)) @ vectors.T
+        settings = self._settings
+        return implicit_step(
+            theta, dt, settings.gamma, settings.kt, settings.kh, evidence.regressor,
+            evidence.torque, evidence.gram + ridge, evidence.moment + ridge @ self._prior,
+            evidence.adaptation_term)
 
 
 def second_minute(folder: Path, settings: Sequence[str], payload: float,
@@ -168,9 +172,9 @@ def _gate(limit: float) -> Change:
 
 def _ridge(floor: float) -> Change:
     def change(loop: ClosedLoop) -> None:
-        identifier = RidgeIdentifier(loop.arm, loop.identifier.settings)
-        identifier.floor, identifier.prior = floor, WRONG_MODEL * loop.arm.nominal
-        loop.identifier = identifier
+        settings = loop.identifier.settings
+        law = Ridge(settings, floor, WRONG_MODEL * loop.arm.nominal)
+        loop.identifier = Identifier(loop.arm, settings, law)
     return change
 
 

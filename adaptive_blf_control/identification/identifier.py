@@ -20,7 +20,11 @@ from adaptive_blf_control.identification.recorded_noise import NoisyHistory
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.state_filter import StateFilter
 from adaptive_blf_control.identification.torque_filter import TorqueFilter
-from adaptive_blf_control.identification.update_law import implicit_step
+from adaptive_blf_control.identification.update_laws import (
+    Evidence,
+    make_update_law,
+    UpdateLaw,
+)
 
 __all__ = ['Identifier', 'IdentifierSettings', 'Snapshot']
 
@@ -70,13 +74,14 @@ class Identifier:
     """
 
     def __init__(self, arm: Arm, settings: IdentifierSettings | None = None,
-                 **changes: Any) -> None:
+                 law: UpdateLaw | None = None, **changes: Any) -> None:
         """Start from ``settings.initial_estimate`` with an empty stack.
 
         Args:
             arm: The arm whose parameters are learned.
             settings: Gains, filters, history and monitors. Where none are given, the defaults
                 with a history of at least two pairs for each parameter.
+            law: An update law in place of the one that the settings name.
             changes: Settings by parameter name, e.g. ``kt=1.0, **{'history.size': 200}``.
 
         Raises:
@@ -88,6 +93,7 @@ class Identifier:
         settings = settings.replace(**changes)
         settings = settings.resolved(joints=arm.n, parameters=arm.m)
         self.arm = arm
+        self._given_law = law
         self._each = f'one for each of {", ".join(arm.joints)}'
         self._take(settings)
         self.theta = settings.initial_estimate.copy()
@@ -109,7 +115,7 @@ class Identifier:
 
     def _take(self, settings: IdentifierSettings) -> None:
         self._settings = settings
-        self._gamma = settings.gamma.copy()  # writable, as the update law is compiled for it
+        self._law = self._given_law or make_update_law(settings)
 
     @property
     def settings(self) -> IdentifierSettings:
@@ -131,7 +137,8 @@ class Identifier:
         """
         old = self._settings
         settings = settings.replace(initial_estimate=old.initial_estimate)
-        fresh = Identifier(self.arm, settings)  # checks every value before anything changes
+        # Checks every value before anything changes.
+        fresh = Identifier(self.arm, settings, self._given_law)
         self._take(fresh.settings)
         self._filter.retune(settings.filter.time_constant, settings.filter.gap)
         self.monitor.retune(settings.change.window, settings.change.threshold,
@@ -163,7 +170,8 @@ class Identifier:
             'excitation.window': max(self.settings.excitation.window, 1e-3)})
         random = np.random.default_rng(0)
         for order in {0, 2, settings.filter.state_order}:
-            spare = Identifier(self.arm, settings.replace(**{'filter.state_order': order}))
+            spare = Identifier(self.arm, settings.replace(**{'filter.state_order': order}),
+                               self._given_law)
             for k in range(spare.stack.size + 5):
                 q, qd, tau = random.normal(size=(3, self.arm.n))
                 spare.update(k * 1e-3, q, qd, tau)
@@ -361,16 +369,11 @@ class Identifier:
 
     def _step(self, dt: float, regressor: np.ndarray, torque: np.ndarray,
               adaptation_term: np.ndarray) -> None:
-        settings = self.settings
         stack = self.stack if self._noisy is None else self._noisy.stack
-        if settings.update_law != 'ablf_concurrent':
-            adaptation_term = self._no_term
+        evidence = Evidence(regressor, torque, self.settled, stack.gram, stack.moment,
+                            adaptation_term)
         try:
-            theta = implicit_step(self.theta, dt, self._gamma,
-                                  settings.kt if self.settled else 0.0,
-                                  0.0 if settings.update_law == 'gradient' else settings.kh,
-                                  regressor, torque, stack.gram, stack.moment,
-                                  adaptation_term)
+            theta = self._law.step(self.theta, dt, evidence)
         except np.linalg.LinAlgError:  # not finite (numba), or singular by overflow
             theta = np.full_like(self.theta, math.nan)
         if all_finite(theta):

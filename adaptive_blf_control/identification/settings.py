@@ -111,8 +111,10 @@ class IdentifierSettings(Settings, where='identifier'):
     update_law: str = parameter(
         'ablf_concurrent',
         'gradient (20): present data only; concurrent (22): recorded data as well; '
-        'ablf_concurrent (37): the stabilising term X^T e2 as well.',
-        choices=UPDATE_LAWS, live=True)
+        'ablf_concurrent (37): the stabilising term X^T e2 as well; module:name: called with '
+        'these settings, it returns an update law.',
+        choices=UPDATE_LAWS, live=True,
+        plugin=True)
     filter: FilterSettings = group(FilterSettings)
     history: HistorySettings = group(HistorySettings)
     change: ChangeSettings = group(ChangeSettings)

@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import adaptive_blf_control as door
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
@@ -204,3 +207,48 @@ def test_fewer_pairs_than_parameters_are_warned_of_with_the_numbers():
 
 def test_fewer_rows_than_parameters_are_told_to_be_hopeless():
     assert 'cannot exceed 20 of 43' in rank_warning(SETTINGS, 2, 43)
+
+
+@pytest.fixture
+def stranger(monkeypatch):
+    """Return the name of an update law outside the package."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    return 'foreign_update_law:LeastSquares'
+
+
+def test_a_strangers_law_that_is_named_moves_the_estimate(stranger):
+    subject = identifier(update_law=stranger)
+    assert error(learn(subject, 2.0)) < 1e-3 * np.linalg.norm(ARM.nominal)
+
+
+def test_a_strangers_law_learns_in_the_closed_loop(repository, stranger):
+    run = door.simulate(repository / 'config' / 'two_link.yaml', 3.0,
+                        {'identifier.update_law': stranger})
+    assert run.kept
+    assert error(run.trace.theta_hat[-1]) < 0.01 * np.linalg.norm(ARM.nominal)
+
+
+def test_a_law_that_is_passed_in_is_asked_once_a_sample_through_a_change_of_the_settings():
+    class Still:
+        asked = 0
+
+        def step(self, theta, dt, evidence):
+            self.asked += 1
+            return theta
+
+    law = Still()
+    subject = Identifier(ARM, SETTINGS, law)
+    learn(subject, 0.05)
+    subject.retune(subject.settings.replace(kt=3.0))
+    learn(subject, 0.05, start=1.0)
+    assert law.asked == 2 * 49
+    np.testing.assert_array_equal(subject.theta, np.zeros(5))
+
+
+@pytest.mark.parametrize(('law', 'message'), [
+    ('guess', r"update_law' is 'guess'.*ablf_concurrent, module:name"),
+    ('foreign_update_law:NoLaw', 'NoLaw has no step'),
+    ('no_such_module:Law', 'ModuleNotFoundError')])
+def test_an_update_law_that_is_not_there_is_named(stranger, law, message):
+    with pytest.raises(ParameterError, match=message):
+        identifier(update_law=law)

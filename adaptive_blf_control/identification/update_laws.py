@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Update laws as parts: what moves θ̂, given the present pair, the recorded ones and Xᵀe2."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.identification.update_law import implicit_step
+from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, require
+
+__all__ = ['AblfConcurrent', 'Concurrent', 'Evidence', 'Gradient', 'UpdateLaw',
+           'make_update_law']
+
+
+class Evidence(NamedTuple):
+    """What there is to learn from at one sample.
+
+    Attributes:
+        regressor: Present filtered regressor Y_f, shape (n, m).
+        torque: Present filtered torque τ_f, shape (n,) [N·m].
+        settled: Whether the filters have forgotten their start, so that the pair can be used.
+        gram: Q = Σ Y_fjᵀ Y_fj of the recorded pairs, shape (m, m).
+        moment: Σ Y_fjᵀ τ_fj, shape (m,).
+        adaptation_term: Xᵀ e2 of the controller, shape (m,).
+    """
+
+    regressor: np.ndarray
+    torque: np.ndarray
+    settled: bool
+    gram: np.ndarray
+    moment: np.ndarray
+    adaptation_term: np.ndarray
+
+
+class UpdateLaw(Protocol):
+    """An update law, made as ``law(settings)`` anew with every change of the settings."""
+
+    def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
+        """Return θ̂ after ``dt`` [s], shape (m,); ``theta`` is left as it is."""
+        ...
+
+
+class AblfConcurrent:
+    """Equation (37): the present pair, the recorded ones, and Xᵀe2, which Theorem 2 needs."""
+
+    def __init__(self, settings: IdentifierSettings) -> None:
+        """Take the gains; ``gamma`` of full length."""
+        self._gamma = settings.gamma.copy()  # writable, as the step is compiled for it
+        self._kt, self._kh = settings.kt, settings.kh
+
+    def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
+        """See `UpdateLaw`; one implicit step, stable for every gain."""
+        return implicit_step(theta, dt, self._gamma, self._kt if evidence.settled else 0.0,
+                             self._kh, evidence.regressor, evidence.torque, evidence.gram,
+                             evidence.moment, evidence.adaptation_term)
+
+
+class Concurrent(AblfConcurrent):
+    """Equation (22): the present pair and the recorded ones."""
+
+    def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
+        """See `UpdateLaw`."""
+        return super().step(theta, dt, evidence._replace(adaptation_term=np.zeros_like(theta)))
+
+
+class Gradient(Concurrent):
+    """Equation (20): the present pair alone. Its Γ is our k_t Γ."""
+
+    def __init__(self, settings: IdentifierSettings) -> None:
+        """Take the gains; ``kh`` is not used."""
+        super().__init__(settings)
+        self._kh = 0.0
+
+
+_OURS: dict[str, Any] = {'gradient': Gradient, 'concurrent': Concurrent,
+                         'ablf_concurrent': AblfConcurrent}
+
+
+def make_update_law(settings: IdentifierSettings) -> UpdateLaw:
+    """Make the law that ``settings.update_law`` names: one of ours, or ``module:name``.
+
+    Args:
+        settings: With arrays of full length, see `Settings.resolved`.
+
+    Raises:
+        ParameterError: a stranger's law cannot be imported or has no ``step``.
+    """
+    if not is_plugin(settings.update_law):
+        law: UpdateLaw = _OURS[settings.update_law](settings)
+        return law
+    law = load_plugin('identifier.update_law', settings.update_law)(settings)
+    require('identifier.update_law', settings.update_law, law, ('step',))
+    return law
