@@ -11,6 +11,8 @@ from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['checked_array']
 
+_DOUBLE = np.dtype(np.float64)
+
 
 def checked_array(name: str, value: Any, shape: tuple[int, ...], what: str = '') -> np.ndarray:
     """Return ``value`` as a contiguous float64 array of ``shape``; as it is where it is one.
@@ -24,8 +26,8 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...], what: str = '')
     Raises:
         ParameterError: the value holds no numbers, or has another shape.
     """
-    if (type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous
-            and value.shape == shape):
+    if (type(value) is np.ndarray and value.dtype is _DOUBLE and value.shape == shape
+            and value.flags.c_contiguous):
         return value
     try:
         if value is None:  # numpy would take it for NaN

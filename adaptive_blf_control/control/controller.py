@@ -10,8 +10,8 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arrays import checked_array
-from adaptive_blf_control.control.barrier import active_bound, barrier
-from adaptive_blf_control.control.law import rate_limited, unwound_term
+from adaptive_blf_control.control.barrier import barrier
+from adaptive_blf_control.control.law import limited_answer
 from adaptive_blf_control.control.laws import Law, LawSample, make_law
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.reference import (
@@ -49,7 +49,7 @@ class ControlOutput(NamedTuple):
         e1: Tracking error (5) [rad].
         e2: q̇ − α [rad/s].
         reference: y_d with derivatives.
-        x: Regressor X, shape (n, m); None for a law without an adaptation term.
+        x: Regressor X, shape (n, m); zeros for a law without an adaptation term.
         bound: Active bound (11) [rad].
         wanted: Torque before the limits [N·m].
         bounds: Performance bounds in use.
@@ -60,7 +60,7 @@ class ControlOutput(NamedTuple):
     e1: np.ndarray
     e2: np.ndarray
     reference: ReferencePoint
-    x: np.ndarray | None
+    x: np.ndarray
     bound: np.ndarray
     wanted: np.ndarray
     bounds: Bounds
@@ -128,7 +128,8 @@ class Controller:
             reference = parts.reference
         self.arm = arm
         self._given_law = law
-        self._no_term = np.zeros(arm.m)
+        self._no_regressor = np.zeros((arm.n, arm.m))
+        self._n, self._m = (arm.n,), (arm.m,)
         self._each = f'one for each of {", ".join(arm.joints)}'
         self._tune(settings)
         self._last_torque = np.zeros(arm.n)
@@ -227,20 +228,19 @@ class Controller:
             qd: Measured velocities, shape (n,) [rad/s].
             theta: Parameter estimate θ̂, shape (m,).
         """
-        n, m = self.arm.n, self.arm.m
-        q = checked_array('q', q, (n,), self._each)
-        qd = checked_array('qd', qd, (n,), self._each)
-        theta = checked_array('theta', theta, (m,), 'one for each of the parameters')
+        q = checked_array('q', q, self._n, self._each)
+        qd = checked_array('qd', qd, self._n, self._each)
+        theta = checked_array('theta', theta, self._m, 'one for each of the parameters')
         point, bounds = self.reference.at(t), self._bounds.at(t)
         answer = self._law.answer(LawSample(t, q, qd, point, bounds, theta))
         dt = FIRST_INTERVAL if self._last_t is None else t - self._last_t
-        tau = rate_limited(answer.torque, self._limit, self._last_torque, self._rate_limit, dt)
-        term = self._no_term if answer.regressor is None else unwound_term(
-            answer.regressor, answer.e2, answer.torque, tau)
-        self._last_torque, self._last_t = tau, t
         e1 = q - point.position
-        return ControlOutput(tau, term, e1, answer.e2, point, answer.regressor,
-                             active_bound(e1, bounds.lower, bounds.upper), answer.torque, bounds)
+        x = self._no_regressor if answer.regressor is None else answer.regressor
+        tau, term, bound = limited_answer(
+            answer.torque, x, answer.e2, self._limit, self._last_torque, self._rate_limit, dt, e1,
+            bounds.lower, bounds.upper)
+        self._last_torque, self._last_t = tau, t
+        return ControlOutput(tau, term, e1, answer.e2, point, x, bound, answer.torque, bounds)
 
     def margins(self, q: np.ndarray, output: ControlOutput) -> np.ndarray:
         """Return the distances to the nearer bounds of both sets at a sample, (2n,) [rad].

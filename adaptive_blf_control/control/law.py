@@ -11,7 +11,7 @@ import numpy as np
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.control.barrier import active_bound, barrier_gradient, interior
 
-__all__ = ['errors', 'growing_errors', 'limited', 'per_joint_coupling',
+__all__ = ['errors', 'growing_errors', 'limited', 'limited_answer', 'per_joint_coupling',
            'pseudoinverse_coupling', 'rate_limited', 'stabilising_function', 'torque',
            'unwound_term']
 
@@ -115,6 +115,19 @@ def unwound_term(x: np.ndarray, e2: np.ndarray, wanted: np.ndarray,
         given: Torque after them, shape (n,) [N·m].
     """
     return np.dot(np.where((given - wanted) * e2 > 0.0, 0.0, e2), x)
+
+
+@jit
+def limited_answer(wanted: np.ndarray, x: np.ndarray, e2: np.ndarray, limit: np.ndarray,
+                   last: np.ndarray, rate: np.ndarray, dt: float, e1: np.ndarray,
+                   lower: np.ndarray, upper: np.ndarray,
+                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the torque after the limits, Xᵀe2 (37) and the active bound (11), in one call.
+
+    See `rate_limited`, `unwound_term` and `active_bound`.
+    """
+    given = rate_limited(wanted, limit, last, rate, dt)
+    return given, unwound_term(x, e2, wanted, given), active_bound(e1, lower, upper)
 
 
 @jit

@@ -94,6 +94,7 @@ class Identifier:
         settings = settings.resolved(joints=arm.n, parameters=arm.m)
         self.arm = arm
         self._given_law = law
+        self._n = (arm.n,)
         self._each = f'one for each of {", ".join(arm.joints)}'
         self._take(settings)
         self.theta = settings.initial_estimate.copy()
@@ -276,9 +277,6 @@ class Identifier:
         return NoisyHistory(self.arm.n, self.arm.m, history.size, history.epsilon, history.noise,
                             history.noise_seed)
 
-    def _checked(self, name: str, value: Any) -> np.ndarray:
-        return checked_array(name, value, (self.arm.n,), self._each)
-
     def observe(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> float:
         """Filter one sample without learning from it.
 
@@ -291,7 +289,9 @@ class Identifier:
         Returns:
             The interval [s] the filter advanced by; 0 where it (re)started or dropped the sample.
         """
-        q, qd, tau = self._checked('q', q), self._checked('qd', qd), self._checked('tau', tau)
+        q = checked_array('q', q, self._n, self._each)
+        qd = checked_array('qd', qd, self._n, self._each)
+        tau = checked_array('tau', tau, self._n, self._each)
         if not (math.isfinite(t) and _finite_sample(q, qd, tau)):
             self.dropped['not finite'] += 1
             return 0.0
@@ -334,7 +334,7 @@ class Identifier:
             θ̂, shape (m,).
         """
         term = self._no_term if adaptation_term is None else checked_array(
-            'adaptation_term', adaptation_term, (self.arm.m,))
+            'adaptation_term', adaptation_term, self.theta.shape)
         dt = self.observe(t, q, qd, tau)
         if dt > 0.0:
             regressor, torque = self._filter.pair

@@ -11,6 +11,7 @@ from adaptive_blf_control.control.law import (
     errors,
     growing_errors,
     limited,
+    limited_answer,
     per_joint_coupling,
     pseudoinverse_coupling,
     rate_limited,
@@ -191,3 +192,15 @@ def test_adaptation_that_would_wind_up_against_a_limit_is_held_joint_by_joint():
                 expected += x[i] * e2[i]
         np.testing.assert_allclose(unwound_term(x, e2, wanted, given), expected, atol=1e-12)
     assert min(held, kept) > 50
+
+
+def test_limited_answer_is_limits_term_and_bound_at_once():
+    random, lower, upper = np.random.default_rng(9), np.full(3, -0.1), np.full(3, 0.2)
+    for e1, e2, last, _ in vectors(20):
+        x, wanted = random.normal(size=(3, 7)), random.normal(scale=40.0, size=3)
+        limit, rate = np.full(3, 30.0), np.array([1e3, 1e4, 1e5])
+        given, term, bound = limited_answer(wanted, x, e2, limit, last, rate, 1e-3, e1, lower,
+                                            upper)
+        np.testing.assert_array_equal(given, rate_limited(wanted, limit, last, rate, 1e-3))
+        np.testing.assert_array_equal(term, unwound_term(x, e2, wanted, given))
+        np.testing.assert_array_equal(bound, np.where(e1 > 0.0, upper, -lower))
