@@ -31,6 +31,15 @@ def test_every_place_the_paper_page_names_exists(repository: Path) -> None:
             f'{module}:{name}'
 
 
+def test_every_place_the_glossary_names_exists(repository: Path) -> None:
+    page = (repository / 'docs/glossary.md').read_text(encoding='utf-8')
+    places = re.findall(r'`([a-z_]+\.[a-z_]+):([A-Za-z_0-9]+)`', page)
+    assert len(places) > 25
+    for module, name in places:
+        assert hasattr(importlib.import_module(f'adaptive_blf_control.{module}'), name), \
+            f'{module}:{name}'
+
+
 def test_paper_page_has_every_equation(repository: Path) -> None:
     page = (repository / 'docs/paper.md').read_text(encoding='utf-8')
     table = page.split('## Equations')[1].split('## The rest')[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every example runs as it stands, is short, and prints what it promises."""
+"""Every example runs as it stands, is short, and prints what it guarantees."""
 
 from __future__ import annotations
 

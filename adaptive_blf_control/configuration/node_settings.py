@@ -132,7 +132,7 @@ class GuaranteeSettings(Settings, where='controller.guarantee'):
 
     mode: str = parameter(
         'off',
-        'bound: state at the start what Theorem 2 promises and watch it, from the three bounds '
+        'bound: state at the start what Theorem 2 guarantees and watch it, from the three bounds '
         'below; off: nothing is known about the arm.', choices=('off', 'bound'), live=True)
     theta_error: float = parameter(
         10.0, 'Bound on the norm of the parameter error at the start.', '', 0.0, live=True)

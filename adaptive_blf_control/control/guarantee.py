@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers of Theorem 2, and a monitor that says when a run leaves what it promises.
+"""The numbers of Theorem 2, and a monitor that says when a run leaves what it guarantees.
 
 With V of (57), V = V1 + ½ e2ᵀ M e2 + ½ θ̃ᵀ Γ⁻¹ θ̃, the theorem says V(t) ≤ V(0), hence (39)-(41).
 It holds for a constant θ*, the update law (37), continuous time, unlimited torque and exact
@@ -32,7 +32,7 @@ POSTURES = 500
 
 
 class Guarantee(NamedTuple):
-    """What Theorem 2 promises from V(0) on; arrays of shape (n,).
+    """What Theorem 2 guarantees from V(0) on; arrays of shape (n,).
 
     Attributes:
         value: V(0).
@@ -52,7 +52,7 @@ class Guarantee(NamedTuple):
 
 
 class Departure(NamedTuple):
-    """Where a run first left what was promised.
+    """Where a run first left what was guaranteed.
 
     Attributes:
         t: Time [s].
@@ -161,17 +161,17 @@ class GuaranteeMonitor:
     """Compares a run with a `Guarantee`, rounding allowed for.
 
     Attributes:
-        promised: The guarantee.
+        guaranteed: The guarantee.
         first: Where the run first left it, None so far.
     """
 
-    def __init__(self, promised: Guarantee, performance: JointInterval,
+    def __init__(self, guaranteed: Guarantee, performance: JointInterval,
                  joints: tuple[str, ...]) -> None:
-        """Watch a run that starts with V(0) = ``promised.value``."""
-        self.promised = promised
+        """Watch a run that starts with V(0) = ``guaranteed.value``."""
+        self.guaranteed = guaranteed
         self.first: Departure | None = None
         self._joints = joints
-        self._limit = promised.value * (1.0 + RELATIVE) + ABSOLUTE
+        self._limit = guaranteed.value * (1.0 + RELATIVE) + ABSOLUTE
         allowed = guarantee(self._limit, performance, (performance.lower, performance.upper), 1.0)
         self._lower, self._upper = allowed.error_lower, allowed.error_upper
 
@@ -195,8 +195,8 @@ class GuaranteeMonitor:
         inside = (e1 >= self._lower) & (e1 <= self._upper)
         if not inside.all():
             i = int(np.argmin(inside))
-            bound = self.promised.error_upper if e1[i] > 0.0 else self.promised.error_lower
+            bound = self.guaranteed.error_upper if e1[i] > 0.0 else self.guaranteed.error_lower
             return Departure(t, self._joints[i], float(e1[i]), float(bound[i]))
         if value is not None and not value <= self._limit:
-            return Departure(t, None, float(value), self.promised.value)
+            return Departure(t, None, float(value), self.guaranteed.value)
         return None

@@ -40,11 +40,11 @@ class ControllerCodecs:
         self._barrier = JointStateCodec(barrier_names(joints), fields=('position',))
         self._guarantee = JointStateCodec(guarantee_names(joints), fields=('position',))
 
-    def guarantee(self, stamp: int, promised: Guarantee) -> bytes:
-        """Encode what Theorem 2 promises; ``stamp`` in ns."""
+    def guarantee(self, stamp: int, guaranteed: Guarantee) -> bytes:
+        """Encode what Theorem 2 guarantees; ``stamp`` in ns."""
         return self._guarantee.encode(stamp, np.concatenate([
-            promised.error_lower, promised.error_upper, promised.output_lower,
-            promised.output_upper, [promised.value, promised.e2_norm]]))
+            guaranteed.error_lower, guaranteed.error_upper, guaranteed.output_lower,
+            guaranteed.output_upper, [guaranteed.value, guaranteed.e2_norm]]))
 
     def adaptation_term(self, stamp: int, output: ControlOutput) -> bytes:
         """Encode Xᵀe2 of (37) by parameter name; ``stamp`` in ns."""

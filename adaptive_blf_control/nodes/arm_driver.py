@@ -121,7 +121,7 @@ class ArmDriver(SteppedDriver):
             if not isinstance(self.plant, SimulatedArm):
                 raise ParameterError('arm_driver.plant', settings.plant,
                                      'builtin: another plant cannot be changed while it runs')
-            self.plant.adopt(build_simulated_arm(settings, self.arm))
+            self.plant.retune(build_simulated_arm(settings, self.arm))
         period_ns = int(round(1e9 / settings.rate))
         if period_ns != self.period_ns:
             if self._due_ns != NEVER:

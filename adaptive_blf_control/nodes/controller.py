@@ -319,7 +319,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if begins:  # after the answer: writing a log line takes longer than the law
             self.get_logger().info('motion begins')
             if self._controller is not None and self.output is not None:
-                self.monitors.promise(self._controller, stamp, self.output)
+                self.monitors.state_guarantee(self._controller, stamp, self.output)
         return True
 
     def _in_order(self, stamp: int) -> bool:

@@ -49,7 +49,7 @@ class ControllerMonitors:
             self._node.end_data_publisher(publisher)
 
     def begin(self) -> None:
-        """Forget the promise of the motion before."""
+        """Forget the guarantee of the motion before."""
         self._guarantee = None
 
     def watch(self, controller: Controller, t: float, stamp: int, q: np.ndarray,
@@ -63,7 +63,7 @@ class ControllerMonitors:
                 stamp, output, self.margins, self._node.settings.monitor_decimation,
                 lambda: controller.lyapunov(q, output, theta)).items():
             self._topics[topic].publish(message)
-        self._watch_promise(t, stamp, output.e1)
+        self._watch_guarantee(t, stamp, output.e1)
         return inside
 
     def _violated(self, controller: Controller, q: np.ndarray, output: ControlOutput) -> None:
@@ -79,8 +79,8 @@ class ControllerMonitors:
         self.first_violation = self.first_violation or text
         self._node.fault('set left', text)
 
-    def promise(self, controller: Controller, stamp: int, output: ControlOutput) -> None:
-        """State what Theorem 2 promises from here on, given bounds on the unknown arm."""
+    def state_guarantee(self, controller: Controller, stamp: int, output: ControlOutput) -> None:
+        """State what Theorem 2 guarantees from here on, given bounds on the unknown arm."""
         settings = self._node.settings.guarantee
         if settings.mode == 'off':
             return
@@ -89,29 +89,29 @@ class ControllerMonitors:
             value = bounded_value(output.e1, output.e2, controller.performance, largest,
                                   settings.theta_error,
                                   np.array([settings.smallest_gamma]))
-            promised = guarantee(value, controller.performance, controller.reference.range(),
+            guaranteed = guarantee(value, controller.performance, controller.reference.range(),
                                  smallest)
         except (BlfError, ArithmeticError) as error:  # nothing that is only shown ends a motion
-            self._node.fault('promise', f'Theorem 2 cannot be stated: {error}')
+            self._node.fault('guarantee', f'Theorem 2 cannot be stated: {error}')
             return
-        self._guarantee = GuaranteeMonitor(promised, controller.performance, self._joints)
-        self._topics[GUARANTEE].publish(self.codecs.guarantee(stamp, promised))
+        self._guarantee = GuaranteeMonitor(guaranteed, controller.performance, self._joints)
+        self._topics[GUARANTEE].publish(self.codecs.guarantee(stamp, guaranteed))
         bounds = ', '.join(f'{joint} {low:.4g} .. {high:.4g} rad' for joint, low, high in zip(
-            self._joints, promised.error_lower, promised.error_upper))
+            self._joints, guaranteed.error_lower, guaranteed.error_upper))
         self._node.get_logger().info(
             f'Theorem 2: V(0) <= {value:.4g}, so e1 stays in {bounds}')
 
-    def _watch_promise(self, t: float, stamp: int, e1: np.ndarray) -> None:
+    def _watch_guarantee(self, t: float, stamp: int, e1: np.ndarray) -> None:
         monitor = self._guarantee
         if monitor is None:
             return
         if self._stream.samples % HEARTBEAT == 0:
-            self._topics[GUARANTEE].publish(self.codecs.guarantee(stamp, monitor.promised))
+            self._topics[GUARANTEE].publish(self.codecs.guarantee(stamp, monitor.guaranteed))
         left = monitor.observe(t, e1)
         if left is not None:
-            self._node.fault('promise', (
+            self._node.fault('guarantee', (
                 f'joint {left.joint}: e1 = {left.value:.4g} rad is beyond the {left.bound:.4g} '
-                f'rad that Theorem 2 promises: check the bounds under guarantee, torque limits '
+                f'rad that Theorem 2 guarantees: check the bounds under guarantee, torque limits '
                 f'and the delay'))
 
     def status(self, saturated: np.ndarray) -> dict[str, object]:
@@ -126,5 +126,5 @@ class ControllerMonitors:
             values['samples outside a set'] = self.violations
             values['first violation'] = self.first_violation
         if self._guarantee is not None and self._guarantee.first is not None:
-            values['left what Theorem 2 promises at [s]'] = f'{self._guarantee.first.t:.3f}'
+            values['left what Theorem 2 guarantees at [s]'] = f'{self._guarantee.first.t:.3f}'
         return values

@@ -21,7 +21,7 @@ from adaptive_blf_control.report.plotly_figures import (
     plotly_js,
     y_axis,
 )
-from adaptive_blf_control.runs.lyapunov import Promised
+from adaptive_blf_control.runs.lyapunov import GuaranteeOverTime
 from adaptive_blf_control.runs.numbers import verdict
 from adaptive_blf_control.runs.recording import Recording
 
@@ -40,7 +40,7 @@ class _Plots:
         self.one = len(recordings) == 1
 
 
-def page(recordings: Sequence[Recording], guarantees: Sequence[Promised | None],
+def page(recordings: Sequence[Recording], guarantees: Sequence[GuaranteeOverTime | None],
          numbers: Mapping[str, Any]) -> str:
     """Return the report as one HTML text.
 
@@ -163,7 +163,7 @@ def _theta_table(numbers: Mapping[str, Any], b: int) -> str:
         first, last, ratio = (_cell(numbers, ('bags', b, 'guarantee', key), '.4g', 'span')
                               for key in ('V0', 'V_last', 'V_largest_over_bound'))
         lines.insert(0, f'<p>Theorem 2: V(0) = {first}, V at the end = {last}, largest V / bound '
-                        f'= {ratio} (at most 1 is promised).</p>')
+                        f'= {ratio} (at most 1 is guaranteed).</p>')
     return '\n'.join(lines)
 
 

@@ -9,7 +9,7 @@ from itertools import cycle, islice
 
 import numpy as np
 
-from adaptive_blf_control.runs.lyapunov import Promised, true_over_time
+from adaptive_blf_control.runs.lyapunov import GuaranteeOverTime, true_over_time
 from adaptive_blf_control.runs.margins import margins_of
 from adaptive_blf_control.runs.recording import Recording, Series
 from adaptive_blf_control.runs.thinning import POINTS, thin
@@ -115,7 +115,7 @@ def time_span(recordings: Sequence[Recording]) -> tuple[float, float]:
 
 
 def sections(recordings: Sequence[Recording],
-             guarantees: Sequence[Promised | None]) -> list[Section]:
+             guarantees: Sequence[GuaranteeOverTime | None]) -> list[Section]:
     """Return what can be plotted of these bags, all bags in each panel."""
     maker = _Maker(recordings, guarantees)
     found = [
@@ -149,7 +149,7 @@ class _Maker:
     """Makes the panels; colours go by bag, or by what is shown where there is one bag."""
 
     def __init__(self, recordings: Sequence[Recording],
-                 guarantees: Sequence[Promised | None]) -> None:
+                 guarantees: Sequence[GuaranteeOverTime | None]) -> None:
         self.recordings = recordings
         self.guarantees = guarantees
         self.one = len(recordings) == 1
@@ -203,10 +203,10 @@ class _Maker:
                            'set (8)')] = None
         zoom = _range(curves)
         for b, r, i in self._with(joint):
-            promised = self.guarantees[b]
-            if promised is not None and r.e1 is not None:
+            guaranteed = self.guarantees[b]
+            if guaranteed is not None and r.e1 is not None:
                 ends = np.array([r.e1.t[0], r.e1.t[-1]])
-                for which, limit in enumerate((promised.lower[i], promised.upper[i])):
+                for which, limit in enumerate((guaranteed.lower[i], guaranteed.upper[i])):
                     curves.append(Curve(ends, np.full(2, limit),
                                         self._label(b, 'Ω_e1 (39)'),
                                         INK if self.one else self.colours[b], b, dash='dot',
@@ -312,17 +312,17 @@ class _Maker:
 
     def lyapunov(self) -> tuple[Panel, ...]:
         curves = []
-        for b, (r, promised) in enumerate(zip(self.recordings, self.guarantees)):
+        for b, (r, guaranteed) in enumerate(zip(self.recordings, self.guarantees)):
             if r.lyapunov is not None:
                 t, y = thin(*r.lyapunov)
                 t, y = t[y > 0.0], y[y > 0.0]
                 curves.append(Curve(t, y, self._label(b, 'V without θ̃, published'),
                                     '#8899AA' if self.one else self.colours[b], b, width=1.0,
                                     dash='solid' if self.one else 'dot'))
-            if promised is not None:
-                curves.append(Curve(*thin(promised.t, promised.v), self._label(b, 'V (57)'),
+            if guaranteed is not None:
+                curves.append(Curve(*thin(guaranteed.t, guaranteed.v), self._label(b, 'V (57)'),
                                     self.colours[b], b, width=2.0))
-                curves.append(_held(promised.t, promised.bound, self._label(b, 'bound V(0)'),
+                curves.append(_held(guaranteed.t, guaranteed.bound, self._label(b, 'bound V(0)'),
                                     INK if self.one else self.colours[b], b))
         return (Panel('lyapunov', 'V', 'V', tuple(curves), log_y=True),) if curves else ()
 

@@ -19,10 +19,10 @@ from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runs.recording import Recording
 from adaptive_blf_control.runs.thinning import POINTS
 
-__all__ = ['Promised', 'arm_of', 'promised_of', 'true_over_time']
+__all__ = ['GuaranteeOverTime', 'arm_of', 'guarantee_of_recording', 'true_over_time']
 
 
-class Promised(NamedTuple):
+class GuaranteeOverTime(NamedTuple):
     """Theorem 2 for one run.
 
     Attributes:
@@ -58,7 +58,7 @@ def true_over_time(recording: Recording) -> np.ndarray | None:
     return recording.run.theta_true(recording.theta_hat.t)
 
 
-def promised_of(recording: Recording) -> Promised | None:
+def guarantee_of_recording(recording: Recording) -> GuaranteeOverTime | None:
     """Return V and its bound, or None where θ*, Γ, the arm or the errors are not known."""
     run, estimates, answered = recording.run, recording.theta_hat, recording.answered
     sets = recording.performance
@@ -91,5 +91,5 @@ def promised_of(recording: Recording) -> Promised | None:
     restart = np.maximum.accumulate(np.where(np.isin(picked, changed), np.arange(v.size), 0))
     nothing = np.zeros(arm.n)
     start = guarantee(float(v[0]), sets, (nothing, nothing), 1.0)
-    return Promised(answered.t[known[picked]], v, v[restart], start.error_lower,
+    return GuaranteeOverTime(answered.t[known[picked]], v, v[restart], start.error_lower,
                     start.error_upper)

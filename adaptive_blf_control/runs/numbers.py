@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.runs.lyapunov import Promised, true_over_time
+from adaptive_blf_control.runs.lyapunov import GuaranteeOverTime, true_over_time
 from adaptive_blf_control.runs.margins import margins_of
 from adaptive_blf_control.runs.recording import Recording
 from adaptive_blf_control.runs.summary import summarise
@@ -18,7 +18,7 @@ from adaptive_blf_control.runs.timing import timing
 __all__ = ['figures', 'plain', 'report_figures', 'verdict']
 
 
-def report_figures(recordings: Sequence[Recording], guarantees: Sequence[Promised | None],
+def report_figures(recordings: Sequence[Recording], guarantees: Sequence[GuaranteeOverTime | None],
                    unreadable: Mapping[str, str]) -> dict[str, Any]:
     """Return all numbers of a report as plain JSON values.
 
@@ -33,7 +33,7 @@ def report_figures(recordings: Sequence[Recording], guarantees: Sequence[Promise
     return result
 
 
-def figures(recording: Recording, promised: Promised | None) -> dict[str, Any]:
+def figures(recording: Recording, guaranteed: GuaranteeOverTime | None) -> dict[str, Any]:
     """Return the numbers of one bag; what is not known is None."""
     numbers = {
         'name': recording.name,
@@ -52,7 +52,7 @@ def figures(recording: Recording, promised: Promised | None) -> dict[str, Any]:
     if truth is not None and recording.run is not None and recording.run.truth:
         numbers['theta_true'] = dict(zip(recording.theta_names, truth[-1].tolist()))
         numbers['theta_change_times_s'] = [float(t) for t, _ in recording.run.truth[1:]]
-    numbers['guarantee'] = _guarantee(promised)
+    numbers['guarantee'] = _guarantee(guaranteed)
     numbers['torque_rms'] = numbers['torque_max_abs'] = None
     if recording.torque is not None:
         tau = recording.torque.values
@@ -105,15 +105,15 @@ def _closest(recording: Recording) -> dict[str, Any] | None:
             'margin': float(margins[k, which, joint]), 't': float(t[k])}
 
 
-def _guarantee(promised: Promised | None) -> dict[str, Any] | None:
+def _guarantee(guaranteed: GuaranteeOverTime | None) -> dict[str, Any] | None:
     """Theorem 2 at its start, and whether V stayed below its bound (rounding allowed for)."""
-    if promised is None:
+    if guaranteed is None:
         return None
-    ratio = float(np.max(promised.v / np.maximum(promised.bound, 1e-300)))
-    over = promised.v > promised.bound * (1.0 + 1e-6) + 1e-9
-    return {'V0': float(promised.v[0]), 'V_last': float(promised.v[-1]),
+    ratio = float(np.max(guaranteed.v / np.maximum(guaranteed.bound, 1e-300)))
+    over = guaranteed.v > guaranteed.bound * (1.0 + 1e-6) + 1e-9
+    return {'V0': float(guaranteed.v[0]), 'V_last': float(guaranteed.v[-1]),
             'V_largest_over_bound': ratio, 'V_left': bool(over.any()),
-            'U_e1_lower': promised.lower.tolist(), 'U_e1_upper': promised.upper.tolist()}
+            'U_e1_lower': guaranteed.lower.tolist(), 'U_e1_upper': guaranteed.upper.tolist()}
 
 
 def verdict(numbers: Mapping[str, Any]) -> tuple[str, str, list[str]]:

@@ -18,7 +18,7 @@ from adaptive_blf_control.configuration.parameter_file import (
     node_settings,
 )
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.runs.promise import Promise, promise_of_trace
+from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee
 from adaptive_blf_control.runs.summary import run_of_trace, summarise, table
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample, Trace
@@ -45,8 +45,8 @@ class Simulation:
         return summarise(run_of_trace(self.loop, self.trace))
 
     @functools.cached_property
-    def _promise(self) -> Promise | None:
-        return promise_of_trace(self.loop, self.trace)
+    def _run_guarantee(self) -> RunGuarantee | None:
+        return guarantee_of_trace(self.loop, self.trace)
 
     @property
     def kept(self) -> bool:
@@ -55,8 +55,8 @@ class Simulation:
 
     def figures(self) -> dict[str, Any]:
         """Return what the run achieved, as plain values for JSON; see `summarise`."""
-        figures, promise = dict(self._summary), self._promise
-        figures['guarantee'] = None if promise is None else promise.figures()
+        figures, guarantee = dict(self._summary), self._run_guarantee
+        figures['guarantee'] = None if guarantee is None else guarantee.figures()
         figures['predicted_torque_error'] = torque_error_of_trace(self.loop, self.trace)
         figures['wall_s'] = self.trace.wall_s
         figures['real_time_factor'] = float(self.trace.t[-1] / self.trace.wall_s)
@@ -64,12 +64,12 @@ class Simulation:
 
     def __repr__(self) -> str:
         """Say what the run achieved, as a table."""
-        figures, promise = self.figures(), self._promise
+        figures, guarantee = self.figures(), self._run_guarantee
         return '\n'.join([
             table(figures, run_of_trace(self.loop, self.trace)),
             torque_line(figures['predicted_torque_error']),
-            'Theorem 2            theta* of the plant is not known' if promise is None
-            else promise.line(),
+            'Theorem 2            theta* of the plant is not known' if guarantee is None
+            else guarantee.line(),
             f'speed                {figures["real_time_factor"]:.1f} x real time'])
 
 

@@ -179,7 +179,7 @@ class SimulatedArm:
                                                  self._substeps)
         self.t += dt
 
-    def adopt(self, other: SimulatedArm) -> None:
+    def retune(self, other: SimulatedArm) -> None:
         """Become ``other`` but for state and time: another payload, limit, sensor or dead time.
 
         The sensors go on as they are where their settings do not change.

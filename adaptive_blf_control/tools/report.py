@@ -13,7 +13,7 @@ from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.report.page import page
 from adaptive_blf_control.report.panels import sections
 from adaptive_blf_control.report.png import write_png
-from adaptive_blf_control.runs.lyapunov import promised_of
+from adaptive_blf_control.runs.lyapunov import guarantee_of_recording
 from adaptive_blf_control.runs.numbers import report_figures, verdict
 from adaptive_blf_control.runs.recording import read_recording, Recording
 
@@ -39,8 +39,8 @@ def write_page(bags: Sequence[Path | str], output: Path) -> Path:
         OSError: the file cannot be written.
     """
     recordings = [read_recording(bag) for bag in bags]
-    promised = [promised_of(recording) for recording in recordings]
-    text = page(recordings, promised, report_figures(recordings, promised, {}))
+    guaranteed = [guarantee_of_recording(recording) for recording in recordings]
+    text = page(recordings, guaranteed, report_figures(recordings, guaranteed, {}))
     output.write_text(text, encoding='utf-8')
     return output
 
@@ -64,19 +64,19 @@ def main(args: list[str] | None = None) -> int:
         print(f'report: {reason}', file=sys.stderr)
     if not recordings:
         return 2
-    promised = [promised_of(recording) for recording in recordings]
-    numbers = report_figures(recordings, promised, unreadable)
+    guaranteed = [guarantee_of_recording(recording) for recording in recordings]
+    numbers = report_figures(recordings, guaranteed, unreadable)
     for bag in numbers['bags']:
         for problem in [*filter(None, [bag['problem']]),
                         *(f'{bag["name"]}: missing {item}' for item in bag['missing'])]:
             print(f'report: {problem}', file=sys.stderr)
     try:
         if options.png is not None:
-            files = write_png(options.png, sections(recordings, promised))
+            files = write_png(options.png, sections(recordings, guaranteed))
             print(f'{len(files)} pictures in {options.png}', file=sys.stderr)
         if options.output is not None or not (options.json or options.png):
             output = options.output or Path('report.html')
-            output.write_text(page(recordings, promised, numbers), encoding='utf-8')
+            output.write_text(page(recordings, guaranteed, numbers), encoding='utf-8')
             print(f'report: {output}', file=sys.stderr)
     except (BlfError, OSError) as error:
         print(f'report: {error}', file=sys.stderr)

@@ -49,9 +49,9 @@ def test_value_is_the_sum_of_barrier_kinetic_and_parameter_terms():
 
 def test_an_error_within_u_e1_costs_no_more_than_v0_and_one_beyond_costs_more():
     """(61) and (62): U_e1 is where a single joint alone would take all of V(0)."""
-    promised = guarantee(0.7, PERFORMANCE, REFERENCE, 0.1)
+    guaranteed = guarantee(0.7, PERFORMANCE, REFERENCE, 0.1)
     for i in range(2):
-        for bound in (promised.error_lower, promised.error_upper):
+        for bound in (guaranteed.error_lower, guaranteed.error_upper):
             e1 = np.zeros(2)
             e1[i] = bound[i]
             b = active_bound(e1, PERFORMANCE.lower, PERFORMANCE.upper)
@@ -60,25 +60,25 @@ def test_an_error_within_u_e1_costs_no_more_than_v0_and_one_beyond_costs_more():
 
 def test_guaranteed_errors_lie_inside_the_performance_set_and_close_up_to_it():
     for v0 in (0.0, 1e-3, 1.0, 1e3, 1e9):
-        promised = guarantee(v0, PERFORMANCE, REFERENCE, 0.1)
-        assert np.all(PERFORMANCE.lower < promised.error_lower)
-        assert np.all(promised.error_upper < PERFORMANCE.upper)
-    np.testing.assert_allclose(promised.error_upper, PERFORMANCE.upper, rtol=1e-9)
+        guaranteed = guarantee(v0, PERFORMANCE, REFERENCE, 0.1)
+        assert np.all(PERFORMANCE.lower < guaranteed.error_lower)
+        assert np.all(guaranteed.error_upper < PERFORMANCE.upper)
+    np.testing.assert_allclose(guaranteed.error_upper, PERFORMANCE.upper, rtol=1e-9)
     assert not guarantee(0.0, PERFORMANCE, REFERENCE, 0.1).error_upper.any()
 
 
 def test_guaranteed_output_is_the_reference_widened_by_the_guaranteed_error():
-    promised = guarantee(0.7, PERFORMANCE, REFERENCE, 0.1)
-    np.testing.assert_allclose(promised.output_lower, REFERENCE[0] + promised.error_lower)
-    np.testing.assert_allclose(promised.output_upper, REFERENCE[1] + promised.error_upper)
+    guaranteed = guarantee(0.7, PERFORMANCE, REFERENCE, 0.1)
+    np.testing.assert_allclose(guaranteed.output_lower, REFERENCE[0] + guaranteed.error_lower)
+    np.testing.assert_allclose(guaranteed.output_upper, REFERENCE[1] + guaranteed.error_upper)
 
 
 def test_e2_within_its_bound_whatever_the_posture():
     smallest, largest = mass_range(ARM, ARM.nominal, np.full(2, -np.pi), np.full(2, np.pi))
     for q, e1, e2, theta_hat in states():
         v = value(q, e1, e2, theta_hat)
-        promised = guarantee(v, PERFORMANCE, REFERENCE, smallest)
-        assert np.linalg.norm(e2) <= promised.e2_norm
+        guaranteed = guarantee(v, PERFORMANCE, REFERENCE, smallest)
+        assert np.linalg.norm(e2) <= guaranteed.e2_norm
         assert v <= bounded_value(e1, e2, PERFORMANCE, largest,
                                   float(np.linalg.norm(theta_hat - ARM.nominal)), np.ones(5))
 
@@ -123,9 +123,9 @@ def test_equal_and_opposite_bounds_make_the_barrier_symmetric_joint_by_joint():
         assert barrier(e1, b) == barrier(-e1, opposite)
         np.testing.assert_array_equal(torque(x, theta, k2, e1, e2, b, True),
                                       -torque(x, theta, k2, -e1, -e2, opposite, True))
-    promised = guarantee(0.7, mixed, REFERENCE, 0.1)
-    assert promised.error_lower[0] == -promised.error_upper[0]
-    assert promised.error_lower[1] != -promised.error_upper[1]
+    guaranteed = guarantee(0.7, mixed, REFERENCE, 0.1)
+    assert guaranteed.error_lower[0] == -guaranteed.error_upper[0]
+    assert guaranteed.error_lower[1] != -guaranteed.error_upper[1]
 
 
 # -- the monitor ----------------------------------------------------------------------------------
@@ -138,14 +138,14 @@ def monitor():
 
 def test_monitor_is_silent_inside(monitor):
     for t in range(10):
-        assert monitor.observe(float(t), 0.99 * monitor.promised.error_upper * 0.5, 0.5) is None
+        assert monitor.observe(float(t), 0.99 * monitor.guaranteed.error_upper * 0.5, 0.5) is None
     assert monitor.first is None
 
 
 def test_monitor_names_joint_value_and_bound_of_an_error_beyond(monitor):
-    e1 = np.array([0.0, 1.01 * monitor.promised.error_lower[1]])
+    e1 = np.array([0.0, 1.01 * monitor.guaranteed.error_lower[1]])
     departure = monitor.observe(1.5, e1, 0.2)
-    assert departure == (1.5, 'b', e1[1], monitor.promised.error_lower[1])
+    assert departure == (1.5, 'b', e1[1], monitor.guaranteed.error_lower[1])
     assert "joint 'b'" in str(departure)
     assert '1.500 s' in str(departure)
 

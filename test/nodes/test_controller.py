@@ -758,15 +758,15 @@ def test_theorem_2_is_stated_at_the_start_from_bounds(rig, wait_until) -> None:
     rig.answer(_state(0.0))
     wait_until(lambda: heard, what='the guarantee')
     message = deserialize_message(heard[0][0], JointState)
-    promised = dict(zip(message.name, message.position))
+    guaranteed = dict(zip(message.name, message.position))
     e2 = np.array(rig.node.output.e2)
     output = rig.node.output
     value = (barrier(output.e1, output.bound) + 0.5 * 5.0 * e2 @ e2 + 0.5 * 0.5**2)
     part = math.sqrt(2 * value / (1 + 2 * value))
-    assert promised['V0'] == pytest.approx(value)
-    assert promised['joint1.error_upper'] == pytest.approx(0.2 * part)
-    assert promised['joint2.error_lower'] == pytest.approx(-0.17 * part)
-    assert promised['joint2.output_upper'] == pytest.approx(2.0 + 0.2 * part)
+    assert guaranteed['V0'] == pytest.approx(value)
+    assert guaranteed['joint1.error_upper'] == pytest.approx(0.2 * part)
+    assert guaranteed['joint2.error_lower'] == pytest.approx(-0.17 * part)
+    assert guaranteed['joint2.output_upper'] == pytest.approx(2.0 + 0.2 * part)
 
 
 def _trajectory(positions, seconds=1.0, names=('joint2', 'joint1'), **fields) -> JointTrajectory:

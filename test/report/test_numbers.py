@@ -13,7 +13,7 @@ import pytest
 
 from adaptive_blf_control.messages.cdr_cursor import encode_string
 from adaptive_blf_control.messages.diagnostics_reader import drop_counters
-from adaptive_blf_control.runs.lyapunov import promised_of
+from adaptive_blf_control.runs.lyapunov import guarantee_of_recording
 from adaptive_blf_control.runs.numbers import figures, verdict
 from adaptive_blf_control.runs.recording import read_recording
 from adaptive_blf_control.tools.report import main
@@ -23,7 +23,7 @@ MakeBag = Callable[..., Path]
 
 def _figures(bag: Path) -> dict:
     recording = read_recording(bag)
-    return figures(recording, promised_of(recording))
+    return figures(recording, guarantee_of_recording(recording))
 
 
 def test_margins_errors_and_settling_are_those_of_the_motion(bag: Path) -> None:
@@ -43,8 +43,8 @@ def test_margins_errors_and_settling_are_those_of_the_motion(bag: Path) -> None:
 
 def test_theorem_2_starts_at_v_of_the_first_sample(bag: Path) -> None:
     recording = read_recording(bag)
-    promised = promised_of(recording)
-    assert promised is not None
+    guaranteed = guarantee_of_recording(recording)
+    assert guaranteed is not None
     arm_theta = np.array([3.473, 0.196, 0.242, 5.3, 1.1])
     e1, e2 = np.array([0.05, 0.025]), np.array([-0.1, -0.05])
     q2 = 0.025
@@ -53,9 +53,9 @@ def test_theorem_2_starts_at_v_of_the_first_sample(bag: Path) -> None:
                      [p2 + p3 * np.cos(q2), p2]])
     v0 = 0.5 * np.sum(e1 ** 2 / (0.2 ** 2 - e1 ** 2)) + 0.5 * e2 @ mass @ e2 \
         + 0.5 * arm_theta @ arm_theta
-    assert promised.v[0] == pytest.approx(v0)
-    assert promised.upper == pytest.approx(0.2 * np.sqrt(2 * v0 / (1 + 2 * v0)) * np.ones(2))
-    assert (promised.bound == promised.v[0]).all()
+    assert guaranteed.v[0] == pytest.approx(v0)
+    assert guaranteed.upper == pytest.approx(0.2 * np.sqrt(2 * v0 / (1 + 2 * v0)) * np.ones(2))
+    assert (guaranteed.bound == guaranteed.v[0]).all()
 
 
 def test_before_the_first_estimate_v_uses_what_the_controller_used(
@@ -64,10 +64,10 @@ def test_before_the_first_estimate_v_uses_what_the_controller_used(
         bag, make_bag(tmp_path / 'late', 1.0, first_estimate=0.4)))
     assert late.theta_hat is not None
     assert late.theta_hat.t[0] == pytest.approx(0.4)
-    promised, whole = promised_of(late), promised_of(recording)
-    assert promised is not None
+    guaranteed, whole = guarantee_of_recording(late), guarantee_of_recording(recording)
+    assert guaranteed is not None
     assert whole is not None
-    assert (promised.t[0], promised.v[0]) == (0.0, pytest.approx(whole.v[0]))
+    assert (guaranteed.t[0], guaranteed.v[0]) == (0.0, pytest.approx(whole.v[0]))
 
 
 def test_a_run_that_leaves_its_set_is_called_so(other_bag: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import adaptive_blf_control as door
-from adaptive_blf_control.runs.promise import promise_of_trace
+from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace
 from adaptive_blf_control.tools.simulate import main
 
 HERE = Path(__file__).parent
@@ -30,7 +30,7 @@ def test_the_loop_closes_around_it_and_keeps_its_sets(repository, named):
 
 def test_what_needs_its_parameters_says_that_they_are_not_known(repository, named, capsys):
     run = door.simulate(repository / 'config' / 'two_link.yaml', 0.1, named)
-    assert promise_of_trace(run.loop, run.trace) is None
+    assert guarantee_of_trace(run.loop, run.trace) is None
     assert run.figures()['guarantee'] is None
     assert main([str(repository / 'config' / 'two_link.yaml'), '--duration', '0.1',
                  '--set', 'arm_driver.plant=foreign_plant:Pendulums']) == 0

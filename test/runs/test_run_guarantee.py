@@ -11,7 +11,7 @@ import pytest
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.control.controller import Controller
-from adaptive_blf_control.runs.promise import promise_of_trace
+from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace
 from adaptive_blf_control.runs.summary import run_of_trace, summarise
 from adaptive_blf_control.tools.simulate import main
 
@@ -29,16 +29,16 @@ def run(repository):
 @pytest.mark.parametrize('scenario', ['two_link', 'two_link_paper', 'three_link_paper'])
 def test_a_run_keeps_what_the_theorem_promises(run, scenario):
     loop, trace = run(scenario, 3.0)
-    promise = promise_of_trace(loop, trace)
-    assert promise.first is None
-    assert np.all(trace.e1 >= promise.promised[0].error_lower)
-    assert np.all(trace.e1 <= promise.promised[0].error_upper)
-    assert promise.values[0] == promise.promised[0].value
+    guarantee = guarantee_of_trace(loop, trace)
+    assert guarantee.first is None
+    assert np.all(trace.e1 >= guarantee.guaranteed[0].error_lower)
+    assert np.all(trace.e1 <= guarantee.guaranteed[0].error_upper)
+    assert guarantee.values[0] == guarantee.guaranteed[0].value
 
 
 def test_v_only_falls_with_the_law_of_the_theorem(run):
     loop, trace = run('two_link', 3.0)
-    values = promise_of_trace(loop, trace).values
+    values = guarantee_of_trace(loop, trace).values
     assert values[-1] < 1e-6 * values[0]
     assert np.diff(values).max() < 1e-3 * values[0]  # sampling alone lets it rise, and little
 
@@ -47,9 +47,9 @@ def test_known_model_starts_with_the_value_of_the_barrier_and_e2_alone(run):
     loop, trace = run('two_link', 0.5, 'controller.model=known',
                       'controller.known_parameters=[3.473, 0.196, 0.242, 5.3, 1.1]',
                       'arm_driver.initial_position=[0.1, 1.9]')
-    promise = promise_of_trace(loop, trace)
-    assert promise.promised[0].value < 1.0
-    assert promise.first is None
+    guarantee = guarantee_of_trace(loop, trace)
+    assert guarantee.guaranteed[0].value < 1.0
+    assert guarantee.first is None
 
 
 def test_a_law_that_pushes_outward_is_found_out(run, monkeypatch):
@@ -61,18 +61,18 @@ def test_a_law_that_pushes_outward_is_found_out(run, monkeypatch):
 
     monkeypatch.setattr(Controller, 'update', outward)
     loop, trace = run('two_link', 0.5)
-    promise = promise_of_trace(loop, trace)
-    assert promise.first is not None
-    assert promise.figures()['left']
-    assert promise.figures()['message'] in promise.line()
+    guarantee = guarantee_of_trace(loop, trace)
+    assert guarantee.first is not None
+    assert guarantee.figures()['left']
+    assert guarantee.figures()['message'] in guarantee.line()
 
 
 def test_a_jump_of_the_true_parameters_begins_a_new_promise(run):
     loop, trace = run('two_link', 1.0, 'arm_driver.schedule.time=[0.5]',
                       'arm_driver.schedule.parameter=[p1]', 'arm_driver.schedule.value=[4.5]')
-    promise = promise_of_trace(loop, trace)
-    assert promise.starts == (0.0, 0.5)
-    before, after = promise.values[499], promise.values[500]
+    guarantee = guarantee_of_trace(loop, trace)
+    assert guarantee.starts == (0.0, 0.5)
+    before, after = guarantee.values[499], guarantee.values[500]
     assert after > before + 0.1
 
 
@@ -81,11 +81,11 @@ def test_simulate_prints_the_promise_as_json_and_warns_of_a_short_history(reposi
     status = main([config, '--duration', '0.2', '--json', '--set', 'identifier.history.size=3'])
     output = capsys.readouterr()
     assert status == 0
-    promised = json.loads(output.out)['guarantee']
-    assert promised['V0'] == pytest.approx(76.0, abs=0.1)
-    assert promised['left'] is False
-    assert promised['message'] is None
-    assert len(promised['U_e1_lower']) == len(promised['U_e1_upper']) == 2
+    guaranteed = json.loads(output.out)['guarantee']
+    assert guaranteed['V0'] == pytest.approx(76.0, abs=0.1)
+    assert guaranteed['left'] is False
+    assert guaranteed['message'] is None
+    assert len(guaranteed['U_e1_lower']) == len(guaranteed['U_e1_upper']) == 2
     assert 'P = 3' in output.err
 
 

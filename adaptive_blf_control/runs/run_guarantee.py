@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated run, whose θ* is known, against what Theorem 2 promises for it."""
+"""A simulated run, whose θ* is known, against what Theorem 2 guarantees for it."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from adaptive_blf_control.control.law import errors
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import truth_of
 
-__all__ = ['Promise', 'promise_of_trace']
+__all__ = ['RunGuarantee', 'guarantee_of_trace']
 
 
-class Promise(NamedTuple):
-    """What was promised at the start and anew at every change of θ*, and whether it was kept.
+class RunGuarantee(NamedTuple):
+    """What was guaranteed at the start and anew at every change of θ*, and whether it was kept.
 
     Attributes:
-        starts: Times of the promises [s].
-        promised: One guarantee per start.
-        first: Where the run first left the promise in force, None where it was kept.
+        starts: Times of the guarantees [s].
+        guaranteed: One guarantee per start.
+        first: Where the run first left the guarantee in force, None where it was kept.
         values: V (57) at every sample, shape (N,).
     """
 
     starts: tuple[float, ...]
-    promised: tuple[Guarantee, ...]
+    guaranteed: tuple[Guarantee, ...]
     first: Departure | None
     values: np.ndarray
 
     def figures(self) -> dict[str, Any]:
-        """Return the first promise and the verdict as plain values for JSON."""
-        start = self.promised[0]
+        """Return the first guarantee and the verdict as plain values for JSON."""
+        start = self.guaranteed[0]
         return {
             'V0': start.value, 'U_e1_lower': start.error_lower.tolist(),
             'U_e1_upper': start.error_upper.tolist(), 'e2_norm': start.e2_norm,
@@ -50,14 +50,14 @@ class Promise(NamedTuple):
             'message': None if self.first is None else str(self.first)}
 
     def line(self) -> str:
-        """Say in a line of the summary what was promised and whether it was kept."""
-        start = self.promised[0]
+        """Say in a line of the summary what was guaranteed and whether it was kept."""
+        start = self.guaranteed[0]
         part = np.max(np.concatenate([-start.error_lower, start.error_upper]))
         return (f'Theorem 2            V(0) = {start.value:.4g}, so |e1| <= {part:.4g} rad; '
                 + ('kept' if self.first is None else f'left: {self.first}'))
 
 
-def promise_of_trace(loop: ClosedLoop, trace: Trace) -> Promise | None:
+def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
     """Compare a run with Theorem 2, on the true state.
 
     θ* is constant in the theorem: where it changes, V is taken again as the V(0) of what follows.
@@ -70,7 +70,7 @@ def promise_of_trace(loop: ClosedLoop, trace: Trace) -> Promise | None:
     truth = truth_of(loop.plant, arm.parameters)
     if truth is None:
         return None
-    values, starts, promised = np.empty(trace.t.size), [], []
+    values, starts, guaranteed = np.empty(trace.t.size), [], []
     monitor: GuaranteeMonitor | None = None
     first: Departure | None = None
     epoch = -1
@@ -87,14 +87,14 @@ def promise_of_trace(loop: ClosedLoop, trace: Trace) -> Promise | None:
         values[k] = lyapunov_value(arm, q, e1, e2, performance, estimate, theta, settings.gamma)
         if epoch != begun or monitor is None:
             starts.append(float(t))
-            promised.append(_promise(loop, float(values[k]), theta))
-            monitor = GuaranteeMonitor(promised[-1], performance, arm.joints)
+            guaranteed.append(_run_guarantee(loop, float(values[k]), theta))
+            monitor = GuaranteeMonitor(guaranteed[-1], performance, arm.joints)
         departure = monitor.observe(float(t), e1, float(values[k]))
         first = first or departure
-    return Promise(tuple(starts), tuple(promised), first, values)
+    return RunGuarantee(tuple(starts), tuple(guaranteed), first, values)
 
 
-def _promise(loop: ClosedLoop, value: float, theta: np.ndarray) -> Guarantee:
+def _run_guarantee(loop: ClosedLoop, value: float, theta: np.ndarray) -> Guarantee:
     performance, reference = loop.controller.performance, loop.controller.reference.range()
     rough = guarantee(value, performance, reference, 1.0)
     smallest, _ = mass_range(loop.arm, theta, rough.output_lower, rough.output_upper)
