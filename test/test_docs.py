@@ -22,22 +22,14 @@ def test_parameter_page_equals_the_tables(repository: Path) -> None:
     assert page == markdown()
 
 
-def test_every_place_the_paper_page_names_exists(repository: Path) -> None:
-    page = (repository / 'docs/paper.md').read_text(encoding='utf-8')
+@pytest.mark.parametrize(('name', 'least'), [('paper.md', 40), ('glossary.md', 25)])
+def test_every_place_that_a_page_names_exists(repository: Path, name: str, least: int) -> None:
+    page = (repository / 'docs' / name).read_text(encoding='utf-8')
     places = re.findall(r'`([a-z_]+\.[a-z_]+):([A-Za-z_0-9]+)`', page)
-    assert len(places) > 40
-    for module, name in places:
-        assert hasattr(importlib.import_module(f'adaptive_blf_control.{module}'), name), \
-            f'{module}:{name}'
-
-
-def test_every_place_the_glossary_names_exists(repository: Path) -> None:
-    page = (repository / 'docs/glossary.md').read_text(encoding='utf-8')
-    places = re.findall(r'`([a-z_]+\.[a-z_]+):([A-Za-z_0-9]+)`', page)
-    assert len(places) > 25
-    for module, name in places:
-        assert hasattr(importlib.import_module(f'adaptive_blf_control.{module}'), name), \
-            f'{module}:{name}'
+    assert len(places) > least
+    for module, member in places:
+        assert hasattr(importlib.import_module(f'adaptive_blf_control.{module}'), member), \
+            f'{module}:{member}'
 
 
 def test_paper_page_has_every_equation(repository: Path) -> None:
