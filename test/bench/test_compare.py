@@ -10,9 +10,10 @@ import pytest
 
 from adaptive_blf_control.bench.compare import main
 from adaptive_blf_control.bench.comparison import LAWS
-from adaptive_blf_control.bench.noise_study import GatedStack, RidgeIdentifier
+from adaptive_blf_control.bench.noise_study import GatedStack, Ridge
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
+from adaptive_blf_control.identification.identifier import Identifier
 
 
 @pytest.fixture
@@ -68,8 +69,7 @@ def test_the_gate_of_the_study_refuses_an_outlier_and_takes_what_fits():
 def test_the_ridge_of_the_study_holds_weak_directions_at_the_prior(repository):
     data = load_yaml(repository / 'config' / 'two_link.yaml')
     loop = build_closed_loop(data)
-    identifier = RidgeIdentifier(loop.arm, loop.identifier.settings)
-    identifier.floor, identifier.prior = 1e9, loop.arm.nominal + 1.0
-    loop.identifier = identifier
+    settings = loop.identifier.settings
+    loop.identifier = Identifier(loop.arm, settings, Ridge(settings, 1e9, loop.arm.nominal + 1.0))
     theta = loop.run(1.0).theta_hat[-1]
     np.testing.assert_allclose(theta, loop.arm.nominal + 1.0, atol=1e-3)

@@ -59,7 +59,7 @@ def recorded(graph, wait_until, tmp_path):
         'recorder': graph.make(Recorder, bag=str(tmp_path / 'run')),
         'identifier': graph.make(IdentifierNode, **common),
         'controller': graph.make(ControllerNode, **common, k2=[20.0, 2.0]),
-        'arm_driver': graph.make(ArmDriver, joints=common['joints'], rate=100.0, duration=1.5,
+        'arm_driver': graph.make(ArmDriver, joints=common['joints'], rate=100.0, duration=4.0,
                                  wait_for_subscribers=4, initial_position=[0.01, 0.02])}
     peer = graph.peer()
     heard = {topic if topic[0] == '/' else f'/{topic}': peer.listen(
