@@ -44,16 +44,16 @@ else:
     settings.load_profile('repository')
 
 
-# They run real nodes in real time, or measure: one after the other, whatever runs beside them.
-_ONE_AFTER_THE_OTHER = ('nodes', 'bench', 'runtime', 'packaging')
+# They run real nodes in real time, or measure.
+_REAL_TIME = ('nodes', 'bench', 'runtime')
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests that move a simulated robot in real time on one worker of pytest-xdist."""
+    """Mark the tests that are not to run beside others."""
     for item in items:
         room = item.path.relative_to(REPOSITORY / 'test').parts[0]
-        if room in _ONE_AFTER_THE_OTHER:
-            item.add_marker(pytest.mark.xdist_group('real time'))
+        if room in _REAL_TIME:
+            item.add_marker(pytest.mark.real_time)
 
 
 @pytest.fixture(scope='session')
