@@ -3,46 +3,105 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+import math
 from typing import Any
 
 import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['checked_array']
+__all__ = ['checked_array', 'checked_count', 'checked_finite', 'checked_number', 'dimensions']
 
-_DOUBLE = np.dtype(np.float64)
+_FLOAT64 = np.dtype(np.float64)
+_NUMBERS = 'biuf'  # kinds of dtype; no text, no complex numbers, no objects
+_LISTED = 12  # names that a message lists
 
 
-def checked_array(name: str, value: Any, shape: tuple[int, ...], what: str = '') -> np.ndarray:
-    """Return ``value`` as a contiguous float64 array of ``shape``; as it is where it is one.
+def checked_array(name: str, value: Any, shape: tuple[int, ...],
+                  each: Sequence[str] = ()) -> np.ndarray:
+    """Return ``value`` as the compiled laws take it, itself where it is that already.
+
+    They are compiled for contiguous arrays of float64 that may be written, and check no length.
 
     Args:
         name: What the caller calls it, for the message.
-        value: A list, a scalar where one element is asked, or an array of any number type.
+        value: A list, a scalar where one element is asked, or an array of any real type.
         shape: The shape that is needed; -1 stands for any length.
-        what: What one element stands for, e.g. ``one for each of joint1, joint2``.
+        each: What the elements along the last axis stand for, e.g. the joints.
 
     Raises:
-        ParameterError: the value holds no numbers, or has another shape.
+        ParameterError: the value holds no real numbers, or has another shape.
     """
-    if (type(value) is np.ndarray and value.dtype is _DOUBLE and value.shape == shape
-            and value.flags.c_contiguous):
+    if (type(value) is np.ndarray and value.shape == shape and value.dtype is _FLOAT64
+            and value.flags.carray):
         return value
     try:
-        if value is None:  # numpy would take it for NaN
-            raise TypeError
-        array = np.ascontiguousarray(value, dtype=np.float64)
+        given = np.asarray(value)
+    except (TypeError, ValueError):  # rows of different lengths
+        given = np.array(None)
+    if given.dtype.kind not in _NUMBERS and given.size:
+        raise ParameterError(name, value, f'numbers of shape {_text(shape)}{_each(each)}')
+    if given.ndim == 0 and shape == (1,):
+        given = given.reshape(1)
+    if given.ndim != len(shape) or any(
+            wanted not in (-1, length) for wanted, length in zip(shape, given.shape)):
+        raise ParameterError(name, value, f'shape {_text(shape)}{_each(each)}, not '
+                             f'{_text(given.shape)}')
+    array = np.ascontiguousarray(given, dtype=np.float64)
+    return array if array.flags.writeable else array.copy()
+
+
+def checked_number(name: str, value: Any, expected: str = 'a number') -> float:
+    """Return ``value`` as a float; it may be infinite or NaN.
+
+    Raises:
+        ParameterError: it is not one real number.
+    """
+    if type(value) is float:
+        return value
+    try:
+        given = np.asarray(value)
+        if given.size == 1 and given.dtype.kind in _NUMBERS:
+            return float(given.reshape(())[()])
     except (TypeError, ValueError):
-        raise ParameterError(name, value, f'numbers of shape {_text(shape)}') from None
-    if np.ndim(value) == 0 and shape != (1,):
-        array = array.reshape(())
-    if array.ndim != len(shape) or any(
-            wanted not in (-1, given) for wanted, given in zip(shape, array.shape)):
-        suffix = f' ({what})' if what else ''
-        raise ParameterError(name, f'of shape {array.shape}', f'shape {_text(shape)}{suffix}')
-    return array
+        pass
+    raise ParameterError(name, value, expected)
+
+
+def checked_finite(name: str, value: Any, expected: str = 'a finite number', *,
+                   above: float = -math.inf) -> float:
+    """Return ``value`` as a finite float above a bound; ParameterError where it is none."""
+    number = checked_number(name, value, expected)
+    if not (math.isfinite(number) and number > above):
+        raise ParameterError(name, value, expected)
+    return number
+
+
+def checked_count(name: str, value: Any) -> int:
+    """Return ``value`` as an integer of at least 1; ParameterError where it is none."""
+    if type(value) is int and value >= 1:
+        return value
+    if isinstance(value, np.integer) and value >= 1:
+        return int(value)
+    raise ParameterError(name, value, 'an integer >= 1')
+
+
+def dimensions(value: Any) -> int:
+    """Return the number of axes of what may become an array; -1 for rows of different lengths."""
+    try:
+        return np.ndim(value)
+    except (TypeError, ValueError):
+        return -1
 
 
 def _text(shape: tuple[int, ...]) -> str:
     return str(tuple('N' if length == -1 else length for length in shape)).replace("'", '')
+
+
+def _each(names: Sequence[str]) -> str:
+    if not names:
+        return ''
+    if len(names) > _LISTED:
+        return f' (one for each of {len(names)}, from {names[0]} to {names[-1]})'
+    return f' (one for each of {", ".join(names)})'

@@ -3,8 +3,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+import difflib
+
 __all__ = ['ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra', 'ParameterError',
-           'SetViolation']
+           'SetViolation', 'UnknownParameter']
+
+_LONGEST = 400  # characters of a value in a message
+
+
+def _short(value: object) -> str:
+    text = ' '.join(repr(value).split())
+    return text if len(text) <= _LONGEST else f'{text[:_LONGEST // 2]} ... {text[-40:]}'
 
 
 class BlfError(Exception):
@@ -21,10 +31,29 @@ class ParameterError(BlfError, ValueError):
     """
 
     def __init__(self, name: str, value: object, expected: str) -> None:
-        super().__init__(f'parameter {name!r} is {value!r}: expected {expected}')
+        super().__init__(f'parameter {name!r} is {_short(value)}: expected {expected}')
         self.name = name
         self.value = value
         self.expected = expected
+
+
+class UnknownParameter(ParameterError):
+    """A parameter is given that is not declared; ``expected`` lists those that are."""
+
+    def __init__(self, name: str, value: object, known: Iterable[str]) -> None:
+        names = sorted(known)
+        super().__init__(name, value, f'one of {", ".join(names)}')
+        close = _closest(name, names)
+        hint = f' (did you mean {close}?)' if close else ''
+        self.args = (f'parameter {name!r} is {_short(value)}: no such parameter{hint}; known: '
+                     f'{", ".join(names)}',)
+
+
+def _closest(name: str, known: list[str]) -> str | None:
+    own = name.rpartition('.')[2]
+    same = [other for other in known if other.rpartition('.')[2] == own]
+    return next(iter(same or difflib.get_close_matches(name.partition('.')[2] or name, known)
+                     or difflib.get_close_matches(own, known)), None)
 
 
 class SetViolation(BlfError, ValueError):

@@ -109,7 +109,7 @@ def test_torques_of_many_samples_are_those_of_each():
 
 @pytest.mark.parametrize(('call', 'message'), [
     (lambda: door.Identifier(ARM).update(0.0, [1.0], [0.0, 0.0], [0.0, 0.0]),
-     r"'q' is .*\(1,\).*\(2,\) \(one for each of joint1, joint2"),
+     r"'q' is \[1\.0\]: expected shape \(2,\) \(one for each of joint1, joint2\), not \(1,\)"),
     (lambda: door.Identifier(ARM).update(0.0, [0.0, 0.0], None, [0.0, 0.0]), r"'qd' is None"),
     (lambda: door.Identifier(ARM).update(0.0, [0.0, 0.0], [0.0, 0.0], 'high'), r"'tau' is 'high'"),
     (lambda: door.Identifier(ARM).update(0.0, [0.0, 0.0], [[0.0, 0.0]], [0.0, 0.0]), r"'qd'"),
@@ -126,7 +126,7 @@ def test_torques_of_many_samples_are_those_of_each():
     (lambda: door.Controller(ARM).update(0.0, [0.0], [0.0, 0.0], [0.0] * 5), r"'q'"),
     (lambda: door.Controller(ARM).update(0.0, [0.0, 0.0], [0.0, 0.0], [0.0]), r"'theta'.*\(5,\)"),
     (lambda: door.simulate({}, duration=-1.0), r"'duration' is -1\.0"),
-    (lambda: door.simulate({}, 0.01, {'controller.k9': 1.0}), r'controller\.k9'),
+    (lambda: door.simulate({}, 0.01, controller={'k9': 1.0}), r'controller\.k9'),
 ])
 def test_what_cannot_be_used_is_named_as_the_caller_wrote_it(call, message):
     with pytest.raises(door.ParameterError, match=message):
@@ -135,9 +135,9 @@ def test_what_cannot_be_used_is_named_as_the_caller_wrote_it(call, message):
 
 def test_a_scenario_runs_in_one_call(repository):
     run = door.simulate(repository / 'config' / 'two_link.yaml', 0.2,
-                        {'controller.k2': [30.0, 5.0]})
+                        controller={'k2': [30.0, 5.0]})
     assert run.kept
-    assert run.trace.t[-1] == pytest.approx(0.2)
+    assert run.t[-1] == pytest.approx(0.2)
     assert run.loop.controller.settings.k2.tolist() == [30.0, 5.0]
     assert 'KEPT' in repr(run)
 

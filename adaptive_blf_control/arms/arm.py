@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
-__all__ = ['Arm', 'ForwardDynamics']
+from adaptive_blf_control.parameters.plugin import require
+
+__all__ = ['Arm', 'ForwardDynamics', 'checked_arm', 'described']
 
 
 class ForwardDynamics(Protocol):
@@ -27,7 +30,7 @@ class ForwardDynamics(Protocol):
         ...
 
     def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
-                substeps: int) -> tuple[np.ndarray, np.ndarray]:
+                substeps: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """Integrate over ``dt`` [s] under a held torque with RK4 sub-steps; return new (q, q̇)."""
         ...
 
@@ -93,3 +96,26 @@ class Arm(Protocol):
     def link_points(self, q: np.ndarray) -> np.ndarray:
         """Points to draw the arm through, base to tip, at joint positions q, shape (k, 3) [m]."""
         ...
+
+
+REQUIRED = ('joints', 'parameters', 'n', 'm', 'Y1', 'Y2', 'Y12', 'X')
+"""What an arm has to have for learning and control."""
+SIMULATED = ('nominal', 'payload_direction', 'dynamics')
+"""What it has to have besides to be simulated."""
+
+
+def checked_arm(name: str, arm: Any) -> Arm:
+    """Return ``arm``; ParameterError where it lacks what learning and control need of an arm.
+
+    Args:
+        name: What the caller calls it, for the message.
+        arm: What is to be one.
+    """
+    require(name, arm, arm, REQUIRED)
+    return arm  # type: ignore[no-any-return]
+
+
+def described(arm: object, joints: Sequence[str], parameters: Sequence[str]) -> str:
+    """Return an arm in one line, for its ``repr``."""
+    return (f'<{type(arm).__name__}: {len(joints)} joints ({", ".join(joints)}), '
+            f'{len(parameters)} parameters>')

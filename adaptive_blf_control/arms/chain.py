@@ -10,10 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.spatial import cross
-from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.compiled import jit
 
-__all__ = ['Chain', 'chain_of_model', 'joint_vector', 'placements', 'subtree_ends']
+__all__ = ['Chain', 'chain_of_model', 'placements', 'subtree_ends']
 
 
 class Chain(NamedTuple):
@@ -63,18 +62,6 @@ def chain_of_model(model: Any, names: Sequence[str]) -> Chain:
         place=np.array([list(names).index(name) for name in list(model.names)[1:]],
                        dtype=np.intp),
         gravity=np.array(model.gravity.linear, dtype=float))
-
-
-def joint_vector(name: str, value: Any, n: int) -> np.ndarray:
-    """Return an array that compiled functions take without being compiled once more, (n,).
-
-    They are compiled for contiguous arrays that may be written, and check no length.
-
-    Raises:
-        ParameterError: It is not an array of n numbers.
-    """
-    array = checked_array(name, value, (n,))
-    return array if array.flags.writeable else array.copy()
 
 
 def subtree_ends(parent: np.ndarray) -> np.ndarray:

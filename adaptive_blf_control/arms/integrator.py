@@ -15,10 +15,12 @@ to which every arm adds its own implementation:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from adaptive_blf_control.arrays import checked_array, checked_count, checked_number
 from adaptive_blf_control.compiled import by_type, jit
 
 __all__ = ['acceleration', 'advance', 'CompiledDynamics']
@@ -67,15 +69,32 @@ class CompiledDynamics:
         arm: The true arm as compiled functions take it.
     """
 
-    def __init__(self, arm: Any) -> None:
+    def __init__(self, arm: Any, joints: Sequence[str]) -> None:
+        """Take the true arm, and the names of its joints for messages."""
         self.arm = arm
+        self._joints = tuple(joints)
+        self._shape = (len(self._joints),)
 
     def acceleration(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """Return q̈ = M⁻¹(τ − C q̇ − G − F q̇), shape (n,) [rad/s²]."""
-        result: np.ndarray = acceleration(self.arm, q, qd, tau)
+        """Return q̈ = M⁻¹(τ − C q̇ − G − F q̇), shape (n,) [rad/s²].
+
+        Raises:
+            ParameterError: An array is not of shape (n,).
+        """
+        result: np.ndarray = acceleration(self.arm, self._vector('q', q), self._vector('qd', qd),
+                                          self._vector('tau', tau))
         return result
 
     def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
-                substeps: int) -> tuple[np.ndarray, np.ndarray]:
-        """Integrate over ``dt`` [s] under a held torque with RK4 sub-steps; return new (q, q̇)."""
-        return advance(self.arm, q, qd, tau, dt, substeps)
+                substeps: int = 1) -> tuple[np.ndarray, np.ndarray]:
+        """Integrate over ``dt`` [s] under a held torque with RK4 sub-steps; return new (q, q̇).
+
+        Raises:
+            ParameterError: An array is not of shape (n,), or a number cannot be used.
+        """
+        return advance(self.arm, self._vector('q', q), self._vector('qd', qd),
+                       self._vector('tau', tau), checked_number('dt', dt),
+                       checked_count('substeps', substeps))
+
+    def _vector(self, name: str, value: Any) -> np.ndarray:
+        return checked_array(name, value, self._shape, self._joints)

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.arrays import checked_array
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.arrays import checked_array, dimensions
 
-__all__ = ['inverse_dynamics', 'described']
+__all__ = ['inverse_dynamics']
 
 
 def inverse_dynamics(arm: Arm, theta: Any, q: Any, qd: Any, qdd: Any) -> np.ndarray:
@@ -32,20 +31,12 @@ def inverse_dynamics(arm: Arm, theta: Any, q: Any, qd: Any, qdd: Any) -> np.ndar
     Raises:
         ParameterError: an array has another shape.
     """
-    theta = checked_array('theta', theta, (arm.m,), 'one for each of the parameters')
-    shape = (arm.n,) if np.ndim(q) == 1 else (-1, arm.n)
-    states = [checked_array(name, value, shape, f'one for each of {", ".join(arm.joints)}')
-              for name, value in (('q', q), ('qd', qd), ('qdd', qdd))]
-    if len({len(state) for state in states}) != 1:
-        raise ParameterError('q, qd, qdd', [len(state) for state in states], 'one length')
-    if states[0].ndim == 1:
-        position, velocity, acceleration = states
-        return np.asarray(arm.X(position, velocity, velocity, acceleration) @ theta)
+    theta = checked_array('theta', theta, (arm.m,), arm.parameters)
+    shape = (arm.n,) if dimensions(q) == 1 else (-1, arm.n)
+    q = checked_array('q', q, shape, arm.joints)
+    qd = checked_array('qd', qd, q.shape, arm.joints)
+    qdd = checked_array('qdd', qdd, q.shape, arm.joints)
+    if q.ndim == 1:
+        return np.asarray(arm.X(q, qd, qd, qdd) @ theta)
     return np.array([arm.X(position, velocity, velocity, acceleration) @ theta
-                     for position, velocity, acceleration in zip(*states)]).reshape(-1, arm.n)
-
-
-def described(arm: Arm) -> str:
-    """Return an arm in one line, for its ``repr``."""
-    return (f'<{type(arm).__name__}: {arm.n} joints ({", ".join(arm.joints)}), '
-            f'{arm.m} parameters>')
+                     for position, velocity, acceleration in zip(q, qd, qdd)]).reshape(-1, arm.n)

@@ -8,6 +8,7 @@ p4 = p10 = 2 p9 hold; (47)-(51) do not use that, so all eleven columns are indep
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 from typing import NamedTuple
 
@@ -15,8 +16,8 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
-from adaptive_blf_control.arms.inverse_dynamics import described
-from adaptive_blf_control.arms.planar import planar_points
+from adaptive_blf_control.arms.planar import planar_points, PlanarArm
+from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError, ParameterError
 
@@ -228,54 +229,39 @@ def _check_mass_matrix(theta: np.ndarray) -> None:
                        f'{smallest:.3g}')
 
 
-class ThreeLinkArm:
+class ThreeLinkArm(PlanarArm):
     """Planar 3-DoF arm without gravity, θ = (p1, …, p10, f) (48)."""
 
-    def __init__(self, joints: tuple[str, ...] = ('joint1', 'joint2', 'joint3')) -> None:
+    def __init__(self, joints: Sequence[str] = ('joint1', 'joint2', 'joint3')) -> None:
         """Name the joints; ArmError unless there are exactly three distinct names."""
-        if len(joints) != 3 or len(set(joints)) != 3:
-            raise ArmError(f'three_link has three joints, got {list(joints)}')
-        self.joints = tuple(joints)
-        self.parameters: tuple[str, ...] = (*(f'p{i}' for i in range(1, 11)), 'f')
+        super().__init__('three_link', joints, 3)
+        self.parameters = (*(f'p{i}' for i in range(1, 11)), 'f')
         self.nominal = three_link_parameters()
         self.payload_direction: np.ndarray | None = three_link_parameters(1.0) - self.nominal
 
-    def __repr__(self) -> str:
-        """Name joints and count parameters."""
-        return described(self)
-
-    @property
-    def n(self) -> int:
-        """Number of joints: 3."""
-        return 3
-
-    @property
-    def m(self) -> int:
-        """Number of parameters: 11."""
-        return 11
-
     def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Equation (49); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        return three_link_Y1(q, qd)
+        return three_link_Y1(self._vector('q', q), self._vector('qd', qd))
 
     def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Equation (50); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        return three_link_Y2(q, qd)
+        return three_link_Y2(self._vector('q', q), self._vector('qd', qd))
 
     def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Equations (49) and (50) at once."""
-        return three_link_Y12(q, qd)
+        return three_link_Y12(self._vector('q', q), self._vector('qd', qd))
 
     def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
           alpha_dot: np.ndarray) -> np.ndarray:
         """Equation (51); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        return three_link_X(q, qd, alpha, alpha_dot)
+        return three_link_X(self._vector('q', q), self._vector('qd', qd),
+                            self._vector('alpha', alpha), self._vector('alpha_dot', alpha_dot))
 
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics; ArmError where M(q) would not be positive definite."""
-        true = _TrueThreeLink(np.array(theta, dtype=float))
-        _check_mass_matrix(true.theta)
-        return CompiledDynamics(true)
+        theta = checked_array('theta', theta, (self.m,), self.parameters)
+        _check_mass_matrix(theta)
+        return CompiledDynamics(_TrueThreeLink(theta.copy()), self.joints)
 
     def link_points(self, q: np.ndarray) -> np.ndarray:
         """Base, both inner joints and the tip at joint positions q, shape (4, 3) [m]."""

@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
-from adaptive_blf_control.arms.inverse_dynamics import described
-from adaptive_blf_control.arms.planar import planar_points
+from adaptive_blf_control.arms.planar import planar_points, PlanarArm
+from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError
 
@@ -109,53 +110,39 @@ def _check_mass_matrix(p1: float, p2: float, p3: float) -> None:
                        f'is not positive definite for every posture')
 
 
-class TwoLinkArm:
+class TwoLinkArm(PlanarArm):
     """Planar 2-DoF arm without gravity, θ = (p1, p2, p3, f1, f2) (45)."""
 
-    def __init__(self, joints: tuple[str, ...] = ('joint1', 'joint2')) -> None:
-        """Name the two joints; ArmError unless there are exactly two distinct names."""
-        if len(joints) != 2 or joints[0] == joints[1]:
-            raise ArmError(f'two_link has two joints, got {list(joints)}')
-        self.joints = tuple(joints)
-        self.parameters: tuple[str, ...] = ('p1', 'p2', 'p3', f'fv_{joints[0]}', f'fv_{joints[1]}')
+    def __init__(self, joints: Sequence[str] = ('joint1', 'joint2')) -> None:
+        """Name the joints; ArmError unless there are exactly two distinct names."""
+        super().__init__('two_link', joints, 2)
+        self.parameters = ('p1', 'p2', 'p3', *(f'fv_{joint}' for joint in self.joints))
         self.nominal = np.array(NOMINAL)
         self.payload_direction: np.ndarray | None = None
 
-    def __repr__(self) -> str:
-        """Name joints and count parameters."""
-        return described(self)
-
-    @property
-    def n(self) -> int:
-        """Number of joints: 2."""
-        return 2
-
-    @property
-    def m(self) -> int:
-        """Number of parameters: 5."""
-        return 5
-
     def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Equation (43); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        return two_link_Y1(q, qd)
+        return two_link_Y1(self._vector('q', q), self._vector('qd', qd))
 
     def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Equation (44); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        return two_link_Y2(q, qd)
+        return two_link_Y2(self._vector('q', q), self._vector('qd', qd))
 
     def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Equations (43) and (44) at once."""
-        return two_link_Y12(q, qd)
+        return two_link_Y12(self._vector('q', q), self._vector('qd', qd))
 
     def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
           alpha_dot: np.ndarray) -> np.ndarray:
         """Equation (46), corrected; see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        return two_link_X(q, qd, alpha, alpha_dot)
+        return two_link_X(self._vector('q', q), self._vector('qd', qd),
+                          self._vector('alpha', alpha), self._vector('alpha_dot', alpha_dot))
 
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics; ArmError where M(q) would not be positive definite."""
+        theta = checked_array('theta', theta, (self.m,), self.parameters)
         _check_mass_matrix(*theta[:3])
-        return CompiledDynamics(_TrueTwoLink(np.array(theta, dtype=float)))
+        return CompiledDynamics(_TrueTwoLink(theta.copy()), self.joints)
 
     def link_points(self, q: np.ndarray) -> np.ndarray:
         """Base, elbow and tip at joint positions q, shape (3, 3) [m].

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from adaptive_blf_control.arms.arm import described
 from adaptive_blf_control.arms.base_parameters import (
     BaseParameters,
     decompose,
@@ -16,7 +17,7 @@ from adaptive_blf_control.arms.base_parameters import (
     PER_BODY,
     preferred_columns,
 )
-from adaptive_blf_control.arms.chain import chain_of_model, joint_vector
+from adaptive_blf_control.arms.chain import chain_of_model
 from adaptive_blf_control.arms.chain_dynamics import ChainInertias, pseudo_inertias
 from adaptive_blf_control.arms.chain_regressors import (
     chain_parameters,
@@ -24,7 +25,6 @@ from adaptive_blf_control.arms.chain_regressors import (
     chain_Y12,
     ChainParameters,
 )
-from adaptive_blf_control.arms.inverse_dynamics import described
 from adaptive_blf_control.arms.joint_friction import finite_array, JointFriction
 from adaptive_blf_control.arms.urdf_dynamics import UrdfDynamics
 from adaptive_blf_control.arms.urdf_model import (
@@ -34,6 +34,7 @@ from adaptive_blf_control.arms.urdf_model import (
     with_gravity,
 )
 from adaptive_blf_control.arms.urdf_source import read_urdf
+from adaptive_blf_control.arrays import checked_array, dimensions
 from adaptive_blf_control.errors import ArmError, ParameterError
 
 __all__ = ['UrdfArm']
@@ -119,7 +120,7 @@ class UrdfArm:
 
     def __repr__(self) -> str:
         """Name joints and count parameters."""
-        return described(self)
+        return described(self, self.joints, self.parameters)
 
     @property
     def n(self) -> int:
@@ -156,8 +157,7 @@ class UrdfArm:
         Raises:
             ParameterError: An array is not of shape (n,).
         """
-        n = self.n
-        return chain_Y12(self.chain, joint_vector('q', q, n), joint_vector('qd', qd, n))
+        return chain_Y12(self.chain, self._vector('q', q), self._vector('qd', qd))
 
     def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
           alpha_dot: np.ndarray) -> np.ndarray:
@@ -166,9 +166,8 @@ class UrdfArm:
         Raises:
             ParameterError: An array is not of shape (n,).
         """
-        n = self.n
-        return chain_X(self.chain, joint_vector('q', q, n), joint_vector('qd', qd, n),
-                       joint_vector('alpha', alpha, n), joint_vector('alpha_dot', alpha_dot, n))
+        return chain_X(self.chain, self._vector('q', q), self._vector('qd', qd),
+                       self._vector('alpha', alpha), self._vector('alpha_dot', alpha_dot))
 
     # -- parameters ---------------------------------------------------------------------------
 
@@ -212,7 +211,7 @@ class UrdfArm:
         chain = self.chain.chain
         inertias = pseudo_inertias(self.to_inertial(theta)[chain.place])
         return UrdfDynamics(ChainInertias(chain, inertias, self.friction(theta),
-                                          self.chain.coulomb_velocity))
+                                          self.chain.coulomb_velocity), self.joints)
 
     def mass_matrix(self, q: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
         """Return M(q) for θ (the URDF's by default), shape (n, n) [kg·m²]."""
@@ -226,7 +225,8 @@ class UrdfArm:
         last frame behind it.
         """
         model, data = self.model, self._data
-        self._pin.framesForwardKinematics(model, data, self._order.position(q))
+        self._pin.framesForwardKinematics(model, data,
+                                           self._order.position(self._vector('q', q)))
         chain, tip = self._chain()
         origins = [data.oMi[joint].translation for joint in chain]  # joint 0 is the root
         return np.array([*origins, data.oMf[tip].translation])
@@ -286,8 +286,12 @@ class UrdfArm:
         standard = self._user_base.nearest_standard(base, reference.reshape(-1))
         return standard.reshape(-1, PER_BODY)
 
+    def _vector(self, name: str, value: Any) -> np.ndarray:
+        return checked_array(name, value, (len(self.joints),), self.joints)
+
     def _checked(self, theta: np.ndarray) -> np.ndarray:
-        theta = np.asarray(theta, dtype=float)
+        theta = checked_array('theta', theta, np.shape(theta)) if dimensions(theta) == 1 else (
+            np.empty(0))
         if theta.shape != (self.m,) or not np.all(np.isfinite(theta)):
             raise ArmError(f'theta has the shape {theta.shape}: expected {self.m} finite '
                            f'parameters ({self.base_count} base parameters and friction)')

@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measured logs for identification: q, qd and tau over time, from a bag or a CSV file."""
+"""Measured logs for identification: q, qd and tau over time, from a bag, a file or arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import csv
+import os
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+import zipfile
 
 import numpy as np
 
+from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.bags.reader import Bag, JOINT_STATE, read_bag
-from adaptive_blf_control.errors import BagError, LogError
+from adaptive_blf_control.errors import BagError, LogError, ParameterError
 
-__all__ = ['MeasuredLog', 'read_log']
+__all__ = ['Log', 'MeasuredLog', 'read_log']
 
 MINIMUM_ROWS = 3
 
@@ -41,29 +44,86 @@ class MeasuredLog(NamedTuple):
     problem: str | None = None
 
 
-def read_log(path: Path | str, *, topic: str | None = None,
+Log = str | os.PathLike[str] | Mapping[str, Any] | MeasuredLog
+"""A log as a caller gives it, see `read_log`."""
+
+
+def read_log(source: Log, *, topic: str | None = None,
              joints: Sequence[str] | None = None) -> MeasuredLog:
     """Read a measured log.
 
     Args:
-        path: CSV file with a header ``t,q1..,qd1..,tau1..`` (columns in any order, others
-            skipped), or a bag as `read_bag` takes it.
+        source: CSV file with a header ``t,q1..,qd1..,tau1..`` (columns in any order, others
+            skipped); NumPy's ``.npz`` file, or a mapping, with arrays t (N,) [s], q [rad],
+            qd [rad/s] and tau [N·m] (N, n); a bag as `read_bag` takes it; or a log.
         topic: JointState topic of the bag. Where not given: ``joint_states``, or the only
             JointState topic there is.
-        joints: For a bag, which joints in which order, by name; for a CSV file, which has no
-            names, the names of its columns in order (else ``joint1``, ...).
+        joints: For a bag or a log, which joints in which order, by name; for CSV and arrays,
+            which have no names, the names of their columns in order (else ``joint1``, ...).
+
+    Returns:
+        The rows with finite values and increasing time.
 
     Raises:
-        LogError: names the file and what is wrong where: column, row, topic or joint.
+        LogError: names the source and what is wrong where: column, row, topic or joint.
     """
-    path = Path(path)
+    if isinstance(source, MeasuredLog):
+        return _chosen(source, joints)
+    if isinstance(source, Mapping):
+        return _of_arrays('log', source, joints)
+    try:
+        path = Path(source)
+    except TypeError:
+        raise LogError(f'log is {source!r}: expected a path, a mapping with arrays t, q, qd, tau, '
+                       'or a MeasuredLog') from None
     if path.suffix.lower() == '.csv':
         return _load_csv(path, joints)
+    if path.suffix.lower() == '.npz':
+        return _load_npz(path, joints)
     try:
         bag = read_bag(path)
         return _load_bag(bag, topic or _default_topic(bag), joints)
     except BagError as exc:
         raise LogError(str(exc)) from exc
+
+
+def _chosen(log: MeasuredLog, joints: Sequence[str] | None) -> MeasuredLog:
+    if joints is None or tuple(joints) == log.joints:
+        return log
+    if missing := [name for name in joints if name not in log.joints]:
+        raise LogError(f'log: no joint {missing[0]!r}: it has {", ".join(log.joints)}')
+    columns = [log.joints.index(name) for name in joints]
+    q, qd, tau = (np.ascontiguousarray(values[:, columns])
+                  for values in (log.q, log.qd, log.tau))
+    return log._replace(joints=tuple(joints), q=q, qd=qd, tau=tau)
+
+
+def _load_npz(path: Path, joints: Sequence[str] | None) -> MeasuredLog:
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return _of_arrays(str(path), dict(arrays), joints)
+    except (OSError, ValueError, zipfile.BadZipFile) as exc:
+        if isinstance(exc, LogError):
+            raise
+        raise LogError(f'{path}: cannot be read: {exc}') from exc
+
+
+def _of_arrays(source: str, arrays: Mapping[str, Any],
+               joints: Sequence[str] | None) -> MeasuredLog:
+    if missing := [name for name in ('t', 'q', 'qd', 'tau') if name not in arrays]:
+        raise LogError(f'{source}: no array {missing[0]!r}: expected t, q, qd and tau, got '
+                       f'{", ".join(map(str, arrays)) or "none"}')
+    try:
+        t = checked_array('t', arrays['t'], (-1,))
+        q = checked_array('q', arrays['q'], (len(t), -1))
+        qd, tau = (checked_array(name, arrays[name], q.shape) for name in ('qd', 'tau'))
+    except ParameterError as exc:
+        raise LogError(f'{source}: {exc}') from exc
+    names = _column_names(source, q.shape[1], joints)
+    values = np.hstack([q, qd, tau])
+    keep = _usable(t, np.column_stack([t, values]))
+    _check_rows(source, int(keep.sum()), len(keep))
+    return _log(names, t[keep], values[keep], int((~keep).sum()), None)
 
 
 def _default_topic(bag: Bag) -> str:
@@ -107,14 +167,21 @@ def _load_csv(path: Path, joints: Sequence[str] | None) -> MeasuredLog:
     except (OSError, UnicodeDecodeError, csv.Error) as exc:
         raise LogError(f'{path}: cannot be read: {exc}') from exc
     n = len(columns) // 3
-    names = tuple(joints) if joints is not None else tuple(f'joint{i + 1}' for i in range(n))
-    if len(set(names)) != n or len(names) != n:
-        raise LogError(f'{path} has {n} joints (q1..q{n}): expected as many different '
-                       f'names, got {len(names)}: {list(names)}')
+    names = _column_names(str(path), n, joints)
     table = np.array(numbers, dtype=np.float64).reshape(-1, 1 + 3 * n)
     keep = _usable(table[:, 0], table)
     _check_rows(str(path), int(keep.sum()), len(keep))
     return _log(names, table[keep, 0], table[keep, 1:], int((~keep).sum()), None)
+
+
+def _column_names(source: str, n: int, joints: Sequence[str] | None) -> tuple[str, ...]:
+    if joints is None:
+        return tuple(f'joint{i + 1}' for i in range(n))
+    names = () if isinstance(joints, str) else tuple(map(str, joints))
+    if len(set(names)) != n or len(names) != n:
+        raise LogError(f'{source} has {n} joints (q1..q{n}): expected as many different '
+                       f'names, got {len(names)}: {list(joints)}')
+    return names
 
 
 def _find_columns(path: Path, header: list[str]) -> list[int]:

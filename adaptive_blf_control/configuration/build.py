@@ -20,8 +20,6 @@ from adaptive_blf_control.configuration.node_settings import (
 )
 from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.control.controller import Controller
-from adaptive_blf_control.control.parts import controller_parts
-from adaptive_blf_control.control.reference import SmoothStart
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import read_estimate
@@ -139,14 +137,7 @@ def build_controller(settings: ControllerSettings, arm: Arm,
         SetViolation: 𝒫̄ ⊄ 𝒮̄, or the start lies outside a set.
         ParameterError: a value cannot be used.
     """
-    parts = controller_parts(settings, arm.joints)
-    if start is not None and settings.reference.smooth_start > 0.0:
-        parts = parts._replace(reference=SmoothStart(
-            parts.reference, settings.reference.smooth_start, start))
-    controller = Controller(arm, *parts)
-    if start is not None:
-        controller.check_start(start)
-    return controller
+    return Controller(arm, settings, start=start)
 
 
 def initial_theta(settings: ControllerNodeSettings, arm: Arm) -> np.ndarray:
@@ -183,13 +174,22 @@ def build_identifier(settings: IdentifierNodeSettings, arm: Arm,
     return Identifier(arm, initial_estimate(settings, arm))
 
 
-def build_closed_loop(data: Mapping[str, Any]) -> ClosedLoop:
-    """Build the loop from a parameter file's data, as the nodes would from the same file."""
+def build_closed_loop(data: Mapping[str, Any], arm: Arm | None = None,
+                      plant: Plant | None = None) -> ClosedLoop:
+    """Build the loop from a parameter file's data, as the nodes would from the same file.
+
+    Args:
+        data: The parameter file's data.
+        arm: In place of the arm that it names.
+        plant: In place of the simulated arm that it describes.
+    """
     driver = node_settings(data, DriverSettings)
     controller = node_settings(data, ControllerNodeSettings)
     identifier = node_settings(data, IdentifierNodeSettings)
-    plant = build_plant(driver, build_arm(driver))
-    arm = build_arm(controller)
-    return ClosedLoop(plant, build_controller(controller, arm, plant.measured_position()),
-                      build_identifier(identifier, build_arm(identifier)), 1.0 / driver.rate,
-                      initial_theta(controller, arm), controller.model == 'known')
+    if plant is None:
+        plant = build_plant(driver, arm or build_arm(driver))
+    known = arm or build_arm(controller)
+    return ClosedLoop(plant, build_controller(controller, known, plant.measured_position()),
+                      build_identifier(identifier, arm or build_arm(identifier)),
+                      1.0 / driver.rate, initial_theta(controller, known),
+                      controller.model == 'known')

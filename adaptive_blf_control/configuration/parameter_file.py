@@ -17,16 +17,19 @@ import yaml
 
 from adaptive_blf_control.configuration.node_settings import NODE_SETTINGS, RuntimeSettings, TABLES
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.parameters.table import (
+    declares,
     JOINT,
     Parameter,
     per_joint,
+    plain,
     validated,
     value_problem,
 )
 
-__all__ = ['PARAMETERS_KEY', 'ROS_OWN', 'apply_settings', 'given_values', 'known_elsewhere',
-           'load_yaml', 'node_settings', 'node_values']
+__all__ = ['PARAMETERS_KEY', 'ROS_OWN', 'apply_changes', 'apply_settings', 'checked_sections',
+           'given_values', 'known_elsewhere', 'load_yaml', 'node_settings', 'node_values']
 
 
 Kind = TypeVar('Kind', bound=RuntimeSettings)
@@ -45,22 +48,34 @@ def load_yaml(path: str | Path) -> dict[str, Any]:
                              f'a readable YAML file ({error.strerror})') from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ParameterError('params-file', str(path), f'well-formed YAML: {error}') from None
-    if not isinstance(data, dict):
-        raise ParameterError('params-file', str(path),
-                             'a mapping of node names to ros__parameters')
+    return checked_sections(data, 'params-file', str(path))
+
+
+def checked_sections(data: Any, name: str, source: object) -> dict[str, Any]:
+    """Return a parameter file's data; ParameterError where it is not what ROS takes.
+
+    Args:
+        data: Sections by node, each with one key ``ros__parameters``.
+        name: What the caller calls it, for the message.
+        source: Where it comes from, likewise.
+    """
+    if not isinstance(data, Mapping):
+        raise ParameterError(name, source, 'a mapping of node names to ros__parameters')
     for key, section in data.items():
         if not isinstance(key, str):
-            raise ParameterError('params-file', str(path), f'a name of a node, not {key!r}')
-        if not isinstance(section, dict) or set(section) != {'ros__parameters'} or \
-                not isinstance(section['ros__parameters'], dict):
-            raise ParameterError('params-file', str(path),
+            raise ParameterError(name, source, f'a name of a node, not {key!r}')
+        if not isinstance(section, Mapping) or set(section) != {'ros__parameters'} or \
+                not isinstance(section['ros__parameters'], Mapping):
+            raise ParameterError(name, source,
                                  f'under {key!r} one key ros__parameters with a mapping')
-    return data
+    return dict(data)
 
 
 def _flat(mapping: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
     for key, value in mapping.items():
-        if isinstance(value, dict):
+        if isinstance(value, Settings):
+            value = value.values()
+        if isinstance(value, Mapping):
             yield from _flat(value, f'{prefix}{key}.')
         else:
             yield f'{prefix}{key}', value
@@ -147,21 +162,45 @@ def apply_settings(data: Mapping[str, Any], settings: Iterable[str]) -> dict[str
         name, equals, text = setting.partition('=')
         if not equals or not name:
             raise ParameterError('--set', setting, 'NODE.NAME=VALUE')
-        head, _, tail = name.partition('.')
-        node, key = (head, tail) if head in TABLES and tail else ('**', name)
         try:
             value = yaml.safe_load(text)
         except yaml.YAMLError:
             raise ParameterError('--set', setting, 'a YAML value after =') from None
-        home = changed.setdefault('/**' if node == '**' else f'/**/{node}',
-                                  {'ros__parameters': {}})
-        # Other sections that apply to the node may come later in the file, and later ones win.
-        others = [section for name, section in changed.items()
-                  if (node == '**' or name == node or name.endswith(f'/{node}'))
-                  and key in dict(_flat(section['ros__parameters']))]
-        for section in (home, *others):
-            _merge(section['ros__parameters'], _nested(key, value))
+        _put(changed, *_addressed(name), value)
     return changed
+
+
+def apply_changes(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Apply changes as a Python program writes them to a parameter file's data.
+
+    Args:
+        data: A parameter file's data; it stays as it is.
+        changes: Values by ``[node.]name``, or nested as in YAML: scalars, integers and arrays
+            are taken where a list of doubles is meant, settings where a group is meant.
+    """
+    changed = copy.deepcopy(dict(data))
+    for name, value in _flat(changes):
+        node, key = _addressed(name)
+        tables = [TABLES[node]] if node in TABLES else list(TABLES.values())
+        rows = [row for table in tables for row in table if declares(row, key)]
+        _put(changed, node, key, plain(rows[0].kind, value) if rows else value)
+    return changed
+
+
+def _addressed(name: str) -> tuple[str, str]:
+    """Return the node (``**`` for every one) and the parameter that ``[node.]name`` means."""
+    head, _, tail = name.partition('.')
+    return (head, tail) if head in TABLES and tail else ('**', name)
+
+
+def _put(data: dict[str, Any], node: str, key: str, value: Any) -> None:
+    home = data.setdefault('/**' if node == '**' else f'/**/{node}', {'ros__parameters': {}})
+    # Other sections that apply to the node may come later in the file, and later ones win.
+    others = [section for name, section in data.items()
+              if (node == '**' or name == node or name.endswith(f'/{node}'))
+              and key in dict(_flat(section['ros__parameters']))]
+    for section in (home, *others):
+        _merge(section['ros__parameters'], _nested(key, value))
 
 
 def _nested(name: str, value: Any) -> dict[str, Any]:

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.arms.arm import Arm, checked_arm
+from adaptive_blf_control.arrays import checked_array, checked_number
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.law import limited_answer
-from adaptive_blf_control.control.laws import Law, LawSample, make_law
+from adaptive_blf_control.control.laws import foreign_law, Law, LawSample, make_law
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.reference import (
     Crossfade,
@@ -31,12 +31,16 @@ from adaptive_blf_control.control.sets import (
     JointInterval,
 )
 from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.parameters.settings import Settings
 
 __all__ = ['Controller', 'ControlOutput', 'sampling_model',
            'sampling_number']
 
 _Group = Mapping[str, Any] | Settings
+_ASKED = {'safety': ('lower', 'upper', 'margin'), 'performance': ('lower', 'upper', 'margin'),
+          'reference': ('at', 'range')}  # of a part that is given as an object
 FIRST_INTERVAL = 1e-3  # s that the first torque of a motion may have taken to rise from zero
 
 
@@ -96,7 +100,8 @@ class Controller:
     def __init__(self, arm: Arm, settings: ControllerSettings | None = None,
                  safety: JointInterval | _Group | None = None,
                  performance: JointInterval | _Group | None = None,
-                 reference: Reference | _Group | None = None, law: Law | None = None,
+                 reference: Reference | _Group | None = None,
+                 law: Law | type[Law] | str | None = None, *, start: Any = None,
                  **changes: Any) -> None:
         """Check 𝒫̄ ⊆ 𝒮̄ (9); SetViolation names joint and numbers where it fails.
 
@@ -109,33 +114,43 @@ class Controller:
             safety: Safety set (7) in place of that of the settings, or its settings.
             performance: Performance set (8), likewise.
             reference: y_d in place of the sinusoids of the settings, or their settings.
-            law: A law in place of the one that the settings name.
-            changes: Settings by parameter name, e.g. ``k1=40.0, **{'safety.upper': 2.0}``.
+            law: In place of the law that the settings name: a law, a class of laws, which is
+                called with the arm and the settings, or a name.
+            start: Posture that the motion begins in, shape (n,) [rad]: it is joined to the
+                reference over ``reference.smooth_start``. None begins on the reference.
+            changes: Settings by name: ``k1=40.0``, ``safety={'upper': 2.0}``,
+                ``reference={'joint1': {'amplitude': 0.5}}``, ``**{'safety.upper': 2.0}``.
 
         Raises:
             ParameterError: a setting is not known, cannot be used or does not fit the arm.
-            SetViolation: see above.
+            SetViolation: see above, or the start lies outside a set.
         """
-        given = {'safety': safety, 'performance': performance, 'reference': reference}
-        groups = {name: part for name, part in given.items()
-                  if isinstance(part, (Mapping, Settings))}
-        settings = (settings or ControllerSettings()).replace(**changes, **groups)
-        parts = controller_parts(settings, arm.joints)
-        safety = safety if isinstance(safety, JointInterval) else parts.safety
-        performance = (performance if isinstance(performance, JointInterval)
-                       else parts.performance)
-        if reference is None or isinstance(reference, (Mapping, Settings)):
-            reference = parts.reference
-        self.arm = arm
-        self._given_law = law
+        self.arm = checked_arm('arm', arm)
+        groups = {'safety': safety, 'performance': performance, 'reference': reference}
+        changes.update((name, value) for name, value in (*groups.items(), ('law', law))
+                       if isinstance(value, (Mapping, Settings, str)))
+        settings = ControllerSettings.taken(settings, changes)
+        parts: dict[str, Any] = controller_parts(settings, arm.joints)._asdict()
+        for name, value in groups.items():
+            if value is not None and name not in changes:
+                require(name, value, value, _ASKED[name])
+                parts[name] = value
+        follow: Reference = parts['reference']
+        _check_reference(follow, arm)
+        if start is not None:
+            start = checked_array('start', start, (arm.n,), arm.joints)
+            if settings.reference.smooth_start > 0.0:
+                follow = SmoothStart(follow, settings.reference.smooth_start, start)
+        self._given_law = None if isinstance(law, str) else law
         self._no_regressor = np.zeros((arm.n, arm.m))
         self._n, self._m = (arm.n,), (arm.m,)
-        self._each = f'one for each of {", ".join(arm.joints)}'
         self._tune(settings)
         self._last_torque = np.zeros(arm.n)
         self._last_t: float | None = None
-        self._smooth_start = reference if isinstance(reference, SmoothStart) else None
-        self._take(self._checked(0.0, safety, performance, reference))
+        self._smooth_start = follow if isinstance(follow, SmoothStart) else None
+        self._take(self._checked(0.0, parts['safety'], parts['performance'], follow))
+        if start is not None:
+            self.check_start(start)
 
     def __repr__(self) -> str:
         """Name the arm and its sets."""
@@ -144,7 +159,8 @@ class Controller:
 
     def _tune(self, settings: ControllerSettings) -> None:
         self.settings = settings.resolved(joints=self.arm.n)
-        self._law = self._given_law or make_law(self.arm, self.settings)
+        self._law = (make_law(self.arm, self.settings) if self._given_law is None else
+                     foreign_law('law', self._given_law, self.arm, self.settings))
         # Copies that may be written to: the limits are compiled for those.
         self._limit = self.settings.torque_limit.copy()
         self._rate_limit = self.settings.torque_rate_limit.copy()
@@ -228,9 +244,11 @@ class Controller:
             qd: Measured velocities, shape (n,) [rad/s].
             theta: Parameter estimate θ̂, shape (m,).
         """
-        q = checked_array('q', q, self._n, self._each)
-        qd = checked_array('qd', qd, self._n, self._each)
-        theta = checked_array('theta', theta, self._m, 'one for each of the parameters')
+        arm = self.arm
+        t = checked_number('t', t)
+        q = checked_array('q', q, self._n, arm.joints)
+        qd = checked_array('qd', qd, self._n, arm.joints)
+        theta = checked_array('theta', theta, self._m, arm.parameters)
         point, bounds = self.reference.at(t), self._bounds.at(t)
         answer = self._law.answer(LawSample(t, q, qd, point, bounds, theta))
         dt = FIRST_INTERVAL if self._last_t is None else t - self._last_t
@@ -265,10 +283,18 @@ class Controller:
         start = self.reference.at(0.0).position
         trial = Controller(self.arm, self.settings, self.safety, self.performance,
                            SmoothStart(settled(self.reference, np.inf), 1.0, start),
-                           self._given_law)
+                           self._given_law if isinstance(self._given_law, type) else None)
         output = trial.update(0.5, start, np.zeros(self.arm.n), theta)
         trial.lyapunov(start, output, theta)
         trial.margins(start, output)
+
+
+def _check_reference(reference: Reference, arm: Arm) -> None:
+    point = reference.at(0.0)
+    if not isinstance(point, ReferencePoint):
+        raise ParameterError('reference.at(0.0)', point, 'a ReferencePoint')
+    for name, value in (*point._asdict().items(), *zip(('lower', 'upper'), reference.range())):
+        checked_array(f'reference.{name}', value, (arm.n,), arm.joints)
 
 
 def sampling_model(arm: Arm, q: np.ndarray, theta: np.ndarray) -> str:

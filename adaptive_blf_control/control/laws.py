@@ -12,14 +12,16 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.control.law import growing_errors, torque
 from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, require
 
 __all__ = ['AblfLaw', 'ComputedTorque', 'Law', 'LawAnswer', 'LawSample', 'ProportionalDerivative',
-           'make_law']
+           'foreign_law', 'make_law']
 
 
 class LawSample(NamedTuple):
@@ -146,6 +148,40 @@ def make_law(arm: Arm, settings: ControllerSettings) -> Law:
     if not is_plugin(settings.law):
         law: Law = _OURS[settings.law](arm, settings)
         return law
-    law = load_plugin('controller.law', settings.law)(arm, settings)
-    require('controller.law', settings.law, law, ('answer',))
-    return law
+    return foreign_law('controller.law', load_plugin('controller.law', settings.law), arm,
+                       settings)
+
+
+def foreign_law(name: str, given: Any, arm: Arm, settings: ControllerSettings) -> Law:
+    """Return a stranger's law behind a check of what it answers.
+
+    Args:
+        name: The parameter or argument that gives it, for messages.
+        given: A law, or what is called with the arm and the settings and returns one.
+        arm: The arm.
+        settings: With arrays of full length.
+
+    Raises:
+        ParameterError: it has no ``answer``.
+    """
+    law = given if hasattr(given, 'answer') and not isinstance(given, type) else (
+        given(arm, settings) if callable(given) else given)
+    require(name, given, law, ('answer',))
+    return _Checked(law, arm)
+
+
+class _Checked:
+    """A law whose answers are what the compiled functions after it take, or are refused."""
+
+    def __init__(self, law: Law, arm: Arm) -> None:
+        self._law, self._arm = law, arm
+
+    def answer(self, sample: LawSample) -> LawAnswer:
+        answer, arm = self._law.answer(sample), self._arm
+        if not isinstance(answer, LawAnswer):
+            raise ParameterError(f'{type(self._law).__name__}.answer', answer, 'a LawAnswer')
+        x = answer.regressor
+        return LawAnswer(
+            checked_array('torque', answer.torque, (arm.n,), arm.joints),
+            checked_array('e2', answer.e2, (arm.n,), arm.joints),
+            None if x is None else checked_array('regressor', x, (arm.n, arm.m)))

@@ -20,6 +20,10 @@ __all__ = ['ControllerParts', 'controller_parts']
 
 
 def _reference(settings: ReferenceSettings, joints: tuple[str, ...]) -> Reference:
+    for name in settings.of_joint:
+        if name not in joints:
+            raise ParameterError(f'controller.reference.{name}', settings.of_joint[name],
+                                 f'the name of a joint: {", ".join(joints)}')
     sinusoids = [settings.of_joint.get(joint, SinusoidSettings()) for joint in joints]
     rows = [[getattr(each, field) for each in sinusoids]
             for field in ('amplitude', 'frequency', 'phase')]

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.arm import Arm, checked_arm
 from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
-from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.arrays import checked_array, checked_number
 from adaptive_blf_control.compiled import all_finite, jit
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor
 from adaptive_blf_control.identification.determination import undetermined
@@ -22,6 +22,7 @@ from adaptive_blf_control.identification.state_filter import StateFilter
 from adaptive_blf_control.identification.torque_filter import TorqueFilter
 from adaptive_blf_control.identification.update_laws import (
     Evidence,
+    foreign_update_law,
     make_update_law,
     UpdateLaw,
 )
@@ -74,28 +75,32 @@ class Identifier:
     """
 
     def __init__(self, arm: Arm, settings: IdentifierSettings | None = None,
-                 law: UpdateLaw | None = None, **changes: Any) -> None:
+                 update_law: UpdateLaw | type[UpdateLaw] | str | None = None,
+                 **changes: Any) -> None:
         """Start from ``settings.initial_estimate`` with an empty stack.
 
         Args:
             arm: The arm whose parameters are learned.
             settings: Gains, filters, history and monitors. Where none are given, the defaults
                 with a history of at least two pairs for each parameter.
-            law: An update law in place of the one that the settings name.
-            changes: Settings by parameter name, e.g. ``kt=1.0, **{'history.size': 200}``.
+            update_law: In place of the update law that the settings name: one, a class of them,
+                which is called with the settings, or a name.
+            changes: Settings by name: ``kt=1.0``, ``history={'size': 200}``,
+                ``**{'history.size': 200}``.
 
         Raises:
             ParameterError: a setting is not known, cannot be used or does not fit the arm.
         """
+        self.arm = checked_arm('arm', arm)
         if settings is None:
             usual = IdentifierSettings()
             settings = usual.replace(**{'history.size': max(usual.history.size, 2 * arm.m)})
-        settings = settings.replace(**changes)
+        if isinstance(update_law, str):
+            changes['update_law'] = update_law
+        settings = IdentifierSettings.taken(settings, changes)
         settings = settings.resolved(joints=arm.n, parameters=arm.m)
-        self.arm = arm
-        self._given_law = law
+        self._given_law = None if isinstance(update_law, str) else update_law
         self._n = (arm.n,)
-        self._each = f'one for each of {", ".join(arm.joints)}'
         self._take(settings)
         self.theta = settings.initial_estimate.copy()
         self.stack = HistoryStack(arm.n, arm.m, settings.history.size, settings.history.epsilon,
@@ -116,7 +121,8 @@ class Identifier:
 
     def _take(self, settings: IdentifierSettings) -> None:
         self._settings = settings
-        self._law = self._given_law or make_update_law(settings)
+        self._law = (make_update_law(settings) if self._given_law is None else
+                     foreign_update_law('update_law', self._given_law, settings))
 
     @property
     def settings(self) -> IdentifierSettings:
@@ -226,7 +232,7 @@ class Identifier:
             ParameterError: an array has another shape.
         """
         times = checked_array('t', t, (-1,))
-        rows = [checked_array(name, value, (len(times), self.arm.n), self._each)
+        rows = [checked_array(name, value, (len(times), self.arm.n), self.arm.joints)
                 for name, value in (('q', q), ('qd', qd), ('tau', tau))]
         for sample in zip(times.tolist(), *rows):
             self.update(*sample)
@@ -289,9 +295,11 @@ class Identifier:
         Returns:
             The interval [s] the filter advanced by; 0 where it (re)started or dropped the sample.
         """
-        q = checked_array('q', q, self._n, self._each)
-        qd = checked_array('qd', qd, self._n, self._each)
-        tau = checked_array('tau', tau, self._n, self._each)
+        arm = self.arm
+        t = checked_number('t', t)
+        q = checked_array('q', q, self._n, arm.joints)
+        qd = checked_array('qd', qd, self._n, arm.joints)
+        tau = checked_array('tau', tau, self._n, arm.joints)
         if not (math.isfinite(t) and _finite_sample(q, qd, tau)):
             self.dropped['not finite'] += 1
             return 0.0
@@ -334,7 +342,7 @@ class Identifier:
             θ̂, shape (m,).
         """
         term = self._no_term if adaptation_term is None else checked_array(
-            'adaptation_term', adaptation_term, self.theta.shape)
+            'adaptation_term', adaptation_term, self.theta.shape, self.arm.parameters)
         dt = self.observe(t, q, qd, tau)
         if dt > 0.0:
             regressor, torque = self._filter.pair

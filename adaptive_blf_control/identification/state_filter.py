@@ -92,6 +92,6 @@ class StateFilter:
             ratio = dt / self.time_constant
             self._q = cascade_step(self._q, self._last, q, ratio)
             self._tau = cascade_step(self._tau, tau, tau, ratio)
-        self._last = q
+        self._last = q.copy()  # the caller may fill the same array again
         velocity = (self._q[-2] - self._q[-1]) / self.time_constant
         return self._q[-1], velocity, self._tau[-1]

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.update_law import implicit_step
 from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, require
@@ -91,6 +92,33 @@ def make_update_law(settings: IdentifierSettings) -> UpdateLaw:
     if not is_plugin(settings.update_law):
         law: UpdateLaw = _OURS[settings.update_law](settings)
         return law
-    law = load_plugin('identifier.update_law', settings.update_law)(settings)
-    require('identifier.update_law', settings.update_law, law, ('step',))
-    return law
+    return foreign_update_law('identifier.update_law', load_plugin(
+        'identifier.update_law', settings.update_law), settings)
+
+
+def foreign_update_law(name: str, given: Any, settings: IdentifierSettings) -> UpdateLaw:
+    """Return a stranger's update law behind a check of what it returns.
+
+    Args:
+        name: The parameter or argument that gives it, for messages.
+        given: An update law, or what is called with the settings and returns one.
+        settings: With arrays of full length.
+
+    Raises:
+        ParameterError: it has no ``step``.
+    """
+    law = given if hasattr(given, 'step') and not isinstance(given, type) else (
+        given(settings) if callable(given) else given)
+    require(name, given, law, ('step',))
+    return _Checked(law)
+
+
+class _Checked:
+    """An update law whose estimates have the shape of θ̂, or are refused."""
+
+    def __init__(self, law: UpdateLaw) -> None:
+        self._law = law
+
+    def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
+        return checked_array(f'{type(self._law).__name__}.step',
+                             self._law.step(theta, dt, evidence), theta.shape)

@@ -39,9 +39,16 @@ def load_plugin(parameter: str, text: str) -> Any:
                              f'({type(error).__name__}: {error})') from error
 
 
-def require(parameter: str, text: str, part: object, names: Sequence[str]) -> None:
-    """Raise ParameterError where a part lacks one of the attributes its protocol asks for."""
+def require(parameter: str, value: object, part: object, names: Sequence[str]) -> None:
+    """Raise ParameterError where a part lacks one of the attributes its protocol asks for.
+
+    Args:
+        parameter: Name of the parameter or argument, for the message.
+        value: Its value, likewise.
+        part: What it stands for.
+        names: What the protocol asks for.
+    """
     missing = [name for name in names if not hasattr(part, name)]
     if missing:
-        raise ParameterError(parameter, text, f'a part with {", ".join(names)}: '
+        raise ParameterError(parameter, value, f'a part with {", ".join(names)}: '
                              f'{type(part).__name__} has no {", ".join(missing)}')

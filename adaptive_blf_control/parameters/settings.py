@@ -23,11 +23,13 @@ from typing import Any, ClassVar, get_type_hints, TypeVar
 
 import numpy as np
 
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.table import (
     broadcast,
+    declares,
     JOINT,
     Parameter,
+    plain,
     Table,
     Value,
     value_problem,
@@ -88,6 +90,19 @@ class Settings:
         super().__init_subclass__(**options)
         cls._where = where
 
+    def __new__(cls, **given: Any) -> Settings:
+        """Refuse names that are not declared, as every other name and value is refused."""
+        own = {item.name for item in dataclasses.fields(cls)}
+        for name, value in given.items():
+            if name not in own:
+                raise cls._unknown(name, value)
+        return super().__new__(cls)
+
+    @classmethod
+    def _unknown(cls, name: str, value: Any) -> UnknownParameter:
+        return UnknownParameter(f'{cls._where}.{name}'.lstrip('.'), value,
+                                [row.name for row in cls.table()])
+
     def __post_init__(self) -> None:
         """Convert lists, integers and float32 arrays; ParameterError names what cannot be used."""
         for item in dataclasses.fields(self):
@@ -103,14 +118,16 @@ class Settings:
             return _as_group(item.metadata[_GROUP], value, name)
         if _PER_JOINT in item.metadata:
             kind = item.metadata[_PER_JOINT]
+            if not isinstance(value, Mapping):
+                raise ParameterError(name, value, f'a mapping from joints to {kind.__name__}')
             return MappingProxyType({str(joint): _as_group(kind, each, f'{name}.{joint}')
                                      for joint, each in value.items()})
         row = dataclasses.replace(item.metadata[_DECLARATION], name=name,
                                   kind=_kinds(type(self))[item.name])
-        value = _plain(row.kind, value)
+        given, value = value, plain(row.kind, value)
         problem = value_problem(row, value, {})
         if problem:
-            raise ParameterError(name, value, problem)
+            raise ParameterError(name, given, problem)
         if row.kind == 'double_array':
             return _frozen(np.array(value, dtype=float))
         return tuple(value) if row.is_array else value
@@ -142,6 +159,22 @@ class Settings:
                 arguments[item.name] = values[item.name]
         return cls(**arguments)
 
+    @classmethod
+    def taken(cls: type[_Self], settings: _Self | Mapping[str, Any] | None,
+              changes: Mapping[str, Any]) -> _Self:
+        """Return the settings that a constructor is given: the defaults where None, changed.
+
+        Raises:
+            ParameterError: they are of another kind, or a change cannot be made.
+        """
+        if settings is None:
+            settings = cls()
+        elif isinstance(settings, Mapping):
+            settings = cls.from_values(cls._by_name(settings))
+        elif not isinstance(settings, cls):
+            raise ParameterError('settings', settings, f'{cls.__name__} or a mapping')
+        return settings.replace(**changes)
+
     def values(self) -> dict[str, Any]:
         """Return all values by parameter name, arrays as lists: what YAML and ROS hold."""
         flat: dict[str, Any] = {}
@@ -158,23 +191,49 @@ class Settings:
         return flat
 
     def replace(self: _Self, **changes: Any) -> _Self:
-        """Return a copy with other values by parameter name, dotted or with nested settings.
+        """Return a copy with other values by parameter name.
+
+        ``replace(**{'history.size': 30})`` and ``replace(history={'size': 30})`` mean the same;
+        ``replace(history=HistorySettings(size=30))`` replaces the whole group.
 
         Raises:
             ParameterError: a name is not declared, or a value cannot be used.
         """
-        own = {item.name for item in dataclasses.fields(self)}
-        direct = {name: value for name, value in changes.items() if name in own}
-        changed = dataclasses.replace(self, **direct)
-        dotted = {name: value for name, value in changes.items() if name not in own}
-        if not dotted:
-            return changed
-        values = changed.values()
-        for name, value in dotted.items():
-            if name not in values:
-                raise ParameterError(f'{self._where}.{name}'.lstrip('.'), value,
-                                     f'no such parameter; known: {", ".join(sorted(values))}')
-        return type(self).from_values({**values, **dotted})
+        groups = {name: value for name, value in changes.items() if isinstance(value, Settings)}
+        changed = dataclasses.replace(self, **groups)
+        others = self._by_name({name: value for name, value in changes.items()
+                                if name not in groups})
+        return type(self).from_values({**changed.values(), **others}) if others else changed
+
+    @classmethod
+    def _by_name(cls, nested: Mapping[str, Any]) -> dict[str, Any]:
+        """Return nested mappings by parameter name, as ``from_values`` takes them.
+
+        Raises:
+            ParameterError: a name is not declared.
+        """
+        flat = dict(cls._flat(nested))
+        table = cls.table()
+        for name, value in flat.items():
+            if not any(declares(row, name) for row in table):
+                raise cls._unknown(name, value)
+        return flat
+
+    @classmethod
+    def _flat(cls, nested: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+        fields = {item.name: item.metadata for item in dataclasses.fields(cls)}
+        of_joint = next((data[_PER_JOINT] for data in fields.values() if _PER_JOINT in data), None)
+        for name, value in nested.items():
+            metadata: Mapping[Any, Any] = fields.get(name, {})
+            kind = metadata.get(_GROUP, None if name in fields else of_joint)
+            if isinstance(value, Mapping) and _PER_JOINT in metadata:
+                yield from cls._flat(value)
+            elif isinstance(value, Settings):
+                yield from ((f'{name}.{inner}', each) for inner, each in value.values().items())
+            elif isinstance(value, Mapping) and kind is not None:
+                yield from ((f'{name}.{inner}', each) for inner, each in kind._flat(value))
+            else:
+                yield name, value
 
     def resolved(self: _Self, **sizes: int) -> _Self:
         """Return a copy whose arrays have their full length, e.g. ``joints=7, parameters=50``.
@@ -265,32 +324,13 @@ def _as_group(kind: type[Settings], value: Any, name: str) -> Settings:
     if isinstance(value, kind):
         return value
     if isinstance(value, Mapping):
-        return kind(**value)
+        return kind.from_values(kind._by_name(value))
     raise ParameterError(name, value, f'{kind.__name__} or a mapping of its fields')
 
 
 def _below(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
     return {name.removeprefix(prefix): value for name, value in values.items()
             if name.startswith(prefix)}
-
-
-def _plain(kind: str, value: Any) -> Any:
-    """Return what a Python caller gave as the plain value of ``kind`` where it is one."""
-    if kind == 'double_array':
-        try:
-            return np.atleast_1d(np.asarray(value, dtype=float)).tolist()
-        except (TypeError, ValueError):
-            return value
-    if kind == 'string_array':
-        return list(value) if isinstance(value, (tuple, list)) else value
-    if kind == 'double' and isinstance(value, (int, np.integer, np.floating)) and not isinstance(
-            value, bool):
-        return float(value)
-    if kind == 'int' and isinstance(value, np.integer):
-        return int(value)
-    if kind == 'bool' and isinstance(value, np.bool_):
-        return bool(value)
-    return value
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.plugin import is_plugin
 
-__all__ = ['JOINT', 'Parameter', 'Table', 'broadcast', 'per_joint', 'validated', 'value_problem']
+__all__ = ['JOINT', 'Parameter', 'Table', 'broadcast', 'declares', 'per_joint', 'plain',
+           'validated', 'value_problem']
 
 JOINT = '<joint>'  # stands for every joint name in a parameter's name
 Value = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
@@ -95,6 +96,38 @@ def per_joint(table: Iterable[Parameter], joints: Iterable[str]) -> dict[str, Pa
     return expanded
 
 
+def declares(parameter: Parameter, name: str) -> bool:
+    """Return whether ``name`` is that of a parameter, whatever the joint."""
+    before, joint, after = parameter.name.partition(JOINT)
+    if not joint:
+        return name == before
+    return name.startswith(before) and name.endswith(after) and bool(
+        name[len(before):-len(after) or None])
+
+
+def plain(kind: str, value: Any) -> Any:
+    """Return what a Python caller gave as the plain value of ``kind`` where it is one.
+
+    Scalars and arrays of any real type become lists of floats, integers floats.
+    """
+    if kind == 'double_array':
+        try:
+            array = np.atleast_1d(np.asarray(value))
+        except (TypeError, ValueError):  # rows of different lengths
+            return value
+        return array.astype(float).tolist() if array.dtype.kind in 'iuf' else value
+    if kind == 'string_array':
+        return list(value) if isinstance(value, (tuple, list)) else value
+    if kind == 'double' and isinstance(value, (int, np.integer, np.floating)) and not isinstance(
+            value, bool):
+        return float(value)
+    if kind == 'int' and isinstance(value, np.integer):
+        return int(value)
+    if kind == 'bool' and isinstance(value, np.bool_):
+        return bool(value)
+    return value
+
+
 def _element_problem(parameter: Parameter, value: Any) -> str | None:
     kind = parameter.kind.removesuffix('_array')
     python_type, words = _PYTHON_TYPES[kind]
@@ -162,10 +195,7 @@ def validated(table: Iterable[Parameter], given: Mapping[str, Any], where: str,
     by_name = {parameter.name: parameter for parameter in table}
     for name in given:
         if name not in by_name:
-            close = [n for n in by_name if n.split('.')[-1] == name.split('.')[-1]]
-            hint = f' (did you mean {close[0]}?)' if close else ''
-            raise ParameterError(f'{where}.{name}', given[name],
-                                 f'no such parameter{hint}; known: {", ".join(sorted(by_name))}')
+            raise UnknownParameter(f'{where}.{name}', given[name], by_name)
     values = {}
     for name, parameter in by_name.items():
         value = given.get(name, parameter.default)

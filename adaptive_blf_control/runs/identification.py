@@ -3,22 +3,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bags.logs import MeasuredLog, read_log
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.bags.logs import Log, read_log
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.errors import LogError, ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.runs.log_pass import choose_spans, learn, NO_TEST
+from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.runs.log_pass import choose_spans, Given, learn, NO_TEST, Prediction
 from adaptive_blf_control.runs.log_report import figures_of, table
 
 __all__ = ['Identification', 'REAL_ROBOT', 'identify', 'real_robot_settings']
@@ -39,23 +40,34 @@ REAL_ROBOT: dict[str, Any] = {
 
 @dataclass(frozen=True, repr=False)
 class Identification:
-    """What one pass over a log has taught.
+    """What one pass over a log has taught; ``print`` shows the figures as a table.
 
     Attributes:
-        identifier: The identifier after the pass: ``estimate`` (θ̂ by name), ``rank``,
-            ``undetermined`` and ``predict``.
+        identifier: The identifier after the pass.
         figures: Per joint the RMSE of the filtered torque [N·m] and what else `figures_of` gives.
+        prediction: Measured and predicted torque of the test span: t, measured, predicted.
         source: Where the log came from.
         problem: Why the log ends early (a truncated bag), or None.
     """
 
     identifier: Identifier
-    figures: dict[str, Any] = field(default_factory=dict)
-    source: str = 'log'
-    problem: str | None = None
+    figures: dict[str, Any]
+    prediction: Prediction
+    source: str
+    problem: str | None
 
     @property
-    def theta(self) -> dict[str, float]:
+    def arm(self) -> Arm:
+        """The arm whose parameters were learned."""
+        return self.identifier.arm
+
+    @property
+    def theta(self) -> np.ndarray:
+        """θ̂, shape (m,)."""
+        return self.identifier.theta
+
+    @property
+    def estimate(self) -> dict[str, float]:
         """θ̂ by parameter name."""
         return self.identifier.estimate
 
@@ -89,57 +101,72 @@ def real_robot_settings() -> IdentifierNodeSettings:
                          IdentifierNodeSettings)
 
 
-def identify(log: MeasuredLog | str | os.PathLike[str],
-             urdf: str | os.PathLike[str] | None = None, joints: Sequence[str] | None = None, *,
-             train: str | None = None, test: str | None = None, topic: str | None = None,
-             settings: IdentifierNodeSettings | None = None,
-             changes: Mapping[str, Any] | None = None) -> Identification:
+def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
+             joints: Sequence[str] | None = None, *, arm: Arm | str | None = None,
+             train: Given = None, test: Given = None, topic: str | None = None,
+             settings: IdentifierSettings | None = None, **changes: Any) -> Identification:
     """Learn the parameters of a measured robot from its log, in one pass.
 
     The log is streamed through the identifier of the node: no look-ahead, one sample after the
     other. Before and after the training span θ̂ is frozen and the samples are only filtered.
 
     Args:
-        log: A bag, a CSV file (see `read_log`) or a log that was read.
-        urdf: Path or ``package://...`` of the robot; may be left out where the settings name it.
+        log: A bag, a CSV file, arrays by name (see `read_log`) or a log that was read.
+        urdf: Path, ``package://...`` or XML text of the robot, all of whose friction is learned.
         joints: Joints to identify, the others are locked; the URDF's where None. For a CSV file
-            the names of its columns, in order.
-        train: Span to learn from, ``T0:T1`` [s]; the first half after the filters have forgotten
-            their start, where None.
-        test: Span to predict with θ̂ frozen; the rest where None, ``none`` for no test.
+            and arrays the names of their columns, in order.
+        arm: In place of a URDF an arm, or ``'two_link'`` or ``'three_link'``.
+        train: Span to learn from, ``(T0, T1)`` or ``'T0:T1'`` [s], where None stands for an end
+            of the log; the first half after the filters have forgotten their start, where None.
+        test: Span to predict with θ̂ frozen; the rest where None, ``'none'`` for no test.
         topic: JointState topic of a bag.
         settings: Those of the identifier; `REAL_ROBOT`'s where None.
-        changes: Settings by parameter name, e.g. ``{'history.size': 200}``.
+        changes: Settings by name, e.g. ``kh=100.0, history={'size': 200}``.
 
     Raises:
         LogError: the log cannot be read, or has no sample that can be used.
         ParameterError: a setting or span cannot be used.
         ArmError: no arm can be made of the URDF and the joints.
+        MissingExtra: Pinocchio, which reads the URDF, is not installed.
     """
-    settings = (settings or real_robot_settings()).replace(**(changes or {}))
-    if urdf is not None:
-        settings = settings.replace(arm='urdf', urdf=os.fspath(urdf))
-        if joints is None:
-            joints = joints_of(os.fspath(urdf))
-    if settings.arm == 'urdf' and (not settings.urdf or settings.urdf.startswith('topic:')):
-        raise ParameterError('urdf', settings.urdf, 'a file: name one with urdf')
-    if joints is not None:
-        settings = settings.replace(joints=list(joints))
-    arm = build_arm(settings)
-    source = 'log' if isinstance(log, MeasuredLog) else os.fspath(log)
-    if not isinstance(log, MeasuredLog):
-        log = read_log(Path(log), topic=topic, joints=arm.joints)
-    identifier = build_identifier(settings, arm)
-    filters = settings.filter
-    spans = choose_spans(log.t, train, test, 5.0 * filters.memory)
-    result = learn(identifier, log, *spans)
+    given = {'arm': arm if isinstance(arm, str) else None, 'urdf': urdf and os.fspath(urdf),
+             'joints': joints}
+    changes.update((name, value) for name, value in given.items() if value is not None)
+    chosen = _node_settings(settings).replace(**changes)
+    if arm is None or isinstance(arm, str):
+        arm = _named_arm(chosen, joints is None and urdf is not None)
+    elif urdf is not None:
+        raise ParameterError('urdf', urdf, 'nothing beside an arm')
+    source = os.fspath(log) if isinstance(log, (str, os.PathLike)) else 'log'
+    measured = read_log(log, topic=topic, joints=arm.joints)
+    identifier = build_identifier(chosen, arm)
+    filters = chosen.filter
+    spans = choose_spans(measured.t, train, test, 5.0 * filters.memory)
+    result = learn(identifier, measured, *spans)
     for name, fit in (('train', result.train), ('test', result.test)):
         if fit.count == 0 and not (name == 'test' and test == NO_TEST):
             raise LogError(f'{source}: no sample of the {name} span can be used: the filter '
                            f'restarts at gaps of more than {filters.gap:g} s and settles for '
                            f'{filters.settle:g} time constants')
-    return Identification(identifier, figures_of(log, identifier, result, spans), source,
-                          log.problem)
+    return Identification(identifier, figures_of(measured, identifier, result, spans),
+                          result.prediction, source, measured.problem)
+
+
+def _node_settings(settings: IdentifierSettings | None) -> IdentifierNodeSettings:
+    """Return the settings of the node: with those of the identifier alone, `REAL_ROBOT`'s arm."""
+    if settings is None or isinstance(settings, IdentifierNodeSettings):
+        return settings or real_robot_settings()
+    given = IdentifierSettings.taken(settings, {})
+    return real_robot_settings().replace(**given.values())
+
+
+def _named_arm(settings: IdentifierNodeSettings, whole: bool) -> Arm:
+    """Build the arm that the settings name, with all joints of its URDF where ``whole``."""
+    if settings.arm == 'urdf' and (not settings.urdf or settings.urdf.startswith('topic:')):
+        raise ParameterError('urdf', settings.urdf, 'a file: name one with urdf')
+    if settings.arm == 'urdf' and whole:
+        settings = settings.replace(joints=joints_of(settings.urdf))
+    return build_arm(settings)
 
 
 def joints_of(urdf: str) -> list[str]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import time
 from typing import NamedTuple
 
@@ -13,9 +14,11 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.runs.batch_fit import BatchFit
 
-__all__ = ['NO_TEST', 'LogPass', 'Span', 'choose_spans', 'learn']
+__all__ = ['NO_TEST', 'Given', 'LogPass', 'Prediction', 'Span', 'choose_spans', 'learn']
 
 NO_TEST = 'none'
+Given = str | Sequence[float | None] | None
+"""A span as a caller gives it, see `choose_spans`."""
 
 
 class Span(NamedTuple):
@@ -25,6 +28,20 @@ class Span(NamedTuple):
     end: float
 
 
+class Prediction(NamedTuple):
+    """The filtered torque of samples that θ̂ was not learned from, K of them.
+
+    Attributes:
+        t: Times, shape (K,) [s].
+        measured: τ_f, shape (K, n) [N·m].
+        predicted: Y_f θ̂, shape (K, n) [N·m].
+    """
+
+    t: np.ndarray
+    measured: np.ndarray
+    predicted: np.ndarray
+
+
 class LogPass(NamedTuple):
     """What one pass over a log gave.
 
@@ -32,22 +49,23 @@ class LogPass(NamedTuple):
         train: The filtered pairs θ̂ was learned from.
         test: The filtered pairs it never saw.
         seconds: Time each update took, shape (number of samples in the training span,) [s].
+        prediction: The torque of the test span.
     """
 
     train: BatchFit
     test: BatchFit
     seconds: np.ndarray
+    prediction: Prediction
 
 
-def choose_spans(t: np.ndarray, train: str | None, test: str | None,
-                 settle: float) -> tuple[Span, Span]:
+def choose_spans(t: np.ndarray, train: Given, test: Given, settle: float) -> tuple[Span, Span]:
     """Return the training span and the test span of a log.
 
     Args:
         t: Times of the log, increasing, shape (N,) [s].
-        train: ``T0:T1`` [s], where an end that is left out is the log's; None takes the first
-            half from ``settle`` after the start on.
-        test: Likewise; None takes what follows the training span, ``none`` leaves it empty.
+        train: ``(T0, T1)`` or ``'T0:T1'`` [s], where an end that is None or left out is the
+            log's; None takes the first half from ``settle`` after the start on.
+        test: Likewise; None takes what follows the training span, ``'none'`` leaves it empty.
         settle: How long a filter takes to forget its start [s].
 
     Raises:
@@ -56,34 +74,35 @@ def choose_spans(t: np.ndarray, train: str | None, test: str | None,
     """
     first, last = float(t[0]), float(t[-1])
     known = f'the log goes from {first:.6g} to {last:.6g} s'
+    untested = isinstance(test, str) and test == NO_TEST
     middle = first + 0.5 * (last - first)
     learned = (Span(min(first + settle, middle), middle) if train is None
-               else _parse('--train', train, first, last))
-    tested = (Span(learned.end, learned.end if test == NO_TEST else last)
-              if test in (None, NO_TEST) else _parse('--test', test or '', first, last))
-    given = [('--train', train, learned), ('--test', test, tested)]
-    for name, text, span in given[:1] if test == NO_TEST else given:
+               else _span('train', train, first, last))
+    tested = (Span(learned.end, learned.end if untested else last)
+              if test is None or untested else _span('test', test, first, last))
+    given = [('train', train, learned), ('test', test, tested)]
+    for name, value, span in given[:1] if untested else given:
         if not first <= span.start < span.end <= last:
-            raise ParameterError(name, text, f'T0:T1 with T0 < T1 inside the log: {known}; '
+            raise ParameterError(name, value, f'T0:T1 with T0 < T1 inside the log: {known}; '
                                  f'this is {span.start:.6g} to {span.end:.6g} s')
         if not _inside(span, t, last).any():
-            raise ParameterError(name, text, f'a span with samples in it: {known}')
+            raise ParameterError(name, value, f'a span with samples in it: {known}')
     if tested.start < learned.end:
-        raise ParameterError('--test', f'{tested.start:g}:{tested.end:g}',
+        raise ParameterError('test', f'{tested.start:g}:{tested.end:g}',
                              f'a span after the training, which ends at {learned.end:.6g} s: '
                              f'{known}')
     return learned, tested
 
 
-def _parse(option: str, text: str, first: float, last: float) -> Span:
-    start, colon, end = text.partition(':')
+def _span(name: str, given: str | Sequence[float | None], first: float, last: float) -> Span:
+    ends = given.split(':') if isinstance(given, str) else given
     try:
-        span = Span(float(start) if start.strip() else first, float(end) if end.strip() else last)
-    except ValueError:
-        colon = ''
-    if not colon:
-        raise ParameterError(option, text, f'T0:T1 in seconds: the log goes from {first:.6g} to '
-                             f'{last:.6g} s')
+        start, end = (None if isinstance(value, str) and not value.strip() else value
+                      for value in ends)
+        span = Span(first if start is None else float(start), last if end is None else float(end))
+    except (TypeError, ValueError):
+        raise ParameterError(name, given, f'T0:T1 in seconds: the log goes from {first:.6g} to '
+                             f'{last:.6g} s') from None
     # Ends as they are printed count as the log's own.
     return Span(*(limit if abs(value - limit) <= 1e-5 * max(abs(limit), 1.0) else value
                   for value, limit in zip(span, (first, last))))
@@ -106,7 +125,7 @@ def learn(identifier: Identifier, log: MeasuredLog, train: Span, test: Span) -> 
     n, m = identifier.arm.n, identifier.arm.m
     fits = BatchFit(n, m), BatchFit(n, m)
     identifier.warm_up()
-    seconds = []
+    seconds, tested = [], []
     for i in np.flatnonzero(log.t <= test.end):
         sample = float(log.t[i]), log.q[i], log.qd[i], log.tau[i]
         before, restarts = identifier.pair, identifier.restarts
@@ -119,4 +138,9 @@ def learn(identifier: Identifier, log: MeasuredLog, train: Span, test: Span) -> 
         advanced = identifier.pair is not before and identifier.restarts == restarts
         if advanced and identifier.settled and (learning[i] or testing[i]):
             fits[0 if learning[i] else 1].add(*identifier.pair)
-    return LogPass(*fits, np.array(seconds))
+            if testing[i]:
+                regressor, torque = identifier.pair
+                tested.append((log.t[i], torque, regressor @ identifier.theta))
+    prediction = (Prediction(*(np.array(column) for column in zip(*tested))) if tested else
+                  Prediction(np.empty(0), np.empty((0, n)), np.empty((0, n))))
+    return LogPass(*fits, np.array(seconds), prediction)

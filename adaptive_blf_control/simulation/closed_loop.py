@@ -11,13 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import time
+from typing import Any
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arrays import checked_array, checked_finite
 from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.simulation.plant import Plant, SimulatedArm
+from adaptive_blf_control.parameters.plugin import require
+from adaptive_blf_control.simulation.plant import Plant, REQUIRED, SimulatedArm
 from adaptive_blf_control.simulation.sensors import Measurement
 
 __all__ = ['ClosedLoop', 'Sample', 'Trace', 'sample_time']
@@ -76,23 +79,32 @@ class Trace:
 class ClosedLoop:
     """The whole path on one thread: the same objects that run in the nodes."""
 
-    def __init__(self, plant: Plant, controller: Controller, identifier: Identifier,
-                 period: float, initial_estimate: np.ndarray, known: bool = False) -> None:
+    def __init__(self, plant: Plant, controller: Controller, identifier: Identifier | None = None,
+                 period: float = 0.001, initial_estimate: Any = None, known: bool = False,
+                 ) -> None:
         """Join the parts.
 
         Args:
-            plant: The arm that is driven.
+            plant: What is driven.
             controller: The law.
-            identifier: Learns along.
+            identifier: Learns along; one of the controller's arm with the defaults where None.
             period: Sample interval [s].
-            initial_estimate: θ the controller starts with, shape (m,).
+            initial_estimate: θ the controller starts with, shape (m,); the identifier's where
+                None.
             known: The controller keeps that θ and never hears the identifier (34).
+
+        Raises:
+            ParameterError: the plant lacks what a plant needs, or a value cannot be used.
         """
+        require('plant', plant, plant, REQUIRED)
         self.plant = plant
         self.controller = controller
-        self.identifier = identifier
-        self.period = period
-        self._initial_estimate = initial_estimate
+        self.identifier = Identifier(controller.arm) if identifier is None else identifier
+        self.period = checked_finite('period', period, 'a time > 0 s', above=0.0)
+        arm = controller.arm
+        self._initial_estimate = (
+            self.identifier.theta if initial_estimate is None else checked_array(
+                'initial_estimate', initial_estimate, (arm.m,), arm.parameters))
         self._known = known
 
     @property

@@ -79,8 +79,13 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
     output = options.output or Path(settings.estimate_file or 'theta_hat.yaml')
     if not output.parent.is_dir():  # known before the work, not after
         raise ParameterError('--output', str(output), 'a file in a folder that exists')
-    result = identify(options.log, settings=settings, train=options.train, test=options.test,
-                      topic=options.topic)
+    try:
+        result = identify(options.log, settings=settings, train=options.train,
+                          test=options.test, topic=options.topic)
+    except ParameterError as error:
+        if error.name not in ('train', 'test'):
+            raise
+        raise ParameterError(f'--{error.name}', error.value, error.expected) from None
     if result.problem:
         print(f'identify: {options.log}: {result.problem}', file=sys.stderr)
     try:

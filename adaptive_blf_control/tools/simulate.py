@@ -50,7 +50,7 @@ def main(args: list[str] | None = None) -> int:
         print(f'simulate: {error}', file=sys.stderr)
         return 2
     if options.json:
-        print(json.dumps(run.figures(), indent=2))
+        print(json.dumps(run.figures, indent=2))
     else:
         print(repr(run) + (f'\nbag                  {options.bag}' if options.bag else ''))
     return 0 if run.kept else 1

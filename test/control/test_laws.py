@@ -25,19 +25,20 @@ def stranger(monkeypatch):
 
 @pytest.mark.parametrize('law', LAWS)
 def test_every_law_of_ours_drives_the_loop_within_its_torque_limit(repository, law):
-    run = door.simulate(repository / 'config' / 'two_link.yaml', 1.0, {'controller.law': law})
+    run = door.simulate(repository / 'config' / 'two_link.yaml', 1.0, controller={'law': law})
     limit = run.loop.controller.settings.torque_limit
-    assert (np.abs(run.trace.torque) <= limit).all()
-    assert np.abs(run.trace.e1).max() < 0.2
+    assert (np.abs(run.torque) <= limit).all()
+    assert np.abs(run.e1).max() < 0.2
 
 
 def test_a_strangers_law_drives_the_loop_and_has_no_adaptation_term(repository, stranger):
     terms = []
-    run = door.simulate(repository / 'config' / 'two_link.yaml', 2.0, {'controller.law': stranger},
+    run = door.simulate(repository / 'config' / 'two_link.yaml', 2.0,
+                        controller={'law': stranger},
                         observer=lambda sample: terms.append(sample.output.adaptation_term))
     assert run.kept
     assert not np.any(terms)
-    assert run.trace.rank[-1] == 5  # the identifier learns from what it sees, whoever drives
+    assert run.rank[-1] == 5  # the identifier learns from what it sees, whoever drives
 
 
 def test_a_law_that_is_passed_in_stays_through_a_change_of_the_gains():

@@ -223,9 +223,9 @@ def test_a_strangers_law_that_is_named_moves_the_estimate(stranger):
 
 def test_a_strangers_law_learns_in_the_closed_loop(repository, stranger):
     run = door.simulate(repository / 'config' / 'two_link.yaml', 3.0,
-                        {'identifier.update_law': stranger})
+                        identifier={'update_law': stranger})
     assert run.kept
-    assert error(run.trace.theta_hat[-1]) < 0.01 * np.linalg.norm(ARM.nominal)
+    assert error(run.theta_hat[-1]) < 0.01 * np.linalg.norm(ARM.nominal)
 
 
 def test_a_law_that_is_passed_in_is_asked_once_a_sample_through_a_change_of_the_settings():

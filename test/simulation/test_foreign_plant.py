@@ -22,16 +22,16 @@ def named(monkeypatch):
 
 
 def test_the_loop_closes_around_it_and_keeps_its_sets(repository, named):
-    run = door.simulate(repository / 'config' / 'two_link.yaml', 3.0, named)
+    run = door.simulate(repository / 'config' / 'two_link.yaml', 3.0, **named)
     assert type(run.loop.plant).__name__ == 'Pendulums'
     assert run.kept
-    assert run.trace.rank[-1] >= 4
+    assert run.rank[-1] >= 4
 
 
 def test_what_needs_its_parameters_says_that_they_are_not_known(repository, named, capsys):
-    run = door.simulate(repository / 'config' / 'two_link.yaml', 0.1, named)
-    assert guarantee_of_trace(run.loop, run.trace) is None
-    assert run.figures()['guarantee'] is None
+    run = door.simulate(repository / 'config' / 'two_link.yaml', 0.1, **named)
+    assert guarantee_of_trace(run.loop, run) is None
+    assert run.figures['guarantee'] is None
     assert main([str(repository / 'config' / 'two_link.yaml'), '--duration', '0.1',
                  '--set', 'arm_driver.plant=foreign_plant:Pendulums']) == 0
     assert 'theta* of the plant is not known' in capsys.readouterr().out
@@ -45,4 +45,4 @@ def test_what_needs_its_parameters_says_that_they_are_not_known(repository, name
 def test_a_plant_that_cannot_be_driven_is_refused_with_the_reason(repository, named, plant,
                                                                  message):
     with pytest.raises(door.ParameterError, match=message):
-        door.simulate(repository / 'config' / 'two_link.yaml', 0.1, {'arm_driver.plant': plant})
+        door.simulate(repository / 'config' / 'two_link.yaml', 0.1, arm_driver={'plant': plant})
