@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.arm import Arm, checked_arm
 from adaptive_blf_control.arrays import checked_array, dimensions
 
 __all__ = ['inverse_dynamics']
@@ -31,6 +31,7 @@ def inverse_dynamics(arm: Arm, theta: Any, q: Any, qd: Any, qdd: Any) -> np.ndar
     Raises:
         ParameterError: an array has another shape.
     """
+    arm = checked_arm('arm', arm)
     theta = checked_array('theta', theta, (arm.m,), arm.parameters)
     shape = (arm.n,) if dimensions(q) == 1 else (-1, arm.n)
     q = checked_array('q', q, shape, arm.joints)

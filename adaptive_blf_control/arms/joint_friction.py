@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from adaptive_blf_control.arrays import checked_array, checked_finite, dimensions
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['FRICTION_KINDS', 'JointFriction', 'finite_array']
@@ -37,9 +38,8 @@ class JointFriction:
         Raises:
             ParameterError: If a value is not finite, negative (viscous, coulomb) or too short.
         """
-        if not (np.isfinite(coulomb_velocity) and coulomb_velocity > 0.0):
-            raise ParameterError('coulomb_velocity', coulomb_velocity, 'a speed > 0 [rad/s]')
-        self.coulomb_velocity = float(coulomb_velocity)
+        self.coulomb_velocity = checked_finite('coulomb_velocity', coulomb_velocity,
+                                               'a speed > 0 [rad/s]', above=0.0)
         self._n = len(joints)
         self._kinds = tuple(kind for kind in FRICTION_KINDS if kind in nominal)
         self.names = tuple(f'{FRICTION_KINDS[kind]}_{joint}'
@@ -79,10 +79,12 @@ def finite_array(name: str, value: object, length: int) -> np.ndarray:
     Raises:
         ParameterError: If it is neither.
     """
+    shape = () if dimensions(value) == 0 else (length,)
+    expected = f'one finite number or {length} of them'
     try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        array = np.array(np.nan)
-    if array.shape not in ((), (length,)) or not np.all(np.isfinite(array)):
-        raise ParameterError(name, value, f'one finite number or {length} of them')
+        array = checked_array(name, value, shape)
+    except ParameterError:
+        raise ParameterError(name, value, expected) from None
+    if not np.all(np.isfinite(array)):
+        raise ParameterError(name, value, expected)
     return np.broadcast_to(array, (length,)).copy()

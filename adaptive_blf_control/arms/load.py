@@ -9,6 +9,7 @@ import os
 import numpy as np
 
 from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['load_arm']
 
@@ -34,5 +35,8 @@ def load_arm(urdf: str | os.PathLike[str], joints: Sequence[str] | None = None, 
         ParameterError: a number cannot be used.
         MissingExtra: Pinocchio, which reads the URDF, is not installed.
     """
+    for name, value in (('viscous', viscous), ('coulomb', coulomb), ('offset', offset)):
+        if not isinstance(value, (bool, np.bool_)):
+            raise ParameterError(name, value, 'True or False')
     return UrdfArm(urdf, joints, friction_viscous=viscous, friction_coulomb=coulomb,
                    friction_offset=offset, coulomb_velocity=coulomb_velocity, gravity=gravity)

@@ -100,7 +100,7 @@ class UrdfArm:
         """
         self._pin = load_pinocchio()
         model, self.joints = reduced_model(read_urdf(source, package_dirs), joints)
-        if np.ndim(gravity) != 1:
+        if dimensions(gravity) != 1:
             raise ParameterError('gravity', gravity, 'three finite numbers')
         self.model = with_gravity(model, finite_array('gravity', gravity, 3))
         self._order = JointOrder(self.model, self.joints)

@@ -44,6 +44,11 @@ def read_urdf(source: str | os.PathLike[str],
     Raises:
         ArmError: If there is no such file or package, or nothing in it.
     """
+    if not isinstance(source, (str, os.PathLike)):
+        raise ArmError(f'URDF source is {source!r}: expected a path, package://... or XML text')
+    if not isinstance(package_dirs, (list, tuple)) or not all(
+            isinstance(folder, (str, os.PathLike)) for folder in package_dirs):
+        raise ArmError(f'package_dirs is {package_dirs!r}: expected a list of folders')
     text = os.fspath(source)
     if not text.strip():
         raise ArmError('URDF source is empty: expected a path, package://... or XML text')
@@ -162,7 +167,8 @@ def select_joints(available: Sequence[UrdfJoint], wanted: Sequence[str] | None) 
                 raise ArmError(f'joint {joint.name!r} is {joint.kind}: name the joints of the '
                                f'arm, the others are locked; {listing}')
         wanted = driven
-    if isinstance(wanted, str) or not wanted:
+    if (not isinstance(wanted, (list, tuple)) or not wanted
+            or not all(isinstance(name, str) for name in wanted)):
         raise ArmError(f'joints is {wanted!r}: expected a list of names; {listing}')
     kinds = {joint.name: joint for joint in available}
     for index, name in enumerate(wanted):

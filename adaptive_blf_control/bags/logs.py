@@ -66,7 +66,11 @@ def read_log(source: Log, *, topic: str | None = None,
 
     Raises:
         LogError: names the source and what is wrong where: column, row, topic or joint.
+        ParameterError: ``joints`` are no names.
     """
+    if joints is not None and (not isinstance(joints, (list, tuple))
+                               or not all(isinstance(name, str) for name in joints)):
+        raise ParameterError('joints', joints, 'a list of names')
     if isinstance(source, MeasuredLog):
         return _chosen(source, joints)
     if isinstance(source, Mapping):
@@ -177,7 +181,7 @@ def _load_csv(path: Path, joints: Sequence[str] | None) -> MeasuredLog:
 def _column_names(source: str, n: int, joints: Sequence[str] | None) -> tuple[str, ...]:
     if joints is None:
         return tuple(f'joint{i + 1}' for i in range(n))
-    names = () if isinstance(joints, str) else tuple(map(str, joints))
+    names = tuple(joints)
     if len(set(names)) != n or len(names) != n:
         raise LogError(f'{source} has {n} joints (q1..q{n}): expected as many different '
                        f'names, got {len(names)}: {list(joints)}')

@@ -235,7 +235,10 @@ def read_bag(path: Path | str) -> Bag:
     Raises:
         BagError: names the path: it is missing, of another type, or has no message.
     """
-    path = Path(path)
+    try:
+        path = Path(path)
+    except TypeError:
+        raise BagError(f'bag is {path!r}: expected a path') from None
     if path.name == METADATA_NAME:
         path = path.parent
     if not path.is_dir():

@@ -24,7 +24,7 @@ from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.parameters.plugin import load_plugin, require
+from adaptive_blf_control.parameters.plugin import load_plugin, made
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 from adaptive_blf_control.simulation.plant import Epoch, Plant, REQUIRED, SimulatedArm
 from adaptive_blf_control.simulation.schedule import Change, Schedule
@@ -104,9 +104,8 @@ def build_plant(settings: DriverSettings, arm: Arm) -> Plant:
     """
     if settings.plant == 'builtin':
         return build_simulated_arm(settings, arm)
-    plant: Plant = load_plugin('arm_driver.plant', settings.plant)(
-        settings.resolved(joints=arm.n), arm)
-    require('arm_driver.plant', settings.plant, plant, REQUIRED)
+    plant: Plant = made('arm_driver.plant', settings.plant, load_plugin(
+        'arm_driver.plant', settings.plant), REQUIRED, settings.resolved(joints=arm.n), arm)
     return plant
 
 

@@ -160,7 +160,7 @@ class Controller:
     def _tune(self, settings: ControllerSettings) -> None:
         self.settings = settings.resolved(joints=self.arm.n)
         self._law = (make_law(self.arm, self.settings) if self._given_law is None else
-                     foreign_law('law', self._given_law, self.arm, self.settings))
+                     foreign_law('law', self._given_law, self._given_law, self.arm, self.settings))
         # Copies that may be written to: the limits are compiled for those.
         self._limit = self.settings.torque_limit.copy()
         self._rate_limit = self.settings.torque_rate_limit.copy()
@@ -182,6 +182,7 @@ class Controller:
 
     def check_start(self, q: np.ndarray, t: float = 0.0) -> None:
         """Raise SetViolation where the first measured state (n,) [rad] is outside a set."""
+        q = checked_array('q', q, self._n, self.arm.joints)
         bounds = self._bounds.at(t)
         check_start(self.safety, JointInterval(bounds.lower, bounds.upper), q,
                     q - self.reference.at(t).position, self.arm.joints)
@@ -212,8 +213,9 @@ class Controller:
             ParameterError: a value cannot be used.
         """
         joints = self.arm.joints
+        q = checked_array('q', q, self._n, joints)
         if settings is not None:
-            settings = settings.resolved(joints=self.arm.n)
+            settings = ControllerSettings.taken(settings, {}).resolved(joints=self.arm.n)
         follow = settled(self.reference, t)
         if reference is not None and blend_time != 0.0:
             follow = Crossfade(follow, settled(reference, t), t, blend_time)

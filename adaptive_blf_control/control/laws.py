@@ -18,7 +18,7 @@ from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, require
+from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made
 
 __all__ = ['AblfLaw', 'ComputedTorque', 'Law', 'LawAnswer', 'LawSample', 'ProportionalDerivative',
            'foreign_law', 'make_law']
@@ -148,26 +148,25 @@ def make_law(arm: Arm, settings: ControllerSettings) -> Law:
     if not is_plugin(settings.law):
         law: Law = _OURS[settings.law](arm, settings)
         return law
-    return foreign_law('controller.law', load_plugin('controller.law', settings.law), arm,
-                       settings)
+    return foreign_law('controller.law', settings.law, load_plugin(
+        'controller.law', settings.law), arm, settings)
 
 
-def foreign_law(name: str, given: Any, arm: Arm, settings: ControllerSettings) -> Law:
+def foreign_law(name: str, value: object, given: Any, arm: Arm,
+                settings: ControllerSettings) -> Law:
     """Return a stranger's law behind a check of what it answers.
 
     Args:
         name: The parameter or argument that gives it, for messages.
+        value: Its value, likewise.
         given: A law, or what is called with the arm and the settings and returns one.
         arm: The arm.
         settings: With arrays of full length.
 
     Raises:
-        ParameterError: it has no ``answer``.
+        ParameterError: it cannot be made or has no ``answer``.
     """
-    law = given if hasattr(given, 'answer') and not isinstance(given, type) else (
-        given(arm, settings) if callable(given) else given)
-    require(name, given, law, ('answer',))
-    return _Checked(law, arm)
+    return _Checked(made(name, value, given, ('answer',), arm, settings), arm)
 
 
 class _Checked:

@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ParameterError
 
@@ -79,14 +80,11 @@ class SumOfSinusoids:
         Amplitude is in rad, frequency in rad/s, phase in rad. Raises ParameterError where the
         shapes differ.
         """
-        self._offset = np.ascontiguousarray(offset, dtype=float)
-        shape = (len(self._offset), np.shape(amplitude)[1])
-        arrays = []
-        for name, value in (('amplitude', amplitude), ('frequency', frequency), ('phase', phase)):
-            if np.shape(value) != shape:
-                raise ParameterError(f'reference.{name}', np.shape(value), f'shape {shape}')
-            arrays.append(np.ascontiguousarray(value, dtype=float))
-        self._amplitude, self._frequency, self._phase = arrays
+        self._offset = checked_array('reference.offset', offset, (-1,))
+        self._amplitude = checked_array('reference.amplitude', amplitude, (len(self._offset), -1))
+        shape = self._amplitude.shape
+        self._frequency = checked_array('reference.frequency', frequency, shape)
+        self._phase = checked_array('reference.phase', phase, shape)
 
     def at(self, t: float) -> ReferencePoint:
         """Evaluate at ``t`` [s]."""
@@ -105,7 +103,7 @@ class Posture:
 
     def __init__(self, position: np.ndarray) -> None:
         """Take the positions, shape (n,) [rad]."""
-        held = np.array(position, dtype=float)
+        held = checked_array('position', position, (-1,)).copy()
         self._point = ReferencePoint(held, np.zeros_like(held), np.zeros_like(held))
 
     def at(self, t: float) -> ReferencePoint:

@@ -122,7 +122,7 @@ class Identifier:
     def _take(self, settings: IdentifierSettings) -> None:
         self._settings = settings
         self._law = (make_update_law(settings) if self._given_law is None else
-                     foreign_update_law('update_law', self._given_law, settings))
+                     foreign_update_law('update_law', self._given_law, self._given_law, settings))
 
     @property
     def settings(self) -> IdentifierSettings:
@@ -143,7 +143,8 @@ class Identifier:
             ParameterError: a value cannot be used; nothing has changed.
         """
         old = self._settings
-        settings = settings.replace(initial_estimate=old.initial_estimate)
+        settings = IdentifierSettings.taken(
+            settings, {'initial_estimate': old.initial_estimate})
         # Checks every value before anything changes.
         fresh = Identifier(self.arm, settings, self._given_law)
         self._take(fresh.settings)

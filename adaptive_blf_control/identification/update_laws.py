@@ -10,7 +10,7 @@ import numpy as np
 from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.update_law import implicit_step
-from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, require
+from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made
 
 __all__ = ['AblfConcurrent', 'Concurrent', 'Evidence', 'Gradient', 'UpdateLaw',
            'make_update_law']
@@ -92,25 +92,24 @@ def make_update_law(settings: IdentifierSettings) -> UpdateLaw:
     if not is_plugin(settings.update_law):
         law: UpdateLaw = _OURS[settings.update_law](settings)
         return law
-    return foreign_update_law('identifier.update_law', load_plugin(
+    return foreign_update_law('identifier.update_law', settings.update_law, load_plugin(
         'identifier.update_law', settings.update_law), settings)
 
 
-def foreign_update_law(name: str, given: Any, settings: IdentifierSettings) -> UpdateLaw:
+def foreign_update_law(name: str, value: object, given: Any,
+                       settings: IdentifierSettings) -> UpdateLaw:
     """Return a stranger's update law behind a check of what it returns.
 
     Args:
         name: The parameter or argument that gives it, for messages.
+        value: Its value, likewise.
         given: An update law, or what is called with the settings and returns one.
         settings: With arrays of full length.
 
     Raises:
-        ParameterError: it has no ``step``.
+        ParameterError: it cannot be made or has no ``step``.
     """
-    law = given if hasattr(given, 'step') and not isinstance(given, type) else (
-        given(settings) if callable(given) else given)
-    require(name, given, law, ('step',))
-    return _Checked(law)
+    return _Checked(made(name, value, given, ('step',), settings))
 
 
 class _Checked:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import importlib
 from typing import Any
 
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.errors import BlfError, ParameterError
 
-__all__ = ['is_plugin', 'load_plugin', 'require']
+__all__ = ['is_plugin', 'load_plugin', 'made', 'require']
 
 
 def is_plugin(text: object) -> bool:
@@ -37,6 +37,34 @@ def load_plugin(parameter: str, text: str) -> Any:
     except Exception as error:  # a stranger's module may raise anything
         raise ParameterError(parameter, text, f'a module and a name in it that can be imported '
                              f'({type(error).__name__}: {error})') from error
+
+
+def made(parameter: str, value: object, given: Any, names: Sequence[str], *arguments: Any) -> Any:
+    """Return a part: as it is given, or what a class or function that is given makes.
+
+    Args:
+        parameter: Name of the parameter or argument, for messages.
+        value: Its value, likewise.
+        given: The part, or what is called with ``arguments`` and returns it.
+        names: What its protocol asks for.
+        arguments: See ``given``.
+
+    Raises:
+        ParameterError: it cannot be made, or lacks what its protocol asks for.
+    """
+    part = given
+    if callable(given) and (isinstance(given, type)
+                            or not all(hasattr(given, name) for name in names)):
+        try:
+            part = given(*arguments)
+        except BlfError:
+            raise
+        except Exception as error:  # a stranger's constructor may raise anything
+            kinds = ', '.join(type(argument).__name__ for argument in arguments)
+            raise ParameterError(parameter, value, f'what can be called with {kinds} '
+                                 f'({type(error).__name__}: {error})') from error
+    require(parameter, value, part, names)
+    return part
 
 
 def require(parameter: str, value: object, part: object, names: Sequence[str]) -> None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -163,7 +163,7 @@ def value_problem(parameter: Parameter, value: Any, sizes: Mapping[str, int]) ->
     if not parameter.is_array:
         return _element_problem(parameter, value)
     kind = parameter.kind.removesuffix('_array')
-    if isinstance(value, (str, bytes)) or not hasattr(value, '__len__'):
+    if isinstance(value, (str, bytes, type, Mapping, Set)) or not hasattr(value, '__len__'):
         return f'a list of {kind}s'
     for element in value:
         problem = _element_problem(parameter, element)

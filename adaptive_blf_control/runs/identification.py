@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.arm import Arm, checked_arm
 from adaptive_blf_control.bags.logs import Log, read_log
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
@@ -129,14 +129,18 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
         ArmError: no arm can be made of the URDF and the joints.
         MissingExtra: Pinocchio, which reads the URDF, is not installed.
     """
+    if urdf is not None and not isinstance(urdf, (str, os.PathLike)):
+        raise ParameterError('urdf', urdf, 'a path, package://... or XML text')
     given = {'arm': arm if isinstance(arm, str) else None, 'urdf': urdf and os.fspath(urdf),
              'joints': joints}
     changes.update((name, value) for name, value in given.items() if value is not None)
     chosen = _node_settings(settings).replace(**changes)
     if arm is None or isinstance(arm, str):
         arm = _named_arm(chosen, joints is None and urdf is not None)
-    elif urdf is not None:
-        raise ParameterError('urdf', urdf, 'nothing beside an arm')
+    else:
+        checked_arm('arm', arm)
+        if urdf is not None:
+            raise ParameterError('urdf', urdf, 'nothing beside an arm')
     source = os.fspath(log) if isinstance(log, (str, os.PathLike)) else 'log'
     measured = read_log(log, topic=topic, joints=arm.joints)
     identifier = build_identifier(chosen, arm)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.arrays import checked_number
 from adaptive_blf_control.bags.logs import MeasuredLog
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
@@ -97,15 +98,20 @@ def choose_spans(t: np.ndarray, train: Given, test: Given, settle: float) -> tup
 def _span(name: str, given: str | Sequence[float | None], first: float, last: float) -> Span:
     ends = given.split(':') if isinstance(given, str) else given
     try:
-        start, end = (None if isinstance(value, str) and not value.strip() else value
-                      for value in ends)
-        span = Span(first if start is None else float(start), last if end is None else float(end))
+        start, end = (_end(name, value) for value in ends)
+        span = Span(first if start is None else start, last if end is None else end)
     except (TypeError, ValueError):
         raise ParameterError(name, given, f'T0:T1 in seconds: the log goes from {first:.6g} to '
                              f'{last:.6g} s') from None
     # Ends as they are printed count as the log's own.
     return Span(*(limit if abs(value - limit) <= 1e-5 * max(abs(limit), 1.0) else value
                   for value, limit in zip(span, (first, last))))
+
+
+def _end(name: str, value: str | float | None) -> float | None:
+    if isinstance(value, str):
+        return float(value) if value.strip() else None
+    return None if value is None else checked_number(name, value)
 
 
 def _inside(span: Span, t: np.ndarray, last: float) -> np.ndarray:

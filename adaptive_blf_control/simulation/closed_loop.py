@@ -97,9 +97,11 @@ class ClosedLoop:
             ParameterError: the plant lacks what a plant needs, or a value cannot be used.
         """
         require('plant', plant, plant, REQUIRED)
+        require('controller', controller, controller, ('arm', 'reference', 'update'))
         self.plant = plant
         self.controller = controller
         self.identifier = Identifier(controller.arm) if identifier is None else identifier
+        require('identifier', identifier, self.identifier, ('arm', 'theta', 'stack', 'update'))
         self.period = checked_finite('period', period, 'a time > 0 s', above=0.0)
         arm = controller.arm
         self._initial_estimate = (
