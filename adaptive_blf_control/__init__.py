@@ -1,9 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Adaptive control of a robot arm with guaranteed safety and performance sets.
 
-What a Python program needs is imported from here, when it is first used: arms (`load_arm`,
-`TwoLinkArm`, `ThreeLinkArm`, `UrdfArm`), learning (`Identifier`, `identify`, `read_log`), control
-(`Controller`, `ClosedLoop`, `simulate`), bags (`read_bag`) and the errors.
+What a program needs is imported from here, when it is first used; `dir` lists it:
+
+    arms         load_arm, TwoLinkArm, ThreeLinkArm, UrdfArm, inverse_dynamics
+    learning     Identifier with IdentifierSettings; identify (an Identification), read_log (a
+                 MeasuredLog)
+    control      Controller with ControllerSettings; SumOfSinusoids
+    simulation   simulate (a Simulation), ClosedLoop
+    bags         read_bag
+    own parts    Arm, ForwardDynamics, Plant, Measurement, Reference, ReferencePoint, Law,
+                 LawSample, LawAnswer, UpdateLaw, Evidence
+    errors       BlfError and what inherits from it
+
+Arrays may be lists or of any real type. Units are SI, angles radians. What cannot be used is
+refused with a BlfError that names it, its value and what is expected.
 """
 
 import importlib
@@ -17,56 +28,78 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 __version__ = '0.1.0'
 
 if TYPE_CHECKING:
+    from adaptive_blf_control.arms.arm import Arm as Arm, ForwardDynamics as ForwardDynamics
     from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics as inverse_dynamics
     from adaptive_blf_control.arms.load import load_arm as load_arm
     from adaptive_blf_control.arms.three_link import ThreeLinkArm as ThreeLinkArm
     from adaptive_blf_control.arms.two_link import TwoLinkArm as TwoLinkArm
     from adaptive_blf_control.arms.urdf import UrdfArm as UrdfArm
-    from adaptive_blf_control.bags.logs import MeasuredLog as MeasuredLog
-    from adaptive_blf_control.bags.logs import read_log as read_log
+    from adaptive_blf_control.bags.logs import MeasuredLog as MeasuredLog, read_log as read_log
     from adaptive_blf_control.bags.reader import read_bag as read_bag
     from adaptive_blf_control.control.controller import Controller as Controller
+    from adaptive_blf_control.control.laws import (
+        Law as Law,
+        LawAnswer as LawAnswer,
+        LawSample as LawSample,
+    )
+    from adaptive_blf_control.control.reference import (
+        Reference as Reference,
+        ReferencePoint as ReferencePoint,
+        SumOfSinusoids as SumOfSinusoids,
+    )
     from adaptive_blf_control.control.settings import ControllerSettings as ControllerSettings
     from adaptive_blf_control.errors import (
         ArmError as ArmError,
-    )
-    from adaptive_blf_control.errors import (
         BagError as BagError,
-    )
-    from adaptive_blf_control.errors import (
         BlfError as BlfError,
-    )
-    from adaptive_blf_control.errors import (
         LogError as LogError,
-    )
-    from adaptive_blf_control.errors import (
         MissingExtra as MissingExtra,
-    )
-    from adaptive_blf_control.errors import (
         ParameterError as ParameterError,
-    )
-    from adaptive_blf_control.errors import (
         SetViolation as SetViolation,
+        UnknownParameter as UnknownParameter,
     )
     from adaptive_blf_control.identification.identifier import Identifier as Identifier
     from adaptive_blf_control.identification.settings import (
         IdentifierSettings as IdentifierSettings,
     )
-    from adaptive_blf_control.runs.identification import identify as identify
-    from adaptive_blf_control.runs.simulation import simulate as simulate
+    from adaptive_blf_control.identification.update_laws import (
+        Evidence as Evidence,
+        UpdateLaw as UpdateLaw,
+    )
+    from adaptive_blf_control.runs.identification import (
+        Identification as Identification,
+        identify as identify,
+    )
+    from adaptive_blf_control.runs.simulation import simulate as simulate, Simulation as Simulation
     from adaptive_blf_control.simulation.closed_loop import ClosedLoop as ClosedLoop
+    from adaptive_blf_control.simulation.plant import Plant as Plant
+    from adaptive_blf_control.simulation.sensors import Measurement as Measurement
 
-_MODULES = {
-    'ClosedLoop': 'simulation.closed_loop', 'Controller': 'control.controller',
-    'ControllerSettings': 'control.settings', 'Identifier': 'identification.identifier',
-    'IdentifierSettings': 'identification.settings', 'MeasuredLog': 'bags.logs',
-    'ThreeLinkArm': 'arms.three_link', 'TwoLinkArm': 'arms.two_link', 'UrdfArm': 'arms.urdf',
-    'identify': 'runs.identification', 'inverse_dynamics': 'arms.inverse_dynamics',
-    'load_arm': 'arms.load', 'read_bag': 'bags.reader', 'read_log': 'bags.logs',
-    'simulate': 'runs.simulation',
-    **dict.fromkeys(('ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra',
-                     'ParameterError', 'SetViolation'), 'errors'),
+_NAMES = {
+    'arms.arm': ('Arm', 'ForwardDynamics'),
+    'arms.inverse_dynamics': ('inverse_dynamics',),
+    'arms.load': ('load_arm',),
+    'arms.three_link': ('ThreeLinkArm',),
+    'arms.two_link': ('TwoLinkArm',),
+    'arms.urdf': ('UrdfArm',),
+    'bags.logs': ('MeasuredLog', 'read_log'),
+    'bags.reader': ('read_bag',),
+    'control.controller': ('Controller',),
+    'control.laws': ('Law', 'LawAnswer', 'LawSample'),
+    'control.reference': ('Reference', 'ReferencePoint', 'SumOfSinusoids'),
+    'control.settings': ('ControllerSettings',),
+    'errors': ('ArmError', 'BagError', 'BlfError', 'LogError',
+               'MissingExtra', 'ParameterError', 'SetViolation', 'UnknownParameter'),
+    'identification.identifier': ('Identifier',),
+    'identification.settings': ('IdentifierSettings',),
+    'identification.update_laws': ('Evidence', 'UpdateLaw'),
+    'runs.identification': ('Identification', 'identify'),
+    'runs.simulation': ('Simulation', 'simulate'),
+    'simulation.closed_loop': ('ClosedLoop',),
+    'simulation.plant': ('Plant',),
+    'simulation.sensors': ('Measurement',),
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = sorted(_MODULES)
 
 

@@ -17,7 +17,8 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-__all__ = ['ByType', 'COMPILED', 'all_finite', 'before_each_compilation', 'by_type', 'jit']
+__all__ = ['ByType', 'COMPILED', 'all_finite', 'before_each_compilation', 'by_type', 'jit',
+           'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
@@ -112,6 +113,11 @@ def by_type(function: Callable[..., Any]) -> ByType:
             return getattr(chosen, 'py_func', None)
     result: ByType = generic
     return result
+
+
+def uncompiled(function: Function) -> Function:
+    """Return the Python function behind a compiled one, for arguments that numba does not know."""
+    return getattr(function, 'py_func', function)
 
 
 def before_each_compilation(call: Callable[[], None]) -> AbstractContextManager[None]:

@@ -1,43 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An arm of your own, linear in its parameters: here a slider with a pendulum's friction."""
+"""An arm of your own, linear in its parameters: here a slider on a slope, with friction."""
 
 import numpy as np
 
 import adaptive_blf_control as blf
 
 
-class Slider:
-    """One prismatic joint on a slope: m q̈ + b q̇ + g = τ, θ = (m, b, g)."""
+class Slider(blf.Arm):
+    """One prismatic joint: m q̈ + b q̇ + g = τ, so θ = (m, b, g)."""
 
     joints, parameters = ('rail',), ('mass', 'friction', 'weight')
-    nominal, payload_direction, n, m = np.array([4.0, 2.0, 6.0]), None, 1, 3
+    nominal = np.array([4.0, 2.0, 6.0])  # what the simulated arm has
 
-    def Y1(self, q, qd):  # Y1 θ = m q̇, the momentum
+    def Y1(self, q, qd):  # Y1 θ = m q̇: the momentum
         return np.array([[qd[0], 0.0, 0.0]])
 
-    def Y2(self, q, qd):  # Y2 θ = b q̇ + g, the rest without an acceleration
+    def Y2(self, q, qd):  # Y2 θ = b q̇ + g: all that needs no acceleration
         return np.array([[0.0, qd[0], 1.0]])
-
-    def Y12(self, q, qd):
-        return self.Y1(q, qd), self.Y2(q, qd)
 
     def X(self, q, qd, alpha, alpha_dot):  # X θ = m α̇ + b q̇ + g
         return np.array([[alpha_dot[0], qd[0], 1.0]])
 
+    def dynamics(self, theta):  # only to simulate it
+        return SliderDynamics(theta)
+
+
+class SliderDynamics(blf.ForwardDynamics):
+    """The true slider."""
+
+    def __init__(self, theta):
+        self.mass, self.friction, self.weight = theta
+
+    def acceleration(self, q, qd, tau):
+        return (tau - self.friction * qd - self.weight) / self.mass
+
 
 arm = Slider()
-identifier = blf.Identifier(arm)
+run = blf.simulate(arm, 5.0, controller={
+    'reference': {'rail': {'amplitude': [0.4, 0.1], 'frequency': [2.0, 5.0], 'phase': [0, 0]}}})
 
-# A log of 2 s at 1 kHz: the rail is pushed, its motion is integrated.
-q, qd, dt = np.zeros(1), np.zeros(1), 1e-3
-held = np.zeros(1)  # torque over the interval that ends with the sample
-for k in range(2000):
-    tau = np.array([6.0 + 20.0 * np.sin(0.01 * k)])
-    identifier.update(k * dt, q, qd, held)
-    mass, friction, weight = arm.nominal
-    acceleration = (tau - friction * qd - weight) / mass
-    q, qd, held = q + dt * qd + 0.5 * dt**2 * acceleration, qd + dt * acceleration, tau
-
-print(identifier)
+print(run)
 for name, true in zip(arm.parameters, arm.nominal):
-    print(f'{name:<10}{identifier.estimate[name]:8.3f}   true {true:g}')
+    print(f'{name:<10}{run.identifier.estimate[name]:8.3f}   true {true:g}')

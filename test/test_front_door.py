@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
+import re
 import subprocess
 import sys
 
@@ -16,36 +18,92 @@ from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
 ARM = door.TwoLinkArm()
 PUBLIC = [name for name in dir(door) if name != '__version__']
 
-IMPORTED = """
-import sys, time
+ANNOTATED = re.compile(r'\[(s|rad|m|kg|N·m)|\((n|m|N|k|K)[,)]|\(N, n\)')
+# Names that carry no arrays and no equation of their own.
+PLAIN = {'ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra', 'ParameterError',
+         'UnknownParameter', 'read_bag', 'load_arm'}
+
+ALONE = """
+import importlib.abc, sys, time
+
+class Refuse(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.partition('.')[0] in {refused}:
+            raise ImportError(name + ' is refused')
+
+sys.meta_path.insert(0, Refuse())
 begin = time.perf_counter()
-import adaptive_blf_control
-took = time.perf_counter() - begin
-heavy = {'numpy', 'numba', 'rclpy', 'pinocchio', 'scipy', 'yaml'} & set(sys.modules)
-assert not heavy, heavy
-print(took)
+{program}
+print(time.perf_counter() - begin)
+loaded = {refused} & {{name.partition('.')[0] for name in sys.modules}}
+assert not loaded, loaded
+"""
+ROS = {'rclpy', 'sensor_msgs', 'std_msgs', 'rcl_interfaces'}
+LEARN = """
+import adaptive_blf_control as blf
+arm = blf.TwoLinkArm()
+identifier = blf.Identifier(arm)
+identifier.learn([0.0, 0.1], [[0.0, 0.0]] * 2, [[0.0, 0.0]] * 2, [[0.0, 0.0]] * 2)
+output = blf.Controller(arm).update(0.0, [0.0, 0.0], [0.0, 0.0], identifier.theta)
 """
 
 
-def test_importing_it_loads_neither_ros_nor_numpy_nor_a_compiler():
-    done = subprocess.run([sys.executable, '-c', IMPORTED], capture_output=True, text=True,
-                          timeout=300, check=True)
-    assert float(done.stdout) >= 0.0
+def _alone(program: str, refused: set[str]) -> float:
+    """Run a program for which some modules cannot be imported; return how long it took [s]."""
+    done = subprocess.run([sys.executable, '-c', ALONE.format(program=program, refused=refused)],
+                          capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return float(done.stdout)
+
+
+def test_importing_it_needs_nothing_and_takes_no_time():
+    heavy = ROS | {'numpy', 'numba', 'scipy', 'pinocchio', 'yaml', 'mcap', 'matplotlib', 'plotly'}
+    assert min(_alone('import adaptive_blf_control', heavy) for _ in range(3)) < 0.2
+
+
+def test_learning_and_control_need_numpy_and_yaml_alone():
+    assert _alone(LEARN, ROS | {'numba', 'scipy', 'pinocchio', 'mcap', 'matplotlib'}) > 0.0
+
+
+def test_an_arm_of_a_urdf_names_what_to_install_where_pinocchio_is_missing():
+    program = """
+import adaptive_blf_control as blf
+try:
+    blf.load_arm('robot.urdf')
+except blf.MissingExtra as error:
+    assert 'adaptive_blf_control[urdf]' in str(error), error
+"""
+    _alone(program, {'pinocchio'})
 
 
 def test_dir_shows_the_public_names_and_nothing_else():
     assert set(PUBLIC) == set(door.__all__)
-    assert 'importlib' not in dir(door)
+    assert dir(door) == sorted([*door.__all__, '__version__'])
+
+
+def test_type_checkers_see_the_names_that_are_offered(repository):
+    tree = ast.parse((repository / 'adaptive_blf_control/__init__.py').read_text('utf-8'))
+    block, = (node for node in tree.body if isinstance(node, ast.If))
+    seen = {alias.asname: node.module for node in ast.walk(block)
+            if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert {name: f'adaptive_blf_control.{module}'
+            for name, module in door._MODULES.items()} == seen  # private: the lazy half of both
 
 
 @pytest.mark.parametrize('name', PUBLIC)
-def test_every_public_name_can_be_had_and_is_documented(name):
+def test_every_public_name_can_be_had_and_says_what_it_takes(name):
     public = getattr(door, name)
     text = inspect.getdoc(public) or ''
     assert len(text) > 20, name
+    members = ([] if not inspect.isclass(public) else [
+        getattr(public, key) for key in vars(public)
+        if not key.startswith('_') or key == '__init__' and name not in PLAIN])
+    texts = [text, *(inspect.getdoc(member) or '' for member in members)]
     if inspect.isfunction(public):
-        assert 'Args:' in text
-        assert 'Raises:' in text
+        for part in ('Args:', 'Raises:', 'Returns:')[:2 if name in PLAIN else 3]:
+            assert part in text, (name, part)
+    if name not in PLAIN:
+        assert ANNOTATED.search(' '.join(texts)), f'{name}: no shape and no unit'
 
 
 def test_an_unknown_name_is_told_what_there_is():
@@ -146,3 +204,194 @@ def test_reprs_name_joints_and_progress():
     assert repr(ARM) == '<TwoLinkArm: 2 joints (joint1, joint2), 5 parameters>'
     assert 'rank 0 of 5' in repr(door.Identifier(ARM))
     assert 'safety' in repr(door.Controller(ARM))
+
+
+def test_a_run_is_arrays_with_what_was_learned():
+    run = door.simulate(ARM, 0.05, controller={'k2': 20}, identifier={'history': {'size': 9}})
+    assert run.t.shape == (51,)
+    assert run.q.shape == run.e1.shape == run.torque.shape == (51, 2)
+    assert run.identifier.stack.size == 9
+    assert list(run.identifier.estimate) == list(ARM.parameters)
+    assert run.figures['samples'] == 51
+    np.testing.assert_array_equal(run.theta_hat[-1], run.identifier.theta)
+
+
+@pytest.mark.parametrize('given', [20, 20.0, np.float32(20.0), [20], [20.0, 20.0],
+                                   np.array([20, 20]), (20.0, 20.0)])
+def test_numbers_mean_the_same_however_a_program_writes_them(given):
+    assert door.ControllerSettings(k2=given).resolved(joints=2).k2.tolist() == [20.0, 20.0]
+    nested = door.simulate(ARM, 1e-3, controller={'k2': given})
+    dotted = door.simulate(ARM, 1e-3, **{'controller.k2': given})
+    for controller in (door.Controller(ARM, k2=given), nested.loop.controller,
+                       dotted.loop.controller):
+        assert controller.settings.k2.tolist() == [20.0, 20.0]
+
+
+@pytest.mark.parametrize('changes', [
+    {'history.size': 30}, {'history': {'size': 30}},
+    {'history': door.IdentifierSettings(history={'size': 30}).history}])
+def test_a_nested_setting_is_named_in_three_ways(changes):
+    assert door.Identifier(ARM, **changes).settings.history.size == 30
+    assert door.IdentifierSettings().replace(**changes).history.size == 30
+
+
+def test_a_change_of_one_setting_of_a_group_leaves_the_others():
+    settings = door.IdentifierSettings(history={'size': 30, 'epsilon': 0.2})
+    history = door.Identifier(ARM, settings, history={'size': 40}).settings.history
+    assert (history.size, history.epsilon) == (40, 0.2)
+
+
+def test_a_reference_is_given_joint_by_joint_as_in_yaml():
+    controller = door.Controller(ARM, reference={'joint2': {'amplitude': 0.5, 'frequency': 2.0}})
+    assert controller.reference.at(0.0).velocity.tolist() == [0.0, 1.0]
+    with pytest.raises(door.ParameterError, match=r"reference\.joint3'.*joint1, joint2"):
+        door.Controller(ARM, reference={'joint3': {'amplitude': 0.5}})
+
+
+def test_a_motion_begins_in_the_posture_that_is_given():
+    controller = door.Controller(ARM, start=[0.5, -0.5])
+    output = controller.update(0.0, [0.5, -0.5], [0.0, 0.0], np.zeros(5))
+    np.testing.assert_array_equal(output.e1, 0.0)
+    np.testing.assert_allclose(controller.reference.at(5.0).position, 0.0)
+    with pytest.raises(door.SetViolation, match='joint1.*start position outside'):
+        door.Controller(ARM, start=[4.0, 0.0])
+
+
+def test_an_array_that_is_filled_again_counts_as_it_was():
+    t, *states = _motion(300)
+    first, second = (door.Identifier(ARM, filter={
+        'state_order': 2, 'state_time_constant': 0.005}) for _ in range(2))
+    first.learn(t, *states)
+    buffers = [np.empty(2) for _ in states]
+    for k, time in enumerate(t):
+        for buffer, state in zip(buffers, states):
+            buffer[:] = state[k]
+        second.update(time, *buffers)
+    np.testing.assert_array_equal(first.theta, second.theta)
+    assert first.stack.count > 2
+
+
+def test_a_log_of_arrays_is_read_from_a_mapping_or_a_file(tmp_path):
+    t, q, qd, tau = _motion(50)
+    log = door.read_log({'t': t.tolist(), 'q': q, 'qd': qd.astype(np.float32), 'tau': tau},
+                        joints=['a', 'b'])
+    assert log.joints == ('a', 'b')
+    np.testing.assert_array_equal(log.tau, tau)
+    np.savez(tmp_path / 'log.npz', t=t, q=q, qd=qd, tau=tau)
+    again = door.read_log(tmp_path / 'log.npz')
+    assert again.joints == ('joint1', 'joint2')
+    np.testing.assert_array_equal(again.qd, qd)
+    swapped = door.read_log(log, joints=['b', 'a'])
+    np.testing.assert_array_equal(swapped.q, q[:, ::-1])
+
+
+@pytest.mark.parametrize(('log', 'message'), [
+    ({}, r"no array 't'"), ({'t': [0.0], 'q': [[0.0]], 'qd': [[0.0]]}, r"no array 'tau'"),
+    ({'t': [0.0, 1.0], 'q': [[0.0]], 'qd': [[0.0]], 'tau': [[0.0]]}, r"'q'.*\(2, N\).*\(1, 1\)"),
+    ({'t': [0.0, 1.0], 'q': [[0.0]] * 2, 'qd': [0.0, 0.0], 'tau': [[0.0]] * 2}, r"'qd'.*\(2, 1\)"),
+    ({'t': [0.0, 0.0], 'q': [[0.0]] * 2, 'qd': [[0.0]] * 2, 'tau': [[0.0]] * 2}, '1 usable rows')])
+def test_arrays_that_are_no_log_are_named(log, message):
+    with pytest.raises(door.LogError, match=message):
+        door.read_log(log)
+
+
+def test_an_identification_tells_names_and_predicts_what_it_never_saw():
+    t, q, qd, tau = _motion(3000)
+    result = door.identify({'t': t, 'q': q, 'qd': qd, 'tau': tau}, arm=ARM, train=(0.1, 1.5),
+                           test=(2.0, None), filter={'time_constant': 0.01})
+    assert result.estimate == pytest.approx(dict(zip(ARM.parameters, ARM.nominal)), rel=1e-3)
+    assert (result.rank, result.undetermined) == (5, ())
+    assert result.prediction.t[0] == pytest.approx(2.0)
+    assert result.prediction.t[-1] == pytest.approx(2.999)
+    np.testing.assert_allclose(result.prediction.predicted, result.prediction.measured, atol=1e-2)
+    error = np.sqrt(np.mean((result.prediction.predicted - result.prediction.measured) ** 2, 0))
+    np.testing.assert_allclose(result.test_rmse, error, rtol=1e-6, atol=1e-9)
+    assert 'rank 5 of 5' in repr(result)
+    same = door.identify(door.read_log({'t': t, 'q': q, 'qd': qd, 'tau': tau}), arm='two_link',
+                         train='0.1:1.5', test='2:', **{'filter.time_constant': 0.01})
+    np.testing.assert_array_equal(same.theta, result.theta)
+
+
+@pytest.mark.parametrize(('given', 'name'), [
+    ({'train': (0.0, 9.0)}, 'train'), ({'train': (0.2,)}, 'train'),
+    ({'test': [None, 0.1]}, 'test'), ({'train': 'early'}, 'train')])
+def test_a_span_that_cannot_be_used_is_named(given, name):
+    t, q, qd, tau = _motion(1000)
+    with pytest.raises(door.ParameterError, match=f"parameter '{name}' is .*the log goes from 0"):
+        door.identify({'t': t, 'q': q, 'qd': qd, 'tau': tau}, arm=ARM,
+                      filter={'time_constant': 0.01}, **given)
+
+
+class Massless(door.Arm):
+    """An arm without anything to simulate it."""
+
+    joints, parameters = ('a',), ('b',)
+
+    def Y1(self, q, qd):
+        return np.zeros((1, 1))
+
+    Y2 = Y1
+
+    def X(self, q, qd, alpha, alpha_dot):
+        return qd.reshape(1, 1)
+
+
+def test_an_own_arm_that_lacks_something_is_told_what():
+    assert (Massless().n, Massless().m) == (1, 1)
+    assert door.Identifier(Massless()).rank == 0
+    with pytest.raises(door.ParameterError, match='Massless has no nominal'):
+        door.simulate(Massless(), 0.1)
+    with pytest.raises(door.ArmError, match='Massless has no link_points'):
+        Massless().link_points([0.0])
+    with pytest.raises(door.ParameterError, match="'arm' is <class.*expected a part with joints"):
+        door.Identifier(int)
+
+
+class Falling(door.ForwardDynamics):
+    """q̈ = τ − 9.81."""
+
+    def acceleration(self, q, qd, tau):
+        return tau - 9.81
+
+
+def test_own_dynamics_are_integrated_with_runge_kutta():
+    q, qd = Falling().advance(np.array([1.0]), np.array([0.5]), np.array([0.81]), 0.2, 3)
+    np.testing.assert_allclose(q, 1.0 + 0.5 * 0.2 - 4.5 * 0.2 ** 2, rtol=1e-13)
+    np.testing.assert_allclose(qd, 0.5 - 9.0 * 0.2, rtol=1e-13)
+
+
+@pytest.mark.parametrize(('answer', 'message'), [
+    (None, "'Bad.answer' is None: expected a LawAnswer"),
+    (door.LawAnswer([1.0], [0.0, 0.0], None), r"'torque' is \[1\.0\].*\(2,\).*joint1, joint2"),
+    (door.LawAnswer([1.0, 0.0], 'fast', None), "'e2' is 'fast'"),
+    (door.LawAnswer([1.0, 0.0], [0.0, 0.0], np.eye(2)), r"'regressor'.*\(2, 5\).*\(2, 2\)")])
+def test_what_an_own_law_answers_wrongly_is_named(answer, message):
+    class Bad(door.Law):
+        def answer(self, sample):
+            return answer
+
+    with pytest.raises(door.ParameterError, match=message):
+        door.simulate(ARM, 0.01, law=Bad())
+
+
+def test_what_an_own_update_law_returns_wrongly_is_named():
+    class Bad(door.UpdateLaw):
+        def step(self, theta, dt, evidence):
+            return theta[:2]
+
+    with pytest.raises(door.ParameterError, match=r"'Bad\.step'.*\(5,\).*\(2,\)"):
+        door.simulate(ARM, 0.01, update_law=Bad())
+
+
+def test_own_parts_stand_beside_no_loop_that_was_joined_by_hand():
+    loop = door.simulate(ARM, 1e-3).loop
+    assert door.simulate(loop, 1e-3).t.size == 2
+    with pytest.raises(door.ParameterError, match="'law' is 'pd': expected nothing"):
+        door.simulate(loop, 1e-3, law='pd')
+
+
+def test_theorem_2_is_said_of_its_own_law_alone():
+    run = door.simulate(ARM, 0.01, law='pd')
+    assert run.figures['guarantee'] is None
+    assert 'is not about this law' in repr(run)
+    assert 'V(0)' in repr(door.simulate(ARM, 0.01))

@@ -3,19 +3,27 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
+from adaptive_blf_control.arms import integrator
+from adaptive_blf_control.compiled import uncompiled
+from adaptive_blf_control.errors import ArmError
 from adaptive_blf_control.parameters.plugin import require
 
 __all__ = ['Arm', 'ForwardDynamics', 'checked_arm', 'described']
 
 
 class ForwardDynamics(Protocol):
-    """The true arm of a simulation: equation (3) for one fixed parameter vector."""
+    """The true arm of a simulation: equation (3) for one fixed parameter vector.
 
+    A class that inherits from it needs no more than ``acceleration``.
+    """
+
+    @abstractmethod
     def acceleration(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return q̈ = M⁻¹(τ − C q̇ − G − F q̇).
 
@@ -32,11 +40,22 @@ class ForwardDynamics(Protocol):
     def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
                 substeps: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """Integrate over ``dt`` [s] under a held torque with RK4 sub-steps; return new (q, q̇)."""
-        ...
+        return uncompiled(integrator.advance)(self, q, qd, tau, dt, substeps)
+
+
+def _acceleration(arm: ForwardDynamics, q: np.ndarray, qd: np.ndarray,
+                  tau: np.ndarray) -> np.ndarray:
+    return arm.acceleration(q, qd, tau)
+
+
+integrator.acceleration.register(ForwardDynamics, _acceleration)
 
 
 class Arm(Protocol):
     """A serial arm, linear in its dynamic parameters: Y(q, q̇, q̈) θ = τ (2).
+
+    A class that inherits from it has to have joints, parameters, Y1, Y2 and X; with nominal and
+    dynamics it can be simulated, with link_points drawn.
 
     Attributes:
         joints: Joint names, length n, in the order of every array.
@@ -49,30 +68,33 @@ class Arm(Protocol):
     joints: tuple[str, ...]
     parameters: tuple[str, ...]
     nominal: np.ndarray
-    payload_direction: np.ndarray | None
+    payload_direction: np.ndarray | None = None
 
     @property
     def n(self) -> int:
         """Number of joints."""
-        ...
+        return len(self.joints)
 
     @property
     def m(self) -> int:
         """Number of parameters."""
-        ...
+        return len(self.parameters)
 
+    @abstractmethod
     def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Momentum regressor, Y1 θ = M(q) q̇ (12), shape (n, m) [N·m·s per unit of θ]."""
         ...
 
+    @abstractmethod
     def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Y2 θ = −Ṁ q̇ + C q̇ + G + F q̇ (12), shape (n, m) [N·m per unit of θ]."""
         ...
 
     def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y1 and Y2 of the same state, sharing work."""
-        ...
+        return self.Y1(q, qd), self.Y2(q, qd)
 
+    @abstractmethod
     def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
           alpha_dot: np.ndarray) -> np.ndarray:
         """X θ = M α̇ + C α + G + F q̇, shape (n, m) [N·m per unit of θ].
@@ -91,11 +113,11 @@ class Arm(Protocol):
 
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics with the parameters ``theta``, shape (m,)."""
-        ...
+        raise ArmError(f'{type(self).__name__} has no dynamics: it cannot be simulated')
 
     def link_points(self, q: np.ndarray) -> np.ndarray:
         """Points to draw the arm through, base to tip, at joint positions q, shape (k, 3) [m]."""
-        ...
+        raise ArmError(f'{type(self).__name__} has no link_points: it cannot be drawn')
 
 
 REQUIRED = ('joints', 'parameters', 'n', 'm', 'Y1', 'Y2', 'Y12', 'X')

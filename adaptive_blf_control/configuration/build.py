@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,17 +20,19 @@ from adaptive_blf_control.configuration.node_settings import (
 )
 from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.control.controller import Controller
+from adaptive_blf_control.control.laws import Law
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.plugin import load_plugin, made
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 from adaptive_blf_control.simulation.plant import Epoch, Plant, REQUIRED, SimulatedArm
 from adaptive_blf_control.simulation.schedule import Change, Schedule
 from adaptive_blf_control.simulation.sensors import Sensors
 
-__all__ = ['build_arm', 'build_closed_loop', 'build_controller', 'build_identifier',
+__all__ = ['OwnParts', 'build_arm', 'build_closed_loop', 'build_controller', 'build_identifier',
            'build_plant', 'build_simulated_arm', 'initial_estimate', 'initial_theta', 'true_theta']
 
 FRICTION = ('viscous', 'coulomb', 'offset')
@@ -126,17 +128,18 @@ def build_simulated_arm(settings: DriverSettings, arm: Arm) -> SimulatedArm:
                         settings.dead_time)
 
 
-def build_controller(settings: ControllerSettings, arm: Arm,
-                     start: np.ndarray | None) -> Controller:
+def build_controller(settings: ControllerSettings, arm: Arm, start: np.ndarray | None,
+                     law: Law | type[Law] | str | None = None) -> Controller:
     """Build the controller for a motion that begins in the posture ``start``, (n,) [rad].
 
-    Without a posture the sets are checked for the reference alone, without a smooth start.
+    Without a posture the sets are checked for the reference alone, without a smooth start. A law
+    takes the place of the one that the settings name.
 
     Raises:
         SetViolation: 𝒫̄ ⊄ 𝒮̄, or the start lies outside a set.
         ParameterError: a value cannot be used.
     """
-    return Controller(arm, settings, start=start)
+    return Controller(arm, settings, law=law, start=start)
 
 
 def initial_theta(settings: ControllerNodeSettings, arm: Arm) -> np.ndarray:
@@ -159,7 +162,8 @@ def initial_estimate(settings: IdentifierNodeSettings, arm: Arm) -> IdentifierNo
 
 
 def build_identifier(settings: IdentifierNodeSettings, arm: Arm,
-                     estimate: np.ndarray | None = None) -> Identifier:
+                     estimate: np.ndarray | None = None,
+                     update_law: UpdateLaw | type[UpdateLaw] | str | None = None) -> Identifier:
     """Build the identifier for ``arm``.
 
     Args:
@@ -167,28 +171,42 @@ def build_identifier(settings: IdentifierNodeSettings, arm: Arm,
         arm: The arm.
         estimate: θ̂(0), shape (m,), in place of ``initial_estimate_file`` and
             ``initial_estimate``, which are then not looked at.
+        update_law: In place of the one that the settings name.
     """
     if estimate is not None:
-        return Identifier(arm, settings.replace(initial_estimate=estimate))
-    return Identifier(arm, initial_estimate(settings, arm))
+        return Identifier(arm, settings.replace(initial_estimate=estimate), update_law)
+    return Identifier(arm, initial_estimate(settings, arm), update_law)
 
 
-def build_closed_loop(data: Mapping[str, Any], arm: Arm | None = None,
-                      plant: Plant | None = None) -> ClosedLoop:
+class OwnParts(NamedTuple):
+    """Objects that take the place of what a parameter file names; None where it shall."""
+
+    arm: Arm | None = None
+    plant: Plant | None = None
+    law: Law | type[Law] | str | None = None
+    update_law: UpdateLaw | type[UpdateLaw] | str | None = None
+
+
+_NONE_OWN = OwnParts()
+
+
+def build_closed_loop(data: Mapping[str, Any], own: OwnParts = _NONE_OWN) -> ClosedLoop:
     """Build the loop from a parameter file's data, as the nodes would from the same file.
 
     Args:
         data: The parameter file's data.
-        arm: In place of the arm that it names.
-        plant: In place of the simulated arm that it describes.
+        own: Parts in place of those that it names.
     """
+    arm, plant = own.arm, own.plant
     driver = node_settings(data, DriverSettings)
     controller = node_settings(data, ControllerNodeSettings)
     identifier = node_settings(data, IdentifierNodeSettings)
     if plant is None:
         plant = build_plant(driver, arm or build_arm(driver))
     known = arm or build_arm(controller)
-    return ClosedLoop(plant, build_controller(controller, known, plant.measured_position()),
-                      build_identifier(identifier, arm or build_arm(identifier)),
+    start = plant.measured_position()
+    return ClosedLoop(plant, build_controller(controller, known, start, own.law),
+                      build_identifier(identifier, arm or build_arm(identifier),
+                                       update_law=own.update_law),
                       1.0 / driver.rate, initial_theta(controller, known),
                       controller.model == 'known')

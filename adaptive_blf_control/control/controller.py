@@ -187,6 +187,11 @@ class Controller:
         check_start(self.safety, JointInterval(bounds.lower, bounds.upper), q,
                     q - self.reference.at(t).position, self.arm.joints)
 
+    @property
+    def law(self) -> Law:
+        """The law in use."""
+        return self._law
+
     def bounds(self, t: float) -> Bounds:
         """Return the performance bounds in use at ``t`` [s], with their rates."""
         return self._bounds.at(t)

@@ -7,6 +7,7 @@ the anti-windup; a law is only the formula. The ABLF law (38) is one of them.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -59,10 +60,11 @@ class LawAnswer(NamedTuple):
 
 
 class Law(Protocol):
-    """A control law, made as ``law(arm, settings)`` anew with every change of the settings."""
+    """A control law, made as ``law(arm, settings)`` with every change of the settings."""
 
+    @abstractmethod
     def answer(self, sample: LawSample) -> LawAnswer:
-        """Answer one sample."""
+        """Answer one sample of shape (n,) with a torque before any limit, shape (n,) [N·m]."""
         ...
 
 

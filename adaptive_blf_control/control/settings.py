@@ -8,7 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adaptive_blf_control.parameters.settings import group, group_per_joint, parameter, Settings
+from adaptive_blf_control.parameters.settings import (
+    group,
+    group_per_joint,
+    listed,
+    parameter,
+    Settings,
+)
 
 __all__ = ['COUPLINGS', 'LAWS', 'ControllerSettings', 'PerformanceSettings', 'ReferenceSettings',
            'SafetySettings', 'SinusoidSettings']
@@ -69,6 +75,7 @@ class ReferenceSettings(Settings, where='controller.reference'):
         's', 0.0, exclusive=True, live=True)
 
 
+@listed
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ControllerSettings(Settings, where='controller'):
     """Gains and limits of the law (38), the sets and the reference."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.update_law import UPDATE_LAWS
-from adaptive_blf_control.parameters.settings import group, parameter, Settings
+from adaptive_blf_control.parameters.settings import group, listed, parameter, Settings
 
 __all__ = ['ChangeSettings', 'ExcitationSettings', 'FilterSettings', 'HistorySettings',
            'IdentifierSettings']
@@ -95,6 +95,7 @@ class ExcitationSettings(Settings, where='identifier.excitation'):
         's', 0.0, 3600.0, live=True)
 
 
+@listed
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class IdentifierSettings(Settings, where='identifier'):
     """Gains of the update law (37), the filters, the history and the monitors."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -39,6 +40,7 @@ class Evidence(NamedTuple):
 class UpdateLaw(Protocol):
     """An update law, made as ``law(settings)`` anew with every change of the settings."""
 
+    @abstractmethod
     def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
         """Return θ̂ after ``dt`` [s], shape (m,); ``theta`` is left as it is."""
         ...

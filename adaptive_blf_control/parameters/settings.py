@@ -35,7 +35,7 @@ from adaptive_blf_control.parameters.table import (
     value_problem,
 )
 
-__all__ = ['Settings', 'changed_names', 'group', 'group_per_joint', 'parameter']
+__all__ = ['Settings', 'changed_names', 'group', 'group_per_joint', 'listed', 'parameter']
 
 _DECLARATION, _GROUP, _PER_JOINT = 'declaration', 'group', 'group per joint'
 _KINDS: dict[Any, str] = {bool: 'bool', int: 'int', float: 'double', str: 'string',
@@ -285,6 +285,17 @@ class Settings:
                 shown = value.tolist() if isinstance(value, np.ndarray) else value
                 parts.append(f'{item.name}={shown!r}')
         return f'{type(self).__name__}({", ".join(parts)})'
+
+
+def listed(cls: type[_Self]) -> type[_Self]:
+    """Decorate a settings class: its docstring lists every parameter, for notebooks."""
+    lines = []
+    for row in cls.table():
+        shape = f', shape ({row.length},)' * row.is_array * (row.length is not None)
+        unit = f' [{row.unit}]' * bool(row.unit)
+        lines.append(f'    {row.name}: {row.description} Default {row.default}{unit}{shape}.')
+    cls.__doc__ = '\n'.join([f'{cls.__doc__}\n', 'Parameters, by name:', *lines])
+    return cls
 
 
 def changed_names(before: Settings, after: Settings) -> set[str]:

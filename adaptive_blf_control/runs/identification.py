@@ -123,6 +123,10 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
         settings: Those of the identifier; `REAL_ROBOT`'s where None.
         changes: Settings by name, e.g. ``kh=100.0, history={'size': 200}``.
 
+    Returns:
+        θ̂ by name, what the log leaves undetermined, and the errors of the predicted torque per
+        joint [N·m]; ``print`` shows them.
+
     Raises:
         LogError: the log cannot be read, or has no sample that can be used.
         ParameterError: a setting or span cannot be used.

@@ -16,6 +16,7 @@ from adaptive_blf_control.control.guarantee import (
     mass_range,
 )
 from adaptive_blf_control.control.law import errors
+from adaptive_blf_control.control.laws import AblfLaw
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import truth_of
 
@@ -63,12 +64,12 @@ def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
     θ* is constant in the theorem: where it changes, V is taken again as the V(0) of what follows.
 
     Returns:
-        None where the plant does not tell its θ*.
+        None where the plant does not tell its θ*, or the law is another than (38).
     """
     controller, settings = loop.controller, loop.identifier.settings
     arm, performance = loop.arm, controller.performance
     truth = truth_of(loop.plant, arm.parameters)
-    if truth is None:
+    if truth is None or not isinstance(controller.law, AblfLaw):
         return None
     values, starts, guaranteed = np.empty(trace.t.size), [], []
     monitor: GuaranteeMonitor | None = None

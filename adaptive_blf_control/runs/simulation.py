@@ -12,7 +12,7 @@ from typing import Any
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm, SIMULATED
 from adaptive_blf_control.arrays import checked_finite
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build import build_closed_loop, OwnParts
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.configuration.parameter_file import (
     apply_changes,
@@ -20,8 +20,10 @@ from adaptive_blf_control.configuration.parameter_file import (
     load_yaml,
     node_settings,
 )
+from adaptive_blf_control.control.laws import Law
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee
 from adaptive_blf_control.runs.summary import Run, run_of_trace, summarise, table
@@ -36,9 +38,18 @@ USUAL_DURATION = 20.0  # s, where neither the caller nor the scenario says
 
 @dataclass(frozen=True, repr=False)
 class Simulation(Trace):
-    """A run of the closed loop: the arrays of `Trace` (t, q, qd, e1, torque, ...), and its loop.
+    """A run of the closed loop as arrays over N samples; ``print`` shows what it achieved.
 
     Attributes:
+        t: Times, shape (N,) [s].
+        q: True positions, shape (N, n) [rad].
+        qd: True velocities, shape (N, n) [rad/s].
+        e1: Tracking errors (5), shape (N, n) [rad].
+        torque: Commanded torques, shape (N, n) [N·m].
+        theta_hat: Estimates, shape (N, m).
+        rank: Rank of the history, shape (N,).
+        sigma_min: Its σ_min, shape (N,).
+        wall_s: How long it took [s].
         loop: The objects that ran.
     """
 
@@ -79,11 +90,14 @@ class Simulation(Trace):
     def __repr__(self) -> str:
         """Say what the run achieved, as a table."""
         figures, guarantee = self.figures, self._run_guarantee
+        known = self._run.truth is not None
+        lines = [table(figures, self._run)]
+        if known:
+            lines.append(torque_line(figures['predicted_torque_error']))
         return '\n'.join([
-            table(figures, self._run),
-            torque_line(figures['predicted_torque_error']),
-            'Theorem 2            theta* of the plant is not known' if guarantee is None
-            else guarantee.line(),
+            *lines,
+            guarantee.line() if guarantee is not None else 'Theorem 2            '
+            + ('is not about this law' if known else 'theta* of the plant is not known'),
             f'speed                {figures["real_time_factor"]:.1f} x real time'])
 
 
@@ -96,6 +110,8 @@ def duration_of(data: Mapping[str, Any], duration: float | None) -> float:
 
 def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | ClosedLoop,
              duration: float | None = None, *, plant: Plant | None = None,
+             law: Law | type[Law] | str | None = None,
+             update_law: UpdateLaw | type[UpdateLaw] | str | None = None,
              observer: Callable[[Sample], None] | None = None, **changes: Any) -> Simulation:
     """Run a scenario in lockstep without ROS: the same objects that run in the nodes.
 
@@ -104,6 +120,8 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
             with the defaults of every parameter, or a `ClosedLoop` joined by hand.
         duration: Length of the run [s]; the scenario's, else 20 s, where None.
         plant: What is driven in place of the simulated arm.
+        law: A control law, or a class of laws, in place of the scenario's; see `Controller`.
+        update_law: An update law, or a class of them, likewise; see `Identifier`.
         observer: Called with every sample.
         changes: Parameters of ``controller``, ``identifier`` and ``arm_driver``, by name or as
             YAML nests them: ``controller={'k2': [30.0, 5.0]}`` and ``**{'controller.k2': 5.0}``;
@@ -113,12 +131,14 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
         The run as arrays over N samples, with what was learned. ``print`` shows the figures.
 
     Raises:
-        ParameterError: a parameter is not known or cannot be used, or the plant is none.
+        ParameterError: a parameter is not known or cannot be used, or a part lacks what its
+            protocol asks for.
         SetViolation: the start is outside a set, or one set pokes out of another (9).
         ArmError: the arm cannot be built.
     """
     if isinstance(scenario, ClosedLoop):
-        for name, value in (('plant', plant), *changes.items()):
+        for name, value in (
+                ('plant', plant), ('law', law), ('update_law', update_law), *changes.items()):
             if value is not None:
                 raise ParameterError(name, value, 'nothing: the loop has been joined by hand')
         loop, length = scenario, duration_of({}, duration)
@@ -129,7 +149,8 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
         data = apply_changes(data, changes)
         if plant is not None:
             require('plant', plant, plant, REQUIRED)
-        loop, length = build_closed_loop(data, arm, plant), duration_of(data, duration)
+        loop = build_closed_loop(data, OwnParts(arm, plant, law, update_law))
+        length = duration_of(data, duration)
     loop.warm_up()
     return Simulation(**vars(loop.run(length, observer)), loop=loop)
 

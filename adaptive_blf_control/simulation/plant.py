@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -35,6 +36,8 @@ class Plant(Protocol):
     """What the driver and `simulate` drive: an arm of ours or a foreign simulator.
 
     It needs no θ*. What it can do besides, it says by having the method: :class:`HasTruth`.
+    A class that inherits from it needs no more than q, qd, torque and ``advance``: it is measured
+    perfectly.
 
     Attributes:
         q: True positions, shape (n,) [rad].
@@ -53,23 +56,24 @@ class Plant(Protocol):
             torque: Mean torque over the interval that ends now, shape (n,) [N·m].
             dt: Length of that interval [s], 0 for the first sample.
         """
-        ...
+        return Measurement(self.q, self.qd, torque)
 
     def measured_position(self) -> np.ndarray:
         """Return what the sensors show of q now, shape (n,) [rad]; it is no sample."""
-        ...
+        return self.q
 
     def apply(self, torque: np.ndarray) -> None:
         """Command a torque, shape (n,) [N·m], and hold it."""
-        ...
+        self.torque = torque
 
+    @abstractmethod
     def advance(self, dt: float) -> None:
         """Move on by ``dt`` [s] under the torque that is held."""
         ...
 
     def brake(self) -> None:
         """Hold the arm where it is, without torque."""
-        ...
+        self.qd, self.torque = np.zeros_like(self.qd), np.zeros_like(self.torque)
 
 
 REQUIRED = ('q', 'qd', 'torque', 'measure', 'measured_position', 'apply', 'advance', 'brake')
