@@ -11,9 +11,10 @@ import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['checked_array', 'checked_count', 'checked_finite', 'checked_number', 'dimensions']
+__all__ = ['are_vectors', 'checked_array', 'checked_count', 'checked_finite', 'checked_number',
+           'checked_vectors', 'dimensions']
 
-_FLOAT64 = np.dtype(np.float64)
+_FLOAT64 = np.dtype(np.float64)  # not the same object as that of an array numba returns
 _NUMBERS = 'biuf'  # kinds of dtype; no text, no complex numbers, no objects
 _LISTED = 12  # names that a message lists
 
@@ -33,7 +34,7 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
     Raises:
         ParameterError: the value holds no real numbers, or has another shape.
     """
-    if (type(value) is np.ndarray and value.shape == shape and value.dtype is _FLOAT64
+    if (type(value) is np.ndarray and value.shape == shape and value.dtype == _FLOAT64
             and value.flags.carray):
         return value
     try:
@@ -50,6 +51,21 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
                              f'{_text(given.shape)}')
     array = np.ascontiguousarray(given, dtype=np.float64)
     return array if array.flags.writeable else array.copy()
+
+
+def are_vectors(shape: tuple[int, ...], *values: Any) -> bool:
+    """Return whether all are what `checked_array` returns: the short way past it."""
+    for value in values:
+        if (type(value) is not np.ndarray or value.shape != shape
+                or value.dtype != _FLOAT64 or not value.flags.carray):
+            return False
+    return True
+
+
+def checked_vectors(joints: Sequence[str], **values: Any) -> list[np.ndarray]:
+    """Return arguments by name as arrays with one element for each joint; see `checked_array`."""
+    shape = (len(joints),)
+    return [checked_array(name, value, shape, joints) for name, value in values.items()]
 
 
 def checked_number(name: str, value: Any, expected: str = 'a number') -> float:

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.arrays import checked_array, checked_count, checked_number
+from adaptive_blf_control.arrays import are_vectors, checked_count, checked_number, checked_vectors
 from adaptive_blf_control.compiled import by_type, jit
 
 __all__ = ['acceleration', 'advance', 'CompiledDynamics']
@@ -81,8 +81,9 @@ class CompiledDynamics:
         Raises:
             ParameterError: An array is not of shape (n,).
         """
-        result: np.ndarray = acceleration(self.arm, self._vector('q', q), self._vector('qd', qd),
-                                          self._vector('tau', tau))
+        if not are_vectors(self._shape, q, qd, tau):
+            q, qd, tau = checked_vectors(self._joints, q=q, qd=qd, tau=tau)
+        result: np.ndarray = acceleration(self.arm, q, qd, tau)
         return result
 
     def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
@@ -92,9 +93,7 @@ class CompiledDynamics:
         Raises:
             ParameterError: An array is not of shape (n,), or a number cannot be used.
         """
-        return advance(self.arm, self._vector('q', q), self._vector('qd', qd),
-                       self._vector('tau', tau), checked_number('dt', dt),
+        if not are_vectors(self._shape, q, qd, tau):
+            q, qd, tau = checked_vectors(self._joints, q=q, qd=qd, tau=tau)
+        return advance(self.arm, q, qd, tau, checked_number('dt', dt),
                        checked_count('substeps', substeps))
-
-    def _vector(self, name: str, value: Any) -> np.ndarray:
-        return checked_array(name, value, self._shape, self._joints)

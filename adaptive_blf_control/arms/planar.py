@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ _WORDS = {2: 'two', 3: 'three'}
 
 
 class PlanarArm:
-    """Names and arguments of a planar arm, as the `Arm` that inherits from it has them.
+    """Names of a planar arm, as the `Arm` that inherits from it has them.
 
     Attributes:
         joints: Joint names, length n, in the order of every array.
@@ -37,6 +36,7 @@ class PlanarArm:
             raise ArmError(f'{arm} has {_WORDS[count]} joints: expected as many distinct names, '
                            f'got {joints!r}')
         self.joints = names
+        self._shape = (count,)
 
     def __repr__(self) -> str:
         """Name joints and count parameters."""
@@ -51,10 +51,6 @@ class PlanarArm:
     def m(self) -> int:
         """Number of parameters."""
         return len(self.parameters)
-
-    def _vector(self, name: str, value: Any) -> np.ndarray:
-        """Return an argument of shape (n,), as the compiled functions take it."""
-        return checked_array(name, value, (len(self.joints),), self.joints)
 
 
 def planar_points(q: np.ndarray, lengths: Sequence[float]) -> np.ndarray:

@@ -17,7 +17,7 @@ import numpy as np
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
 from adaptive_blf_control.arms.planar import planar_points, PlanarArm
-from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError, ParameterError
 
@@ -241,21 +241,29 @@ class ThreeLinkArm(PlanarArm):
 
     def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Equation (49); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        return three_link_Y1(self._vector('q', q), self._vector('qd', qd))
+        if not are_vectors(self._shape, q, qd):
+            q, qd = checked_vectors(self.joints, q=q, qd=qd)
+        return three_link_Y1(q, qd)
 
     def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Equation (50); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        return three_link_Y2(self._vector('q', q), self._vector('qd', qd))
+        if not are_vectors(self._shape, q, qd):
+            q, qd = checked_vectors(self.joints, q=q, qd=qd)
+        return three_link_Y2(q, qd)
 
     def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Equations (49) and (50) at once."""
-        return three_link_Y12(self._vector('q', q), self._vector('qd', qd))
+        if not are_vectors(self._shape, q, qd):
+            q, qd = checked_vectors(self.joints, q=q, qd=qd)
+        return three_link_Y12(q, qd)
 
     def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
           alpha_dot: np.ndarray) -> np.ndarray:
         """Equation (51); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        return three_link_X(self._vector('q', q), self._vector('qd', qd),
-                            self._vector('alpha', alpha), self._vector('alpha_dot', alpha_dot))
+        if not are_vectors(self._shape, q, qd, alpha, alpha_dot):
+            q, qd, alpha, alpha_dot = checked_vectors(self.joints, q=q, qd=qd, alpha=alpha,
+                                                      alpha_dot=alpha_dot)
+        return three_link_X(q, qd, alpha, alpha_dot)
 
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics; ArmError where M(q) would not be positive definite."""

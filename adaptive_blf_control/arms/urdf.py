@@ -34,7 +34,7 @@ from adaptive_blf_control.arms.urdf_model import (
     with_gravity,
 )
 from adaptive_blf_control.arms.urdf_source import read_urdf
-from adaptive_blf_control.arrays import checked_array, dimensions
+from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors, dimensions
 from adaptive_blf_control.errors import ArmError, ParameterError
 
 __all__ = ['UrdfArm']
@@ -100,6 +100,7 @@ class UrdfArm:
         """
         self._pin = load_pinocchio()
         model, self.joints = reduced_model(read_urdf(source, package_dirs), joints)
+        self._shape = (len(self.joints),)
         if dimensions(gravity) != 1:
             raise ParameterError('gravity', gravity, 'three finite numbers')
         self.model = with_gravity(model, finite_array('gravity', gravity, 3))
@@ -157,7 +158,9 @@ class UrdfArm:
         Raises:
             ParameterError: An array is not of shape (n,).
         """
-        return chain_Y12(self.chain, self._vector('q', q), self._vector('qd', qd))
+        if not are_vectors(self._shape, q, qd):
+            q, qd = checked_vectors(self.joints, q=q, qd=qd)
+        return chain_Y12(self.chain, q, qd)
 
     def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
           alpha_dot: np.ndarray) -> np.ndarray:
@@ -166,8 +169,10 @@ class UrdfArm:
         Raises:
             ParameterError: An array is not of shape (n,).
         """
-        return chain_X(self.chain, self._vector('q', q), self._vector('qd', qd),
-                       self._vector('alpha', alpha), self._vector('alpha_dot', alpha_dot))
+        if not are_vectors(self._shape, q, qd, alpha, alpha_dot):
+            q, qd, alpha, alpha_dot = checked_vectors(self.joints, q=q, qd=qd, alpha=alpha,
+                                                      alpha_dot=alpha_dot)
+        return chain_X(self.chain, q, qd, alpha, alpha_dot)
 
     # -- parameters ---------------------------------------------------------------------------
 
@@ -225,8 +230,8 @@ class UrdfArm:
         last frame behind it.
         """
         model, data = self.model, self._data
-        self._pin.framesForwardKinematics(model, data,
-                                           self._order.position(self._vector('q', q)))
+        q, = checked_vectors(self.joints, q=q)
+        self._pin.framesForwardKinematics(model, data, self._order.position(q))
         chain, tip = self._chain()
         origins = [data.oMi[joint].translation for joint in chain]  # joint 0 is the root
         return np.array([*origins, data.oMf[tip].translation])
@@ -285,9 +290,6 @@ class UrdfArm:
     def _nearest_inertial(self, base: np.ndarray, reference: np.ndarray) -> np.ndarray:
         standard = self._user_base.nearest_standard(base, reference.reshape(-1))
         return standard.reshape(-1, PER_BODY)
-
-    def _vector(self, name: str, value: Any) -> np.ndarray:
-        return checked_array(name, value, (len(self.joints),), self.joints)
 
     def _checked(self, theta: np.ndarray) -> np.ndarray:
         theta = checked_array('theta', theta, np.shape(theta)) if dimensions(theta) == 1 else (

@@ -9,6 +9,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.chain_dynamics import chain_mass, ChainInertias
 from adaptive_blf_control.arms.integrator import CompiledDynamics
+from adaptive_blf_control.arrays import checked_vectors
 from adaptive_blf_control.errors import ArmError
 
 __all__ = ['UrdfDynamics']
@@ -32,7 +33,8 @@ class UrdfDynamics(CompiledDynamics):
         Raises:
             ParameterError: ``q`` is not of shape (n,).
         """
-        return chain_mass(self.arm, self._vector('q', q))
+        q, = checked_vectors(self._joints, q=q)
+        return chain_mass(self.arm, q)
 
     def _check_mass_matrix(self) -> None:
         random = np.random.default_rng(0)
