@@ -36,15 +36,21 @@ def test_an_example_runs_and_prints_its_result(name, tmp_path):
     assert re.search(EXAMPLES[name], done.stdout), done.stdout
 
 
-def _blocks() -> list[tuple[str, str]]:
-    """Return the Python blocks of the README, each with the output that follows it, or ''."""
-    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+def _blocks(page: str) -> list[tuple[str, str]]:
+    """Return the Python blocks of a page, each with the output that follows it, or ''."""
+    text = (ROOT / page).read_text(encoding='utf-8')
     return re.findall(r'```python\n(.*?)```(?:\n\n```text\n(.*?)```)?', text, re.DOTALL)
 
 
-@pytest.mark.parametrize(('code', 'output'), _blocks())
-def test_the_python_of_the_readme_runs_and_prints_what_it_says(code, output, tmp_path):
-    pytest.importorskip('pinocchio')
+PAGES = {'README.md': 2, 'docs/python.md': 3}
+
+
+@pytest.mark.parametrize(('code', 'output'), [
+    pytest.param(*block, id=f'{page} {number}')
+    for page in PAGES for number, block in enumerate(_blocks(page), 1)])
+def test_the_python_of_a_page_runs_and_prints_what_it_says(code, output):
+    if 'load_arm' in code:
+        pytest.importorskip('pinocchio')
     if 'example-robot-data' in code and importlib.util.find_spec('cmeel') is None:
         pytest.skip('example-robot-data is not installed')
     done = subprocess.run([sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True,
@@ -53,5 +59,6 @@ def test_the_python_of_the_readme_runs_and_prints_what_it_says(code, output, tmp
     assert done.stdout == output
 
 
-def test_the_readme_has_its_two_programs():
-    assert len(_blocks()) == 2
+@pytest.mark.parametrize('page', PAGES)
+def test_a_page_has_its_programs(page):
+    assert len(_blocks(page)) == PAGES[page]

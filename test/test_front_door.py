@@ -81,6 +81,15 @@ def test_dir_shows_the_public_names_and_nothing_else():
     assert dir(door) == sorted([*door.__all__, '__version__'])
 
 
+def test_the_page_of_the_door_names_all_it_offers_and_nothing_else(repository):
+    page = (repository / 'docs/python.md').read_text(encoding='utf-8')
+    tables = ''.join(line for line in page.splitlines() if line.startswith('|'))
+    for name in PUBLIC:
+        assert re.search(rf'`{name}\b', tables), name
+    for name in re.findall(r'blf\.(\w+)', page):
+        assert name in PUBLIC, name
+
+
 def test_type_checkers_see_the_names_that_are_offered(repository):
     tree = ast.parse((repository / 'adaptive_blf_control/__init__.py').read_text('utf-8'))
     block, = (node for node in tree.body if isinstance(node, ast.If))
