@@ -30,11 +30,12 @@ class PlanarArm:
 
     def __init__(self, arm: str, joints: Sequence[str], count: int) -> None:
         """Name the joints; ArmError unless they are ``count`` distinct names."""
-        names = tuple(joints) if isinstance(joints, (list, tuple)) else ()
+        given = list(joints) if isinstance(joints, tuple) else joints
+        names = tuple(given) if isinstance(given, list) else ()
         named = all(isinstance(name, str) and name for name in names)
         if not named or len(names) != count or len(set(names)) != count:
             raise ArmError(f'{arm} has {_WORDS[count]} joints: expected as many distinct names, '
-                           f'got {joints!r}')
+                           f'got {given!r}')
         self.joints = names
         self._shape = (count,)
 

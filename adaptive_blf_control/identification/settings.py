@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.update_law import UPDATE_LAWS
+from adaptive_blf_control.identification.update_laws import UPDATE_LAWS
 from adaptive_blf_control.parameters.settings import group, listed, parameter, Settings
 
 __all__ = ['ChangeSettings', 'ExcitationSettings', 'FilterSettings', 'HistorySettings',

@@ -14,9 +14,7 @@ import numpy as np
 
 from adaptive_blf_control.compiled import jit
 
-__all__ = ['UPDATE_LAWS', 'implicit_step']
-
-UPDATE_LAWS = ('gradient', 'concurrent', 'ablf_concurrent')
+__all__ = ['implicit_step']
 
 
 @jit

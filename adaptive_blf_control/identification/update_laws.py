@@ -9,12 +9,35 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from adaptive_blf_control.arrays import checked_array
-from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.update_law import implicit_step
 from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made
 
-__all__ = ['AblfConcurrent', 'Concurrent', 'Evidence', 'Gradient', 'UpdateLaw',
-           'make_update_law']
+__all__ = ['AblfConcurrent', 'Concurrent', 'Evidence', 'Gains', 'Gradient', 'UPDATE_LAWS',
+           'UpdateLaw', 'foreign_update_law', 'make_update_law']
+
+
+class Gains(Protocol):
+    """What our laws read of the settings; every law is given all of `IdentifierSettings`."""
+
+    @property
+    def gamma(self) -> np.ndarray:
+        """Diagonal of Γ, shape (m,)."""
+        ...
+
+    @property
+    def kt(self) -> float:
+        """Gain on the present data, k_t."""
+        ...
+
+    @property
+    def kh(self) -> float:
+        """Gain on the recorded data, k_h."""
+        ...
+
+    @property
+    def update_law(self) -> str:
+        """Name of the law."""
+        ...
 
 
 class Evidence(NamedTuple):
@@ -38,7 +61,7 @@ class Evidence(NamedTuple):
 
 
 class UpdateLaw(Protocol):
-    """An update law, made as ``law(settings)`` anew with every change of the settings."""
+    """An update law, made as ``law(settings)`` with every change of the settings."""
 
     @abstractmethod
     def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
@@ -49,7 +72,7 @@ class UpdateLaw(Protocol):
 class AblfConcurrent:
     """Equation (37): the present pair, the recorded ones, and Xᵀe2, which Theorem 2 needs."""
 
-    def __init__(self, settings: IdentifierSettings) -> None:
+    def __init__(self, settings: Gains) -> None:
         """Take the gains; ``gamma`` of full length."""
         self._gamma = settings.gamma.copy()  # writable, as the step is compiled for it
         self._kt, self._kh = settings.kt, settings.kh
@@ -72,7 +95,7 @@ class Concurrent(AblfConcurrent):
 class Gradient(Concurrent):
     """Equation (20): the present pair alone. Its Γ is our k_t Γ."""
 
-    def __init__(self, settings: IdentifierSettings) -> None:
+    def __init__(self, settings: Gains) -> None:
         """Take the gains; ``kh`` is not used."""
         super().__init__(settings)
         self._kh = 0.0
@@ -80,9 +103,11 @@ class Gradient(Concurrent):
 
 _OURS: dict[str, Any] = {'gradient': Gradient, 'concurrent': Concurrent,
                          'ablf_concurrent': AblfConcurrent}
+UPDATE_LAWS = tuple(_OURS)
+"""The names of our laws."""
 
 
-def make_update_law(settings: IdentifierSettings) -> UpdateLaw:
+def make_update_law(settings: Gains) -> UpdateLaw:
     """Make the law that ``settings.update_law`` names: one of ours, or ``module:name``.
 
     Args:
@@ -99,7 +124,7 @@ def make_update_law(settings: IdentifierSettings) -> UpdateLaw:
 
 
 def foreign_update_law(name: str, value: object, given: Any,
-                       settings: IdentifierSettings) -> UpdateLaw:
+                       settings: Gains) -> UpdateLaw:
     """Return a stranger's update law behind a check of what it returns.
 
     Args:
