@@ -22,12 +22,13 @@ class ModelAndSpring(blf.Law):
         return blf.LawAnswer(torque, e2=rate, regressor=None)  # None: it does not adapt by itself
 
 
-swing = {'amplitude': 0.3, 'frequency': 2.0}
-run = blf.simulate(
-    blf.TwoLinkArm(), 5.0, law=ModelAndSpring, update_law='concurrent',
-    controller={'k2': [30.0, 10.0], 'reference': {'joint1': swing, 'joint2': swing}})
+if __name__ == '__main__':
+    swing = {'amplitude': 0.3, 'frequency': 2.0}
+    run = blf.simulate(
+        blf.TwoLinkArm(), 5.0, law=ModelAndSpring, update_law='concurrent',
+        controller={'k2': [30.0, 10.0], 'reference': {'joint1': swing, 'joint2': swing}})
 
-print(run)
-error = abs(run.e1).max(axis=1)
-print(f'largest error in the first second {error[run.t < 1.0].max():.4f} rad, '
-      f'in the last {error[run.t > 4.0].max():.6f} rad')
+    print(run)
+    error = abs(run.e1).max(axis=1)
+    print(f'largest error in the first second {error[run.t < 1.0].max():.4f} rad, '
+          f'in the last {error[run.t > 4.0].max():.6f} rad')

@@ -22,11 +22,12 @@ class Pendulums(blf.Plant):
     # Its sensors are perfect. Others: def measure(self, torque, dt) -> blf.Measurement.
 
 
-arm = blf.TwoLinkArm()  # what the plant is believed to be like, not its numbers
-swing = {'amplitude': [0.3, 0.2], 'frequency': [1.5, 4.0], 'phase': [0.0, 0.0]}
-run = blf.simulate(arm, 5.0, plant=Pendulums(), controller={
-    'k2': [30.0, 10.0], 'reference': {'joint1': swing, 'joint2': swing}})
+if __name__ == '__main__':
+    arm = blf.TwoLinkArm()  # what the plant is believed to be like, not its numbers
+    swing = {'amplitude': [0.3, 0.2], 'frequency': [1.5, 4.0], 'phase': [0.0, 0.0]}
+    run = blf.simulate(arm, 5.0, plant=Pendulums(), controller={
+        'k2': [30.0, 10.0], 'reference': {'joint1': swing, 'joint2': swing}})
 
-print(run)
-inertia = arm.Y1([0.0, 0.0], [1.0, 0.0]) @ run.identifier.theta
-print(f'joint 1 feels an inertia of {inertia[0]:.2f} kg·m²')
+    print(run)
+    inertia = arm.Y1([0.0, 0.0], [1.0, 0.0]) @ run.identifier.theta
+    print(f'joint 1 feels an inertia of {inertia[0]:.2f} kg·m²')

@@ -11,6 +11,8 @@ import sys
 
 import pytest
 
+import adaptive_blf_control as door
+
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = {
     'identify_a_log.py': r'p1 +3\.473\d\n(.*\n)*not determined by this log: none\n.*: \[0\.',
@@ -34,6 +36,14 @@ def test_an_example_runs_and_prints_its_result(name, tmp_path):
                           text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert re.search(EXAMPLES[name], done.stdout), done.stdout
+
+
+@pytest.mark.parametrize('part', [{'controller': {'law': 'own_law:ModelAndSpring'}},
+                                  {'arm_driver': {'plant': 'own_plant:Pendulums'}}])
+def test_the_parts_of_the_examples_can_be_named_in_a_parameter(part, monkeypatch, capsys):
+    monkeypatch.syspath_prepend(str(ROOT / 'examples'))
+    assert door.simulate(door.TwoLinkArm(), 0.1, **part).kept
+    assert capsys.readouterr().out == ''  # importing them runs nothing
 
 
 def _blocks(page: str) -> list[tuple[str, str]]:
