@@ -152,7 +152,7 @@ def test_exit_status_tells_whole_from_lost_from_hopeless(
         bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     digest = hashlib.sha256((bag / 'run_0.mcap').read_bytes()).hexdigest()
     assert recover.main([str(bag)]) == 0
-    assert 'is whole' in capsys.readouterr().out
+    assert 'is complete' in capsys.readouterr().out
     assert hashlib.sha256((bag / 'run_0.mcap').read_bytes()).hexdigest() == digest
     _cut(bag, 150_000)
     assert recover.main([str(bag)]) == 1
