@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``compare [CONFIG...]``: our law against other laws; ``--noise``: the study of sensor noise.
+"""``compare [CONFIG...]``: our law against other laws, or ``--noise``: what protects the estimate.
 
-Every law gets the plant, reference, sensors and torque limit of the scenario, and gains derived
-from the scenario's (simulation/baselines/gains.py).
+Every law has the plant, reference, sensors and torque limit of the scenario and gains derived from
+the scenario's (simulation/baselines/gains.py).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     parser.add_argument('--noise', nargs='*', metavar='PART', default=None,
                         help='the study of docs/noise.md instead; parts: filters, stack, payloads,'
-                        ' alarms, detection; default: all, about half an hour')
+                        ' alarms, detection; without a name all, about half an hour')
     return parser
 
 

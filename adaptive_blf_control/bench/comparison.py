@@ -27,16 +27,13 @@ from adaptive_blf_control.simulation.baselines.slotine_li import SlotineLi
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, sample_time
 from adaptive_blf_control.simulation.plant import known_truth
 
-__all__ = ['FIXED', 'LAWS', 'LawTrace', 'VARIANTS', 'drive', 'run_law', 'window_samples']
+__all__ = ['FIXED', 'LAWS', 'LawRun', 'VARIANTS', 'drive', 'run_law', 'window_samples']
 
 Data = Mapping[str, Any]
 
 
-class LawTrace(NamedTuple):
-    """A run of one law over N samples.
-
-    t (N,) [s]; true q and e1 (N, n) [rad]; torque (N, n) [N·m]; θ̂ (N, m), None without estimate.
-    """
+class LawRun(NamedTuple):
+    """A run over N samples: t (N,) [s]; true e1 (N, n) [rad] and q; torque (N, n); θ̂ (N, m)."""
 
     t: np.ndarray
     q: np.ndarray
@@ -133,7 +130,7 @@ def _variant_loop(data: Data, variant: _Variant) -> ClosedLoop:
     return build_closed_loop(apply_settings(data, settings))
 
 
-def run_law(data: Data, name: str, duration: float) -> tuple[ClosedLoop, LawTrace]:
+def run_law(data: Data, name: str, duration: float) -> tuple[ClosedLoop, LawRun]:
     """Run one law of `LAWS` for ``duration`` [s]; the loop returned has plant and sets.
 
     Args:
@@ -156,7 +153,7 @@ def run_law(data: Data, name: str, duration: float) -> tuple[ClosedLoop, LawTrac
         e1[k] = loop.plant.q - reference.at(t).position
         if theta is not None:
             theta[k] = law.theta
-    return loop, LawTrace(np.arange(steps) * loop.period, q, e1, torque, theta)
+    return loop, LawRun(np.arange(steps) * loop.period, q, e1, torque, theta)
 
 
 def drive(loop: ClosedLoop, law: Law, duration: float) -> Iterator[tuple[float, np.ndarray]]:

@@ -5,8 +5,8 @@ Over a sliding window Δ, with Y1 θ = M q̇ and Y2 of (12),
 
     [Y1(t) − Y1(t − Δ) + ∫ Y2] θ* = ∫ τ,
 
-which needs no acceleration either. Divided by Δ, both sides are means of the same magnitude as our
-filtered pairs. The pairs go into the same history stack; the tracking law is Slotine and Li's.
+which needs no acceleration either. Divided by Δ both sides are means, of the size of our filtered
+pairs. The pairs go into the same history stack; the tracking law is Slotine and Li's.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class IntegralConcurrentLearning(SlotineLi):
                  state_filter: StateFilter | None = None) -> None:
         """Take k_h, an empty stack and the length of the window in samples.
 
-        With a state filter it learns from filtered signals and tracks with the measured ones.
+        With a state filter it learns from filtered signals; it still tracks with the measured.
         """
         super().__init__(arm, reference, gains, gamma, theta)
         self._state_filter = state_filter

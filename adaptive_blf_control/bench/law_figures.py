@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bench.comparison import LawTrace
+from adaptive_blf_control.bench.comparison import LawRun
 from adaptive_blf_control.runs.summary import SETTLED, settling_time
 from adaptive_blf_control.runs.torque_error import PredictedTorque
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
@@ -24,7 +24,7 @@ def _rms(values: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.mean(values ** 2, axis=0)))
 
 
-def law_figures(loop: ClosedLoop, run: LawTrace) -> dict[str, Any]:
+def law_figures(loop: ClosedLoop, run: LawRun) -> dict[str, Any]:
     """Return the figures of a run, per joint in the order of the joints, and overall.
 
     Overall is the RMS over all joints for RMS values, the worst joint otherwise. Settling times
@@ -47,7 +47,7 @@ def law_figures(loop: ClosedLoop, run: LawTrace) -> dict[str, Any]:
     return figures
 
 
-def _learning(loop: ClosedLoop, run: LawTrace) -> dict[str, Any]:
+def _learning(loop: ClosedLoop, run: LawRun) -> dict[str, Any]:
     figures: dict[str, Any] = {'theta_error': None, 'theta_settling_time_s': None,
                                'predicted_torque_error': None, 'torque_settling_time_s': None}
     if run.theta is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Our own law behind the interface of the baselines; parameters select its variants."""
+"""Our own law behind the interface of the baselines; its variants are parameters, not code."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ __all__ = ['Ours']
 
 
 class Ours:
-    """Controller and identifier of a closed loop, called in the loop's own order.
+    """Controller and identifier of a closed loop, in the order the loop itself has them.
 
     Attributes:
-        theta: θ̂ that the controller uses next, or θ* where it is known, shape (m,).
+        theta: θ̂ the controller uses next, θ* where it is known, shape (m,).
     """
 
     def __init__(self, loop: ClosedLoop) -> None:
-        """Take controller and identifier of a loop; its plant is not used."""
+        """Take the parts of a loop; its plant is not touched."""
         self.theta: np.ndarray = loop.initial_estimate
         self._loop = loop
         self._term = np.zeros(loop.arm.m)
