@@ -53,7 +53,7 @@ export CHECK_PYTHON
 .DELETE_ON_ERROR:
 .PHONY: help env demo test bench soak lint clean
 
-help:  ## this list
+help:  ## print this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 env: $(STAMP)  ## make .venv with every dependency

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the commands share in how they read their arguments."""
+"""Types of command-line arguments that several commands share."""
 
 from __future__ import annotations
 

@@ -36,8 +36,8 @@ except ImportError:  # plain numpy is the documented fallback
 def _cache_folder() -> str:
     """Return a folder for machine code that belongs to exactly these sources, '' if none.
 
-    numba itself looks only at the file of the compiled function, not at those it calls: after an
-    update it would go on running the old barrier inside the new law.
+    numba itself checks only the file of the compiled function, not those of the functions that it
+    calls: after an update it would still run the old barrier inside the new law.
     """
     package = Path(__file__).parent
     digest = hashlib.sha256(Path(__file__).read_bytes())
@@ -123,7 +123,7 @@ def uncompiled(function: Function) -> Function:
 def before_each_compilation(call: Callable[[], None]) -> AbstractContextManager[None]:
     """Return a context in which ``call`` is called before any function is compiled.
 
-    What it raises ends the compilation that was to begin and those it was needed for.
+    An exception that it raises ends that compilation and those that needed it.
     """
     return nullcontext() if numba is None else _listening(call)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one table of executables: ``ros2 run``, ``python -m`` and ``setup.py`` all read it.
+"""The table of executables, which ``ros2 run``, ``python -m`` and ``setup.py`` all read.
 
 It imports nothing, because ``setup.py`` reads it on machines where numpy is not installed yet.
 """
@@ -20,9 +20,9 @@ TOOLS: dict[str, str] = {
     'demo': "the four nodes as separate processes on the paper's two-link task",
     'simulate': 'the closed loop of a scenario without ROS, as fast as it runs',
     'identify': 'learn the parameters of a measured robot from its log',
-    'play': 'publish a bag again with its clock, where there is no rosbag2',
+    'play': 'publish a bag again with its clock, on machines without rosbag2',
     'recover': 'make a bag that a crash left unfinished readable again',
-    'report': 'a page to look at, or figures for a paper, from bags alone',
+    'report': 'an HTML page, or figures for a paper, from bags alone',
     'parameters': 'the parameter tables of the nodes as Markdown',
 }
 """Command line tools: name to one line of help. Module: ``adaptive_blf_control.tools.<name>``."""

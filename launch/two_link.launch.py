@@ -34,14 +34,14 @@ def generate_launch_description() -> LaunchDescription:
             description='Scenario: the parameters of all four nodes.'),
         DeclareLaunchArgument(
             'bag',
-            # The recorder refuses an existing folder, so that each start needs a name of its own.
+            # The recorder refuses an existing folder, so each start needs a new name.
             default_value=datetime.now().strftime('two_link_%Y_%m_%d-%H_%M_%S'),
             description='Folder the recorder writes; must not exist yet.'),
         DeclareLaunchArgument(
             'namespace', default_value='', description='Namespace of all four nodes.'),
         DeclareLaunchArgument(
             'use_sim_time', default_value='false',
-            description='Lockstep: the driver gives the time and waits for every answer.'),
+            description='Lockstep: the driver publishes /clock and waits for every answer.'),
         DeclareLaunchArgument(
             'autostart', default_value='true',
             description='Whether driver and controller configure and activate themselves.'),
@@ -49,7 +49,7 @@ def generate_launch_description() -> LaunchDescription:
              output='screen', parameters=[params_file, clock, {'bag': bag}]),
         Node(package=PACKAGE, executable='identifier', name='identifier', namespace=namespace,
              output='screen', parameters=[params_file, clock]),
-        # An arm without its controller, or the reverse, ends the launch.
+        # The end of the driver or of the controller ends the launch.
         Node(package=PACKAGE, executable='controller', name='controller', namespace=namespace,
              output='screen', parameters=[params_file, clock, start], on_exit=Shutdown()),
         Node(package=PACKAGE, executable='arm_driver', name='arm_driver', namespace=namespace,

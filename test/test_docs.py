@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import importlib
+import ast
 from pathlib import Path
 import re
 
@@ -13,8 +13,24 @@ from adaptive_blf_control.executables import EXECUTABLES
 from adaptive_blf_control.messages.topics import TOPICS
 from adaptive_blf_control.tools.parameters import markdown
 
-DOCS = sorted(Path(__file__).resolve().parents[1].glob('docs/*.md'))
 ROOT = Path(__file__).resolve().parents[1]
+DOCS = sorted(ROOT.glob('docs/*.md'))
+PACKAGE = ROOT / 'adaptive_blf_control'
+# Words that docs/glossary.md replaces, or that no page of ROS 2 uses, and what to say instead.
+RETIRED = {
+    'anew': 'again, restarts, a new ...',
+    'whoever': 'name who: the publisher, the caller, any program',
+    'absurd': 'beyond its limit, not usable',
+    'shouts?|shouting': 'another publisher',
+    'promises?|promised': 'guarantee',
+    'fabricat(?:e|es|ed|ing)': 'artificial noise',
+    'LawRun': 'trace',
+    'PATIENCE': 'a timeout, with what is waited for',
+    'HEARTBEAT': 'republish interval',
+}
+# Written before the glossary and being changed; to be emptied.
+NOT_YET = ('control/', 'identification/', 'simulation/', 'runtime/', 'nodes/', 'messages/',
+           'bench/comparison.py', 'bench/law_figures.py', 'runs/run_guarantee.py')
 
 
 def test_parameter_page_equals_the_tables(repository: Path) -> None:
@@ -22,14 +38,46 @@ def test_parameter_page_equals_the_tables(repository: Path) -> None:
     assert page == markdown()
 
 
-@pytest.mark.parametrize(('name', 'least'), [('paper.md', 40), ('glossary.md', 25)])
+@pytest.mark.parametrize(('name', 'least'), [('paper.md', 40), ('glossary.md', 50)])
 def test_every_place_that_a_page_names_exists(repository: Path, name: str, least: int) -> None:
     page = (repository / 'docs' / name).read_text(encoding='utf-8')
-    places = re.findall(r'`([a-z_]+\.[a-z_]+):([A-Za-z_0-9]+)`', page)
+    places = re.findall(r'`([a-z_]+(?:\.[a-z_]+)+):([A-Za-z_0-9]+)`', page)
     assert len(places) > least
     for module, member in places:
-        assert hasattr(importlib.import_module(f'adaptive_blf_control.{module}'), member), \
-            f'{module}:{member}'
+        assert member in _defined(PACKAGE / f'{module.replace(".", "/")}.py'), f'{module}:{member}'
+
+
+def _defined(path: Path) -> set[str]:
+    """Return the names that a module defines, without importing it: nodes need ROS."""
+    names: set[str] = set()
+    for node in ast.parse(path.read_text(encoding='utf-8')).body if path.is_file() else []:
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            names.add(node.name)
+        elif isinstance(node, (ast.Assign, ast.AnnAssign)):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names.update(target.id for target in targets if isinstance(target, ast.Name))
+    return names
+
+
+def _found(text: str) -> list[str]:
+    return [f'{match[0]}: {instead}' for word, instead in RETIRED.items()
+            for match in re.finditer(rf'\b(?:{word})\b', text)]
+
+
+@pytest.mark.parametrize('page', [page for page in DOCS if page.name != 'glossary.md'],
+                         ids=lambda path: path.name)
+def test_no_page_uses_a_retired_word(page: Path) -> None:
+    text = page.read_text(encoding='utf-8')
+    assert _found(re.sub(r'`[^`\n]*`', '', text)) == []  # what is quoted has the name it has
+
+
+def test_no_module_uses_a_retired_word() -> None:
+    found = {}
+    for path in sorted(PACKAGE.rglob('*.py')):
+        name = path.relative_to(PACKAGE).as_posix()
+        if not name.startswith(NOT_YET) and (words := _found(path.read_text(encoding='utf-8'))):
+            found[name] = words
+    assert found == {}
 
 
 def test_paper_page_has_every_equation(repository: Path) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Base parameters: the combinations of inertial parameters that a torque can tell apart."""
+"""Base parameters: the combinations of inertial parameters that the torque depends on."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ origin of the joint's frame (Pinocchio's order)."""
 
 PER_BODY = len(INERTIAL_NAMES)
 
-# Masses last: on a revolute chain they are then never picked, so that a representative set of
+# Masses last: on a revolute chain they are then never chosen, so that a representative set of
 # inertial parameters keeps the masses of the URDF whatever the base parameters are.
 _TIERS = (('mx', 'my', 'Ixx', 'Ixy', 'Ixz', 'Iyz', 'Izz'), ('mz', 'Iyy'), ('m',))
 
@@ -34,7 +34,7 @@ class BaseParameters(NamedTuple):
     def nearest_standard(self, theta: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Return a π with from_standard π = θ that differs from a reference in kept columns only.
 
-        Where ``theta`` belongs to ``reference`` the reference comes back unchanged, bit for bit.
+        Where ``theta`` belongs to ``reference``, the reference is returned bit for bit.
 
         Args:
             theta: Base parameters, shape (b,).
@@ -54,10 +54,10 @@ def preferred_columns(bodies: int) -> np.ndarray:
 def decompose(stack: np.ndarray, order: np.ndarray, tolerance: float = 1e-5) -> BaseParameters:
     """Find independent columns of a stacked regressor and express the others through them.
 
-    A column is kept if, after Gram-Schmidt against those kept before it, more is left of it than
-    ``tolerance`` times the longest column. The fixed order makes the choice the same on every
-    machine. The tolerance is well above rounding: CAD exporters write an upright axis as one
-    tilted by 1e-6 rad, and what only such a tilt shows, no measurement ever does.
+    A column is kept if its remainder, after Gram-Schmidt against the columns kept before it, is
+    longer than ``tolerance`` times the longest column. The fixed order makes the choice the same
+    on every machine. The tolerance is well above rounding: CAD exporters write an upright axis
+    with a tilt of 1e-6 rad, and no measurement can determine parameters that depend on that tilt.
 
     Args:
         stack: Standard regressors of many random states on top of each other, shape (k, p).
@@ -71,7 +71,7 @@ def decompose(stack: np.ndarray, order: np.ndarray, tolerance: float = 1e-5) -> 
     kept: list[int] = []
     for index in order:
         rest = columns[:, index]
-        for _ in range(2):  # the second pass removes what rounding left of the first
+        for _ in range(2):  # the second pass removes the rounding errors of the first
             rest = rest - basis @ (basis.T @ rest)
         length = np.linalg.norm(rest)
         if length > shortest:
@@ -87,7 +87,7 @@ def _express(columns: np.ndarray, independent: np.ndarray) -> np.ndarray:
     kept = columns[:, independent]
     scale = np.linalg.norm(kept, axis=0)
     weights: np.ndarray = np.linalg.lstsq(kept / scale, columns, rcond=None)[0] / scale[:, None]
-    # A column under the tolerance is either a short combination or mere noise to leave out.
+    # A column below the tolerance is a short combination of others, or rounding to leave out.
     rest = np.linalg.norm(columns - kept @ weights, axis=0)
     weights[:, rest > 0.5 * np.linalg.norm(columns, axis=0)] = 0.0
     weights[np.abs(weights) < 1e-10] = 0.0

@@ -173,8 +173,8 @@ def _composite_mass(chain: Chain, axes: np.ndarray, bodies: np.ndarray) -> np.nd
 def _solve(mass: np.ndarray, b: np.ndarray) -> None:
     """Solve M x = b in place by M = L D Lᵀ; only the lower triangle of M is read.
 
-    Unlike Cholesky's L Lᵀ it needs no root, so that a matrix that is not quite positive definite
-    in some posture is no error.
+    Unlike Cholesky's L Lᵀ it needs no square root, so a matrix that is not quite positive
+    definite in some posture causes no error.
     """
     n = b.size
     for i in range(n):

@@ -23,14 +23,14 @@ __all__ = ['chain_parameters', 'chain_X', 'chain_Y12', 'ChainParameters']
 
 
 class ChainParameters(NamedTuple):
-    """A chain and which of its parameters are the columns of a regressor.
+    """A chain, and the parameters that are the columns of its regressors.
 
     Attributes:
         chain: The kinematics.
         kind: Which of its body's ten inertial parameters each base column is, shape (b,); the
             columns of a body follow each other, bodies in the chain's order.
         first: First base column of each body and b, shape (n + 1,).
-        end: Column behind those of the bodies that each joint moves, shape (n,).
+        end: First column after those of the bodies that each joint moves, shape (n,).
         friction: First column of viscous, Coulomb and constant friction, −1 without it, shape
             (3,).
         coulomb_velocity: v_s of tanh(q̇/v_s) [rad/s].
@@ -205,7 +205,7 @@ def _add_half_product(out: np.ndarray, twist: np.ndarray, columns: np.ndarray) -
 
 @jit
 def _keep(out: np.ndarray, arm: ChainParameters, i: int, block: np.ndarray) -> None:
-    """Write those of a body's ten columns that are base columns, (6, 10) → (6, b)."""
+    """Write the base columns among a body's ten columns, (6, 10) → (6, b)."""
     for c in range(arm.first[i], arm.first[i + 1]):
         for r in range(6):
             out[r, c] = block[r, arm.kind[c]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters that say which arm it is; three of the nodes have them."""
+"""The parameters that describe the arm; three of the nodes have them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ArmSettings(Settings):
         choices=('two_link', 'three_link', 'urdf'))
     joints: tuple[str, ...] = parameter(
         ['joint1', 'joint2'],
-        'Joint names in the order of every array; for a URDF a sub-chain may be named.')
+        'Joint names in the order of every array; for a URDF they may name a sub-chain.')
     urdf: str = parameter(
         '',
         'URDF of the arm: a path, package://..., or topic:NAME to receive it as a '

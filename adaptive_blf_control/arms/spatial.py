@@ -35,7 +35,7 @@ def motion_product(out: np.ndarray, a: np.ndarray, b: np.ndarray, factor: float)
     """Add ``factor`` times the rate of twist b in a body that moves with twist a: a × b (2.31).
 
     Args:
-        out: What is added to, shape (6,).
+        out: Array that is added to, shape (6,).
         a: Twist (v, ω), shape (6,).
         b: Twist, shape (6,).
         factor: Scalar.
@@ -53,7 +53,7 @@ def wrench_product(out: np.ndarray, a: np.ndarray, b: np.ndarray) -> None:
     """Add the rate of wrench b in a body that moves with twist a: a ×* b (2.32).
 
     Args:
-        out: What is added to, shape (6,).
+        out: Array that is added to, shape (6,).
         a: Twist (v, ω), shape (6,).
         b: Wrench (f, n), shape (6,).
     """
@@ -74,7 +74,7 @@ def world_inertia(out: np.ndarray, placement: np.ndarray, body: np.ndarray) -> N
     Inequalities for Physically Consistent Inertial Parameter Identification (2018), (12).
 
     Args:
-        out: What is written, shape (4, 4).
+        out: Array that is written, shape (4, 4).
         placement: [R p] of the body's frame, shape (3, 4).
         body: J in the body's frame, shape (4, 4).
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pinocchio models of a sub-chain of a URDF, and joint arrays in the order the user asked for."""
+"""Pinocchio models of a sub-chain of a URDF, and joint arrays in the order of the user."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def reduced_model(xml: str, joints: Sequence[str] | None) -> tuple[Any, tuple[st
     names = select_joints(urdf_joints(xml), joints)
     try:
         full = pin.buildModelFromXML(xml)
-    except Exception as error:  # whatever type the binding makes of a C++ exception
+    except Exception as error:  # the binding may raise any type for a C++ exception
         raise ArmError(f'Pinocchio cannot read this URDF: {error}') from error
     locked = [i for i in range(1, full.njoints) if full.names[i] not in names]
     model = pin.buildReducedModel(full, locked, pin.neutral(full)) if locked else full
@@ -77,7 +77,7 @@ class JointOrder:
 
     Attributes:
         rows: Pinocchio's velocity index of each of the user's joints, shape (n,).
-        continuous: Whether each of the user's joints turns without end, shape (n,).
+        continuous: Whether each of the user's joints is continuous, shape (n,).
     """
 
     def __init__(self, model: Any, names: Sequence[str]) -> None:

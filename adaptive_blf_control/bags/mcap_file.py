@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Front-to-back reader of an MCAP file that keeps everything in front of a break.
+"""Sequential reader of an MCAP file that returns everything before a break.
 
-The index at the end of the file is not used: a recorder that was killed leaves none. A chunk that
-the end of the file cuts is read up to its last whole message where it is not compressed.
+The index at the end of the file is not used, because a recorder that was killed writes none. An
+uncompressed chunk that is cut off at the end of the file is read up to its last complete message.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _Buffer = bytes | mmap.mmap
 
 
 class _BreakError(Exception):
-    """The file cannot be followed any further."""
+    """The file cannot be read any further."""
 
 
 class _Schema(NamedTuple):
@@ -45,7 +45,7 @@ class _Schema(NamedTuple):
 
 
 class ChannelDetails(NamedTuple):
-    """What it takes to write a channel again.
+    """Everything that is needed to write a channel again.
 
     Attributes:
         topic: Topic name.
@@ -53,7 +53,7 @@ class ChannelDetails(NamedTuple):
         encoding: How the messages are encoded; ``cdr`` from rosbag2.
         schema_encoding: Language of `definition`; ``ros2msg`` from rosbag2.
         definition: Text of the message type.
-        metadata: The channel's own texts: offered QoS and type hash.
+        metadata: The channel's own metadata: offered QoS and type hash.
     """
 
     topic: str
@@ -68,11 +68,11 @@ class McapFile:
     """One MCAP file; see `StorageFile`.
 
     Attributes:
-        details: More about the channels found so far, by the file's own id.
+        details: Full descriptions of the channels found so far, by the file's own id.
     """
 
     def __init__(self, path: Path) -> None:
-        """Remember the path; nothing is read before a pass."""
+        """Store the path; nothing is read before the first pass."""
         self.path = path
         self.channels: dict[int, Channel] = {}
         self.details: dict[int, ChannelDetails] = {}
@@ -110,8 +110,8 @@ class McapFile:
         """Yield channel id and log time [ns] of the messages in a later part of the file.
 
         Args:
-            content: Whole records, but for the last one. The channels of their messages have to
-                be in `channels` or among them.
+            content: Complete records, except for the last one. The channels of their messages
+                must be in `channels` or in these records.
         """
         with suppress(_BreakError):
             for channel, log_time, _, _ in self._follow(content, 0):
@@ -141,7 +141,7 @@ class McapFile:
                 raise _BreakError(f'ends at byte {end} without footer: the file is truncated')
             opcode, length = _HEAD.unpack_from(content, position)
             body, position = position + _HEAD.size, position + _HEAD.size + length
-            if opcode == 0:  # what a file system leaves behind a power cut
+            if opcode == 0:  # zeros, which a file system can leave after a power cut
                 raise _BreakError(f'no record at byte {body - _HEAD.size}: the file is damaged')
             if opcode == _CHUNK:
                 chunk = self._chunk(content, body, min(position, end), whole=position <= end)
@@ -161,7 +161,7 @@ class McapFile:
 
     def _records(self, buffer: _Buffer, position: int, end: int,
                  where: str) -> Iterator[tuple[int, int, int, bytes]]:
-        """Follow the records that may stand in a chunk."""
+        """Yield the messages among records of the kinds that a chunk may contain."""
         channels = self.channels
         while position < end:
             if position + _HEAD.size > end:
@@ -195,7 +195,7 @@ class McapFile:
                                               schema.text, fields.texts())
 
     def _chunk(self, content: _Buffer, body: int, end: int, *, whole: bool) -> bytes:
-        """Return the records of a chunk, of a cut one those that are there."""
+        """Return the records of a chunk; of a truncated one those that are present."""
         fields = _Fields(content, body, end)
         if end - body < _CHUNK_HEAD.size:
             raise _BreakError(f'chunk at byte {body} is truncated')
@@ -223,7 +223,7 @@ class McapFile:
 
 
 class _Fields:
-    """Bounds-checked walk over the fields of one record."""
+    """Reads the fields of one record in order and checks bounds."""
 
     def __init__(self, buffer: _Buffer, position: int, end: int) -> None:
         self.buffer, self.position, self.end = buffer, position, end
@@ -253,7 +253,7 @@ class _Fields:
 
 
 def _decompress(data: bytes, compression: str, size: int, body: int) -> bytes:
-    # Imported on use: bags of this package are not compressed.
+    # Imported here because bags of this package are not compressed.
     from mcap.records import Chunk
     from mcap.stream_reader import get_chunk_data_stream
 

@@ -31,9 +31,9 @@ def _infinite() -> dict[str, int]:
 
 def default_qos(reliability: str = 'reliable',
                 durability: str = 'volatile') -> list[dict[str, Any]]:
-    """Return the QoS list a Jazzy recorder stores for one publisher of this kind.
+    """Return the QoS list that a Jazzy recorder stores for one publisher of this kind.
 
-    Policies are words; history and depth are not discovered over DDS, hence unknown and 0.
+    Policies are strings. History and depth cannot be discovered over DDS, hence unknown and 0.
     """
     return [{
         'history': 'unknown',
@@ -130,12 +130,12 @@ class BagMetadata:
 
 
 class _Text(str):
-    """A string that is always quoted, so that no reader takes '1e5' for a number."""
+    """A string that is always quoted, so that no reader parses '1e5' as a number."""
 
 
 class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
     def ignore_aliases(self, data: object) -> bool:
-        """Write equal parts out in full: yaml-cpp users expect no anchors here."""
+        """Write equal parts in full, because users of yaml-cpp expect no anchors here."""
         return True
 
 
@@ -146,15 +146,15 @@ _Dumper.add_representer(
 
 
 def dump_yaml(value: object) -> str:
-    """Return YAML in rosbag2's manner: keys in the given order, block style, no anchors."""
+    """Return YAML in the style of rosbag2: keys in the given order, block style, no anchors."""
     return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False, width=10_000))
 
 
 def save_metadata(folder: Path, metadata: BagMetadata) -> None:
-    """Write metadata.yaml so that a reader finds the old text or the new, never a part.
+    """Replace metadata.yaml atomically.
 
     Raises:
-        OSError: the disk refuses.
+        OSError: the disk cannot be written.
     """
     temporary = folder / (METADATA_NAME + '.tmp')
     with temporary.open('w', encoding='utf-8') as stream:
@@ -168,7 +168,7 @@ def load_metadata(folder: Path) -> BagMetadata:
     """Read metadata.yaml of a bag folder.
 
     Raises:
-        BagError: missing, not YAML, or without what is needed to find the messages.
+        BagError: the file is missing, not YAML, or lacks what is needed to find the messages.
     """
     path = folder / METADATA_NAME
     try:
@@ -185,10 +185,10 @@ def load_metadata(folder: Path) -> BagMetadata:
 
 
 def parse_metadata(content: object, where: str) -> BagMetadata:
-    """Turn the levels below the root key into BagMetadata; missing newer keys are defaulted.
+    """Convert the levels below the root key to BagMetadata; missing newer keys get defaults.
 
     Raises:
-        BagError: a level is not what rosbag2 writes; names the key.
+        BagError: a level differs from what rosbag2 writes; names the key.
     """
     if not isinstance(content, dict):
         raise BagError(f'{where}: expected a mapping, found {type(content).__name__}')
@@ -217,13 +217,13 @@ def _parse_files(content: Mapping[str, Any]) -> tuple[FileInformation, ...]:
     paths = [str(path) for path in content['relative_file_paths']]
     start = int(content['starting_time']['nanoseconds_since_epoch'])
     duration, count = int(content['duration']['nanoseconds']), int(content['message_count'])
-    # Counts per file are unknown; the bag's total is put on the first so that sums stay right.
+    # Counts per file are unknown; the first file gets the bag's total, so that sums are right.
     return tuple(FileInformation(path, start, duration, 0 if i else count)
                  for i, path in enumerate(paths))
 
 
 def parse_qos(text: str) -> tuple[Mapping[str, Any], ...]:
-    """Read QoS profiles kept as text in a channel; empty where they cannot be read."""
+    """Parse QoS profiles stored as text in a channel; empty where they cannot be read."""
     try:
         profiles = yaml.safe_load(text) or ()
         return tuple(dict(profile) for profile in profiles)

@@ -68,26 +68,26 @@ class JointSeries(NamedTuple):
 
 
 class Bag:
-    """A bag that was looked through once; iterating reads the messages in recorded order.
+    """A bag after one pass over its files; iterating reads the messages in recorded order.
 
     Attributes:
-        path: What was opened.
-        topics: Topics by name, also those without a message.
-        custom_data: Texts from metadata.yaml, else from the file's own metadata record.
+        path: The folder or file that was opened.
+        topics: Topics by name, including those without a message.
+        custom_data: From metadata.yaml, or else from the file's own metadata record.
         offered_qos: QoS profiles of each topic's publishers, from the same places.
-        complete: False where a file breaks off, is missing, or holds less than stated.
+        complete: False where a file breaks off, is missing, or has fewer messages than stated.
         problem: What is wrong where `complete` is False, else None.
     """
 
     def __init__(self, path: Path, files: Sequence[StorageFile],
                  metadata: BagMetadata | None = None, problem: str | None = None) -> None:
-        """Look through all files; BagError where no message can be read.
+        """Pass over all files once; BagError where no message can be read.
 
         Args:
-            path: What was asked for, for messages.
+            path: The folder or file, for error messages.
             files: The storage files in order.
-            metadata: Content of metadata.yaml, where there is one.
-            problem: What is already known to be wrong.
+            metadata: Content of metadata.yaml, if it exists.
+            problem: A problem that is already known.
         """
         self.path = path
         self._files = files
@@ -100,7 +100,7 @@ class Bag:
                            f'{path} is an empty bag: it has no message')
         stated = metadata.message_count if metadata else 0
         if not problems and sum(counts.values()) < stated:
-            problems = [f'{path}: {sum(counts.values())} messages are there, {METADATA_NAME} '
+            problems = [f'{path}: {sum(counts.values())} messages were found, {METADATA_NAME} '
                         f'states {stated}']
         self.problem: str | None = problems[0] if problems else None
         self.complete = self.problem is None
@@ -127,17 +127,17 @@ class Bag:
                     yield BagMessage(topic, type_name, log_time_ns, data)
 
     def in_time_order(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Yield as :meth:`messages`, sorted by log time, equal ones in recorded order.
+        """Yield as :meth:`messages`, sorted by log time, equal times in recorded order.
 
-        Recorders write what they have fetched topic by topic. A message that stands more than
-        ``OUT_OF_PLACE`` behind its time comes as late as it stands.
+        Recorders write what they have received topic by topic. A message whose place in the file
+        is more than ``OUT_OF_PLACE`` later than its log time is yielded at that place.
         """
         waiting: list[tuple[int, int, BagMessage]] = []
         before_ns = 0
         for number, message in enumerate(self.messages(topics)):
             time_ns = message.log_time_ns
             heappush(waiting, (time_ns, number, message))
-            # The first one after a jump does not tell: it may be the only one with a wild time.
+            # Wait for a second message after a jump: a single one may have a wrong time.
             while time_ns <= before_ns + OUT_OF_PLACE and waiting[0][0] < time_ns - OUT_OF_PLACE:
                 yield heappop(waiting)[2]
             before_ns = time_ns
@@ -152,7 +152,7 @@ class Bag:
             topic: Topic name.
             joints: Which joints in which order; those of the first message where None.
             skip_foreign: Count messages that cannot be matched instead of raising, for topics
-                on which other publishers send other joints.
+                on which other publishers publish other joints.
 
         Raises:
             BagError: no such topic, another type, or a message that does not match: names it.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A finished bag out of what a killed recorder, a power cut or a lost metadata.yaml left.
+"""Finishes a bag after a killed recorder, a power cut or the loss of its metadata.yaml.
 
-The bytes of the .mcap files are never changed. Where all of them are whole, metadata.yaml is
-rebuilt beside them, and one that said otherwise is kept as ``metadata.yaml.before``. Where a file
-breaks off, everything in front of the break goes into a new, finished bag.
+The .mcap files are never changed. If all of them are complete, metadata.yaml is rebuilt beside
+them, and an existing one that differs is kept as ``metadata.yaml.before``. If a file breaks off,
+everything before the break goes into a new, finished bag.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ KEPT_NAME = METADATA_NAME + '.before'
 
 
 class Recovery(NamedTuple):
-    """What became of a bag.
+    """Result of a recovery.
 
     Attributes:
-        path: The folder that is a finished bag now.
+        path: The folder that is now a finished bag.
         what: ``whole`` (nothing was wrong), ``metadata`` (rebuilt) or ``copy`` (a new bag).
-        messages: How many messages it has.
+        messages: Number of messages in it.
         problem: Where the original breaks off, with file and byte; None where nothing is lost.
     """
 
@@ -51,7 +51,7 @@ class Recovery(NamedTuple):
 
 
 class _Scan(NamedTuple):
-    """One file, looked through: its share of metadata.yaml, and its messages by topic."""
+    """One file after a pass: its part of metadata.yaml, and the number of messages by topic."""
 
     file: McapFile
     information: FileInformation
@@ -59,16 +59,16 @@ class _Scan(NamedTuple):
 
 
 def recover_bag(bag: Path | str, output: Path | str | None = None) -> Recovery:
-    """Make a bag readable by tools that ask for a footer, an index and metadata.yaml.
+    """Make a bag readable by tools that require a footer, an index and metadata.yaml.
 
     Args:
-        bag: A bag folder with or without metadata.yaml, or a lone .mcap file.
-        output: Folder of the new bag; a whole bag is copied too where it is given. Otherwise
-            ``<bag>_recovered`` beside the bag, made only where it is needed.
+        bag: A bag folder with or without metadata.yaml, or a single .mcap file.
+        output: Folder of the new bag; if it is given, a complete bag is copied, too. By default
+            ``<bag>_recovered`` beside the bag, which is created only if it is needed.
 
     Raises:
-        BagError: no .mcap file, no message in front of a break, messages that rosbag2 does not
-            write, the output exists, or the disk refuses.
+        BagError: no .mcap file, no message before a break, messages that rosbag2 does not
+            write, the output exists, or the disk cannot be written.
     """
     bag = Path(bag)
     paths = storage_files(bag) if bag.is_dir() else [bag]
@@ -109,11 +109,11 @@ def _scan(path: Path) -> _Scan:
 
 
 def _metadata_of(scans: Sequence[_Scan], folder: Path) -> BagMetadata:
-    """Return what metadata.yaml has to say, from the files; custom data also from an old one."""
+    """Return the metadata of the files; custom data also from an existing metadata.yaml."""
     channels: dict[str, ChannelDetails] = {}
     custom_data: dict[str, str] = {}
     distro = ''
-    with suppress(BagError):  # that is why we are here
+    with suppress(BagError):  # it may be missing or damaged
         custom_data.update(load_metadata(folder).custom_data)
     for scan in scans:
         for details in scan.file.details.values():
@@ -136,7 +136,7 @@ def _rebuild(folder: Path, metadata: BagMetadata) -> Recovery:
     path = folder / METADATA_NAME
     try:
         if path.exists():
-            if _says(folder) == metadata.to_dict():
+            if _existing(folder) == metadata.to_dict():
                 return Recovery(folder, 'whole', metadata.message_count, None)
             path.replace(folder / KEPT_NAME)
         save_metadata(folder, metadata)
@@ -145,7 +145,7 @@ def _rebuild(folder: Path, metadata: BagMetadata) -> Recovery:
     return Recovery(folder, 'metadata', metadata.message_count, None)
 
 
-def _says(folder: Path) -> dict[str, object] | None:
+def _existing(folder: Path) -> dict[str, object] | None:
     try:
         return load_metadata(folder).to_dict()
     except BagError:

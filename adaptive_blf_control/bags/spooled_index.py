@@ -2,7 +2,8 @@
 """The chunk index of an MCAP file while it is being written: on the disk, not in memory.
 
 The ``mcap`` library keeps an object of 1.5 kB for each chunk until the file ends. A recorder that
-flushes twice a second would grow by 10 MB an hour. The only module that touches its inside.
+flushes twice a second would grow by 10 MB an hour. This is the only module that uses a private
+attribute of the library.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _BLOCK = 65_536  # bytes
 
 
 class _Records:
-    """Records as they stand in the file; writes itself as one of the library's would."""
+    """Records as they are in the file; has the method `write` of the library's records."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -32,10 +33,10 @@ class _Records:
 
 
 class _Spool:
-    """Takes the place of the list: appended to, then iterated over once."""
+    """Replaces the library's list: it is appended to, then iterated over once."""
 
     def __init__(self, folder: Path) -> None:
-        # Has no name, so that nothing is left behind however the process ends.
+        # It has no name, so nothing remains however the process ends.
         self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
 
     def append(self, index: Any) -> None:
@@ -53,8 +54,8 @@ class _Spool:
 def spool_chunk_index(writer: Writer, folder: Path) -> None:
     """Let ``writer`` keep its chunk index in an unnamed file in ``folder``.
 
-    Does nothing where the inside of the library is another: memory is all that it costs.
-    A disk that is full is an OSError of the next chunk, as it is for the file itself.
+    Does nothing where the library has no such attribute; then the process uses more memory. A
+    full disk raises OSError at the next chunk, as it does for the bag's file itself.
     """
     if getattr(writer, _ATTRIBUTE, None) == []:
         setattr(writer, _ATTRIBUTE, _Spool(folder))

@@ -21,17 +21,17 @@ class SqliteFile:
     """One .db3 file; see `StorageFile`."""
 
     def __init__(self, path: Path) -> None:
-        """Remember the path; nothing is read before a pass."""
+        """Store the path; nothing is read before the first pass."""
         self.path = path
         self.channels: dict[int, Channel] = {}
         self.problem: str | None = None
 
     def custom_data(self) -> dict[str, str]:
-        """Return nothing: a .db3 file has its custom data in metadata.yaml."""
+        """Return an empty mapping: a .db3 file has its custom data in metadata.yaml."""
         return {}
 
     def offered_qos(self) -> dict[str, Sequence[Mapping[str, Any]]]:
-        """Return nothing: those of a .db3 file are in metadata.yaml too."""
+        """Return an empty mapping: a .db3 file has its QoS in metadata.yaml, too."""
         return {}
 
     def messages(self) -> Iterator[tuple[int, int, bytes]]:
@@ -62,12 +62,12 @@ class SqliteFile:
                 self.problem = f'{self.path}: {exc}'
 
     def _connect(self) -> sqlite3.Connection:
-        """Open read-only, with a write-ahead log where there is one and it can be used."""
+        """Open read-only, with its write-ahead log if there is one that can be used."""
         address = self.path.resolve().as_uri()
         connection = sqlite3.connect(f'{address}?mode=ro', uri=True)
         try:
             connection.execute('SELECT count(*) FROM sqlite_master').fetchone()
-        except sqlite3.OperationalError:  # a log beside it on a read-only disk
+        except sqlite3.OperationalError:  # a write-ahead log on a read-only disk
             connection.close()
             connection = sqlite3.connect(f'{address}?mode=ro&immutable=1', uri=True)
         except sqlite3.Error as exc:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the two storage formats of rosbag2 have in common for a reader."""
+"""The interface that a reader has to both storage formats of rosbag2."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class StorageFile(Protocol):
         """Yield channel id, time of reception [ns] and data, in the order of the file."""
 
     def custom_data(self) -> dict[str, str]:
-        """Return the custom data kept in the file, after one pass."""
+        """Return the custom data stored in the file, after one pass."""
 
     def offered_qos(self) -> Mapping[str, Sequence[Mapping[str, Any]]]:
         """Return the QoS profiles of each topic's publishers, after one pass."""

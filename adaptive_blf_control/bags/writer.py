@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writer of rosbag2 folders as a Jazzy recorder leaves them: MCAP storage, metadata version 9."""
+"""Writer of rosbag2 folders like those of a Jazzy recorder: MCAP storage, metadata version 9."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from adaptive_blf_control.messages.definitions import message_definition, Messag
 
 __all__ = ['CHUNK_SIZE', 'BagWriter']
 
-# What rosbag2's own storage plugin uses [bytes].
+# As rosbag2's own storage plugin [bytes].
 CHUNK_SIZE = 786_432
 LIBRARY = f'adaptive_blf_control {__version__}'
 
@@ -39,7 +39,7 @@ _LATEST = 2**63 - 1
 
 
 class _Flushed(NamedTuple):
-    """What the file held at the last flush: bytes, messages by topic, first and last time."""
+    """Contents of the file at the last flush: bytes, messages by topic, first and last time."""
 
     position: int
     counts: dict[str, int]
@@ -57,21 +57,21 @@ class BagWriter:
     Attributes:
         path: The bag folder.
         file: The MCAP file in it.
-        torn: After a disk error and `close`, by topic: messages that `write` took and that the
-            disk did not, less those it took although `write` said no.
+        overcounted: After a disk error and `close`, by topic: how many messages more `counts` had
+            before `close` than the file contains; negative where the file contains more.
     """
 
     def __init__(self, path: Path | str, *, custom_data: Mapping[str, str] | None = None,
                  ros_distro: str = 'jazzy') -> None:
-        """Make the folder and start the file.
+        """Create the folder and start the file.
 
         Args:
-            path: Folder to make, parents included.
-            custom_data: Texts to keep in the bag's metadata, e.g. the parameters of the run.
-            ros_distro: Name for the metadata.
+            path: Folder to create, including its parents.
+            custom_data: Strings to store in the bag's metadata, e.g. the parameters of the run.
+            ros_distro: Name of the distribution for the metadata.
 
         Raises:
-            BagError: the folder exists or cannot be made; custom data that are not texts.
+            BagError: the folder exists or cannot be created; custom data that are not strings.
         """
         self.path = Path(path)
         name = self.path.name or self.path.absolute().name
@@ -84,7 +84,7 @@ class BagWriter:
         self._counts: dict[str, int] = {}
         self._start_ns, self._end_ns = EMPTY_START, 0
         self._flushed = _Flushed(0, {}, EMPTY_START, 0)
-        self.torn: dict[str, int] = {}
+        self.overcounted: dict[str, int] = {}
         self._metadata_is_old = False
         self._closed = self._broken = False
         self._stream = self._make_file()
@@ -94,7 +94,7 @@ class BagWriter:
             self._guard(lambda: spool_chunk_index(self._writer, self.path))
             self._guard(self._begin)
         except BagError:
-            with suppress(OSError):  # the same again
+            with suppress(OSError):  # closing fails for the same reason
                 self._stream.close()
             raise
 
@@ -120,14 +120,14 @@ class BagWriter:
         Args:
             name: Topic name as in the graph, e.g. ``/joint_states``.
             type_name: Full message type, e.g. ``sensor_msgs/msg/JointState``.
-            qos: Offered profiles in the form of `default_qos`; that of a reliable, volatile
-                publisher where not given. Stored in metadata.yaml and in the channel alike,
-                because readers match the two.
-            definition: Text and hash of the type; looked up where not given.
+            qos: Offered profiles in the form of `default_qos`; by default that of a reliable,
+                volatile publisher. They are stored both in metadata.yaml and in the channel,
+                because readers compare the two.
+            definition: Text and hash of the type; looked up by default.
 
         Raises:
-            BagError: the topic is there with another type, no definition is found, or the disk
-                refuses.
+            BagError: the topic exists with another type, no definition is found, or the disk
+                cannot be written.
         """
         if name in self._topics:
             if self._topics[name].type_name != type_name:
@@ -150,10 +150,11 @@ class BagWriter:
             topic: A topic announced with `add_topic`.
             data: The message with its encapsulation header, stored as it is.
             log_time_ns: Time of reception [ns].
-            publish_time_ns: Time of sending [ns]; that of reception where not given.
+            publish_time_ns: Time of publication [ns]; by default that of reception.
 
         Raises:
-            BagError: unknown topic, a time out of range, a closed bag, or the disk refuses.
+            BagError: unknown topic, a time out of range, a closed bag, or the disk cannot be
+                written.
         """
         channel = self._channels.get(topic)
         if channel is None:
@@ -173,25 +174,25 @@ class BagWriter:
         self._end_ns = max(self._end_ns, log_time_ns)
 
     def flush(self, *, fsync: bool = False) -> None:
-        """Bring everything written so far to the operating system, with `fsync` to the disk.
+        """Pass everything written so far to the operating system, with `fsync` to the disk.
 
         Raises:
-            BagError: the bag is closed, or the disk refuses.
+            BagError: the bag is closed, or the disk cannot be written.
         """
         self._guard(lambda: self._flush(fsync))
 
     def set_custom_data(self, custom_data: Mapping[str, str]) -> None:
-        """Add to the custom data, replacing keys that are there; BagError if not all texts."""
+        """Add custom data and replace existing keys; BagError where one is not a string."""
         self._custom_data.update(_checked_custom_data(custom_data))
         self._metadata_is_old = True
 
     def close(self) -> None:
         """Write index and metadata; calls after the first do nothing.
 
-        After a disk error the file is left without index; what is in it can be scanned.
+        After a disk error the file is left without index; its contents can be scanned.
 
         Raises:
-            BagError: the disk refuses.
+            BagError: the disk cannot be written.
         """
         if self._closed:
             return
@@ -202,7 +203,7 @@ class BagWriter:
             self._closed = True
             try:
                 if self._broken:
-                    with suppress(OSError):  # what is in its buffer does not fit either
+                    with suppress(OSError):  # its buffer cannot be written either
                         self._stream.close()
                     self._count_again()
                 else:
@@ -219,10 +220,10 @@ class BagWriter:
         except FileExistsError as exc:
             raise BagError(f'{self.path} exists already: expected a new folder') from exc
         except OSError as exc:
-            raise BagError(f'{self.path}: cannot be made: {exc}') from exc
+            raise BagError(f'{self.path}: cannot be created: {exc}') from exc
 
     def _guard(self, action: Callable[[], None]) -> None:
-        """Run one step; a disk error becomes a BagError and ends writing for good."""
+        """Run one step; a disk error becomes a BagError, and nothing more can be written."""
         self._check_open()
         try:
             action()
@@ -275,7 +276,7 @@ class BagWriter:
         os.fsync(self._stream.fileno())
 
     def _count_again(self) -> None:
-        """Count what the disk has taken since the last flush, not what was handed over."""
+        """Count the messages that are in the file, not those that were handed over."""
         handed_over = self._counts
         position, self._counts, self._start_ns, self._end_ns = self._flushed
         self._counts = {topic: self._counts.get(topic, 0) for topic in handed_over}
@@ -288,7 +289,8 @@ class BagWriter:
                 self._counts[file.channels[channel].topic] += 1
                 self._start_ns = min(self._start_ns, log_time)
                 self._end_ns = max(self._end_ns, log_time)
-        self.torn = {topic: count - self._counts[topic] for topic, count in handed_over.items()}
+        self.overcounted = {topic: count - self._counts[topic]
+                            for topic, count in handed_over.items()}
 
     def _add_metadata_record(self) -> None:
         self._writer.add_metadata(
@@ -305,7 +307,7 @@ class BagWriter:
 
 
 def _checked_custom_data(custom_data: Mapping[str, str]) -> dict[str, str]:
-    """Return a copy; BagError where a key or value is not a text that UTF-8 can hold."""
+    """Return a copy; BagError where a key or value is not a string that UTF-8 can encode."""
     for key, value in custom_data.items():
         for text in (key, value):
             if not isinstance(text, str):

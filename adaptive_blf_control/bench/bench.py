@@ -48,8 +48,8 @@ def _machine() -> None:
 def _scenarios(options: argparse.Namespace) -> None:
     print('## Closed loop offline (`simulate`)\n')
     _machine()
-    print('| scenario | left | largest error [rad] | settled [s] | parameter error | of | rank | '
-          'x real time, median |')
+    print('| scenario | samples outside | largest error [rad] | converged after [s] | '
+          'parameter error | of | rank | x real time, median |')
     print('|---|---|---|---|---|---|---|---|')
     for name, duration in SCENARIOS:
         data = load_yaml(options.config / f'{name}.yaml')
@@ -61,11 +61,11 @@ def _scenarios(options: argparse.Namespace) -> None:
             trace = loop.run(duration)
             speeds.append(float(trace.t[-1] / trace.wall_s))
             figures = summarise(run_of_trace(loop, trace))
-        settled = ', '.join('no' if time is None else f'{time:.2f}'
-                            for time in figures['theta_settling_times_s'])
+        converged = ', '.join('no' if time is None else f'{time:.2f}'
+                              for time in figures['theta_settling_times_s'])
         print(f'| {name}, {duration:g} s | {figures["set_violations"]} | '
               f'{max(figures["max_abs_error"]):.4f} | '
-              f'{settled} | {figures["theta_error_norm"]:.2g} | '
+              f'{converged} | {figures["theta_error_norm"]:.2g} | '
               f'{figures["theta_true_norm"]:.3g} | '
               f'{figures["history_rank"]} | {statistics.median(speeds):.1f} |', flush=True)
 
@@ -82,18 +82,18 @@ def _run_json(arguments: list[str]) -> dict[str, Any]:
 def _processes(options: argparse.Namespace) -> None:
     print('\n## Four processes, real time (`demo`)\n')
     _machine()
-    print('| run | left | largest error [rad] | settled [s] | parameter error | driver, '
-          'controller, identifier [Hz] |')
+    print('| run | samples outside | largest error [rad] | converged after [s] | '
+          'parameter error | driver, controller, identifier [Hz] |')
     print('|---|---|---|---|---|---|')
     for number in range(REPEATS):
         with tempfile.TemporaryDirectory() as folder:
             figures = _run_json(['demo', '--config', str(options.config / 'two_link.yaml'),
                                  '--output', str(Path(folder) / 'run')])
         held = figures['rates_hz']
-        settled = figures['theta_settling_time_s']
+        converged = figures['theta_settling_time_s']
         print(f'| two_link, 20 s, run {number + 1} | {figures["set_violations"]} | '
               f'{max(figures["max_abs_error"]):.4f} | '
-              f'{"no" if settled is None else format(settled, ".2f")} | '
+              f'{"no" if converged is None else format(converged, ".2f")} | '
               f'{figures["theta_error_norm"]:.2g} | '
               f'{held["arm_driver"]:.0f}, {held["controller"]:.0f}, {held["identifier"]:.0f} |',
               flush=True)
@@ -102,10 +102,10 @@ def _processes(options: argparse.Namespace) -> None:
 def _measured(options: argparse.Namespace) -> None:
     print('\n## Measured robots (`identify`)\n')
     if options.logs is None or not options.logs.is_dir():
-        print(f'Skipped: the folder of measured logs is not there (--logs {options.logs}).')
+        print(f'Skipped: the folder of measured logs does not exist (--logs {options.logs}).')
         return
     _machine()
-    print('Second half after learning on the first; RMSE of the filtered torque [N·m].\n')
+    print('Learned on the first half, tested on the second: RMSE of the filtered torque [N·m].\n')
     print('| robot | ours, joint by joint | mean | batch (given), mean | ratio | rank of '
           'columns | insertions | us per sample |')
     print('|---|---|---|---|---|---|---|---|')
@@ -135,9 +135,10 @@ PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the parts that were asked for, all without a name."""
+    """Run the parts that are named, or all; 1 where one fails."""
     parser = argparse.ArgumentParser(prog='bench', description=__doc__)
-    parser.add_argument('parts', nargs='*', help=f'of {", ".join(PARTS)}; default: all')
+    parser.add_argument('parts', nargs='*',
+                        help=f'one or more of {", ".join(PARTS)}; default: all')
     parser.add_argument('--config', type=Path, default=Path('config'), metavar='DIR',
                         help='folder of the scenarios')
     parser.add_argument('--logs', type=Path, default=Path('../shared/realdata'), metavar='DIR',
@@ -146,7 +147,7 @@ def main(args: list[str] | None = None) -> int:
     options = parser.parse_args(args)
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:
-        parser.error(f'no part {unknown[0]!r}: expected of {", ".join(PARTS)}')
+        parser.error(f'no part {unknown[0]!r}: expected {", ".join(PARTS)}')
     try:
         for part in options.parts or PARTS:
             PARTS[part](options)

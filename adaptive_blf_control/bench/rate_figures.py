@@ -7,41 +7,40 @@ from array import array
 from collections.abc import Iterable, Mapping
 import os
 from pathlib import Path
-import struct
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from adaptive_blf_control.bags.mcap_file import McapFile
 from adaptive_blf_control.bags.reader import storage_files
+from adaptive_blf_control.bench.soak_bag import stamp_of
 from adaptive_blf_control.bench.soak_figures import account_of
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.diagnostics_reader import decode_diagnostics
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
 
-__all__ = ['Loop', 'Run', 'Row', 'Usage', 'median', 'of_bag', 'of_bare', 'stolen_time',
+__all__ = ['Loop', 'RateFigures', 'Row', 'Usage', 'median', 'of_bag', 'of_bare', 'stolen_time',
            'usage_of']
 
-TAIL = 0.1  # s at the end that are not judged: the last states may find nobody
+TAIL = 0.1  # s at the end that are left out: nodes that have ended answer no states
 CALLBACK = 'callback so far p50, p99, p99.9, largest [ms]'
 ROUND_TRIP = 'round trip p50, p99, p99.9, largest so far [ms]'
 IN_TIME = 'answered within their period so far [%]'
-# Who serves a period shows it by a message with the stamp of the period's state.
+# A node has served a period if a message on its topic has the stamp of the period's state.
 SHOWN_BY = {'arm_driver': JOINT_STATES, 'controller': ADAPTATION_TERM, 'identifier': THETA_HAT}
-_STAMP = struct.Struct('<iI')  # after the four bytes of the CDR encapsulation
 NAN = float('nan')
 
 
 class Row(NamedTuple):
-    """One process over one run.
+    """Figures of one process in one run.
 
     Attributes:
-        rate: Periods served, of the recorder messages taken, in a second [Hz].
-        missed: Periods due and not served; of the recorder messages that are not in the bag.
-        due: Periods due, of the recorder messages sent to it.
-        p50: Median time of a callback [ms], NaN where it was not measured; likewise the next two.
-        p99: 99 % of the callbacks took no longer [ms].
-        largest: The longest callback [ms].
+        rate: Periods served per second [Hz]; for the recorder, messages received per second.
+        missed: Periods due and not served; for the recorder, messages that are not in the bag.
+        due: Periods due; for the recorder, messages published to it.
+        p50: Median duration of a callback [ms]. NaN, like the next two, where not measured.
+        p99: 99th percentile of the duration of a callback [ms].
+        largest: Duration of the longest callback [ms].
         cpu: Processor time [% of a core].
         memory: Resident memory at the end [MB].
     """
@@ -57,15 +56,15 @@ class Row(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """From a state to its command and back over one run; times in ms.
+    """The round trip from a state to its command over one run; times in ms.
 
     Attributes:
-        p50: Median of the round trip as the driver sees it; the next three likewise.
-        p99: 99 % of the round trips were no longer.
-        p999: 99.9 % of the round trips were no longer.
+        p50: Median of the round trip as the driver sees it.
+        p99: 99th percentile of the round trip.
+        p999: 99.9th percentile of the round trip.
         largest: The longest round trip.
-        met: Periods with a state that was answered, if late [%].
-        in_time: Periods with a state that was answered before the next one was due [%].
+        met: Periods whose state was answered, even if late [%].
+        in_time: Periods whose state was answered before the next one was due [%].
         cores: Processor time of all processes together [cores].
         stolen: Processor time that the host of a virtual machine gave to others meanwhile [%].
     """
@@ -80,8 +79,8 @@ class Loop(NamedTuple):
     stolen: float = NAN
 
 
-class Run(NamedTuple):
-    """What one run gave: a row for each process, and the loop through them."""
+class RateFigures(NamedTuple):
+    """Figures of one run: a row for each process, and the loop through them."""
 
     rows: dict[str, Row]
     loop: Loop
@@ -108,7 +107,7 @@ def usage_of(pid: int) -> tuple[float, float] | None:
 
 
 def stolen_time() -> tuple[float, float]:
-    """Return the time the host has taken from this machine, and all time, both so far [ticks]."""
+    """Return the time that the host has taken from this machine, and all time, so far [ticks]."""
     try:
         line = Path('/proc/stat').read_text(encoding='ascii').partition('\n')[0]
         ticks = [float(text) for text in line.split()[1:9]]  # user .. steal
@@ -125,18 +124,18 @@ def _row(times_ns: np.ndarray, rate: float, begin_ns: int, end_ns: int) -> Row:
     return Row(served / span, max(due - served, 0), due)
 
 
-def _window(times_ns: np.ndarray, rate: float, settle: float, what: str) -> tuple[int, int]:
-    """Return begin and end of what is judged [ns], half a period before the grid of the states."""
+def _window(times_ns: np.ndarray, rate: float, start_up: float, what: str) -> tuple[int, int]:
+    """Return begin and end of the time that counts [ns], half a period before the states' grid."""
     half = 0.5e9 / rate
-    begin, end = int(times_ns[0] + settle * 1e9 - half), int(times_ns[-1] - TAIL * 1e9 - half)
+    begin, end = int(times_ns[0] + start_up * 1e9 - half), int(times_ns[-1] - TAIL * 1e9 - half)
     if end <= begin:
         raise BagError(f'{what}: {(times_ns[-1] - times_ns[0]) * 1e-9:.2f} s of motion: expected '
-                       f'more than {settle + TAIL:g} s')
+                       f'more than {start_up + TAIL:g} s')
     return begin, end
 
 
 def of_bare(files: Mapping[str, Path], usage: Mapping[str, Usage], rate: float,
-            settle: float, stolen: float = NAN) -> Run:
+            start_up: float, stolen: float = NAN) -> RateFigures:
     """Return the figures of a run of `bare_echo` from the files its nodes saved.
 
     Raises:
@@ -146,7 +145,7 @@ def of_bare(files: Mapping[str, Path], usage: Mapping[str, Usage], rate: float,
     trips, sent = np.load(files['driver'])['trips'], served['driver']
     if sent.size < 2:
         raise BagError(f'the bare driver sent {sent.size} states: expected 2 or more')
-    begin, end = _window(sent, rate, settle, 'bare echo')
+    begin, end = _window(sent, rate, start_up, 'bare echo')
     inside = trips[(sent >= begin) & (sent < end) & (trips > 0)] * 1e-6
     rows = {name: _row(times, rate, begin, end)._replace(**usage[name]._asdict())
             for name, times in served.items()}
@@ -154,11 +153,11 @@ def of_bare(files: Mapping[str, Path], usage: Mapping[str, Usage], rate: float,
     met, in_time = (100.0 * min(count / rows['driver'].due, 1.0)
                     for count in (inside.size, np.count_nonzero(inside <= 1e3 / rate)))
     p50, p99, p999, largest = map(float, quantiles)
-    return Run(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), stolen))
+    return RateFigures(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), stolen))
 
 
-def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, settle: float,
-           stolen: float = NAN) -> Run:
+def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, start_up: float,
+           stolen: float = NAN) -> RateFigures:
     """Return the figures of a run of the four nodes.
 
     Args:
@@ -166,7 +165,7 @@ def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, settle:
         log: What the recorder printed.
         usage: Processor time and memory by node.
         rate: Rate of the states [Hz].
-        settle: What is left out after the first answered state [s].
+        start_up: Time after the first answered state that is left out [s].
         stolen: See :class:`Loop`.
 
     Raises:
@@ -176,7 +175,7 @@ def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, settle:
     sent, answered = (content.stamps[SHOWN_BY[name]] for name in ('arm_driver', 'controller'))
     if answered.size == 0:
         raise BagError(f'{bag}: no joint state was answered by the controller')
-    begin, end = _window(sent[sent >= answered[0]], rate, settle, str(bag))
+    begin, end = _window(sent[sent >= answered[0]], rate, start_up, str(bag))
     rows = {name: _row(content.stamps[topic], rate, begin, end)
             for name, topic in SHOWN_BY.items()}
     taken = np.count_nonzero((content.received >= begin) & (content.received < end))
@@ -190,8 +189,9 @@ def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, settle:
     met = 100.0 * (1.0 - rows['controller'].missed / rows['controller'].due)
     p50, p99, p999, largest = content.figures('arm_driver', ROUND_TRIP)
     in_time, = content.figures('arm_driver', IN_TIME, 1)
-    in_time = min(in_time, met)  # a command has no stamp, and the driver may take it for another's
-    return Run(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), stolen))
+    # A command has no stamp, so the driver may assign it to another state than the one it answers.
+    in_time = min(in_time, met)
+    return RateFigures(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), stolen))
 
 
 class _Content:
@@ -201,7 +201,7 @@ class _Content:
         counts: Messages by topic.
         received: When each message was received, in any order [ns].
         stamps: Different stamps on each topic of `SHOWN_BY`, in order [ns].
-        diagnostics: What each node said last.
+        diagnostics: The last diagnostics of each node.
     """
 
     def __init__(self, bag: Path) -> None:
@@ -216,8 +216,7 @@ class _Content:
                 received.append(received_ns)
                 name = topic.lstrip('/')
                 if name in stamps:
-                    seconds, nanoseconds = _STAMP.unpack_from(data, 4)
-                    stamps[name].append(seconds * 10**9 + nanoseconds)
+                    stamps[name].append(stamp_of(data))
                 elif name == 'diagnostics':
                     self.diagnostics.update(
                         {status.partition(':')[0]: values
@@ -229,7 +228,7 @@ class _Content:
                        for topic, values in stamps.items()}
 
     def figures(self, node: str, key: str, count: int = 4) -> tuple[float, ...]:
-        """Return the figures under ``key`` that ``node`` gave last; NaN where it did not."""
+        """Return the last figures of ``node`` under ``key``; NaN where there are none."""
         text = self.diagnostics.get(node, {}).get(key, '')
         return tuple(map(float, text.split(', '))) if text else (NAN,) * count
 
@@ -241,11 +240,11 @@ def _cores(usage: Mapping[str, Usage]) -> float:
 Figures = TypeVar('Figures', Row, Loop)
 
 
-def median(runs: Iterable[Run]) -> Run:
+def median(runs: Iterable[RateFigures]) -> RateFigures:
     """Return the median of every figure over runs of the same processes."""
     every = list(runs)
-    return Run({name: _median([run.rows[name] for run in every]) for name in every[0].rows},
-               _median([run.loop for run in every]))
+    rows = {name: _median([run.rows[name] for run in every]) for name in every[0].rows}
+    return RateFigures(rows, _median([run.loop for run in every]))
 
 
 def _median(figures: list[Figures]) -> Figures:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``bench rates``: what rate the four nodes hold, beside three that do no control at all."""
+"""``bench rates``: the rate that the four nodes hold, beside three nodes without control work."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from adaptive_blf_control.bench.rate_figures import (
     median,
     of_bag,
     of_bare,
+    RateFigures,
     Row,
-    Run,
     stolen_time,
     Usage,
     usage_of,
 )
 from adaptive_blf_control.errors import BlfError, MissingExtra, ParameterError
-from adaptive_blf_control.runtime.loop_statistics import SETTLE
+from adaptive_blf_control.runtime.loop_statistics import SETTLE as START_UP
 from adaptive_blf_control.runtime.processes import NodeProcesses, Processes
 
 __all__ = ['add_options', 'run']
@@ -32,43 +32,44 @@ __all__ = ['add_options', 'run']
 RATES = (250.0, 500.0, 1000.0)  # Hz
 OURS = ('arm_driver', 'controller', 'identifier', 'recorder')
 BARE = ('listener', 'echo', 'driver')  # in the order of their start
-PATIENCE = 90.0  # s until the arm has to move: the first run compiles the laws
-LOOK = 0.1  # s between looks at the processes
+MOTION_TIMEOUT = 90.0  # s until the arm has to move; the first run compiles the laws
+POLL_PERIOD = 0.1  # s
 NOTES = """\
-Not judged: the first {settle:g} s of motion, and the last 0.1 s. Missed: periods of the driver's
-grid without a state, its answer, its estimate, also where the recorder lost the message that shows
-it; of the recorder: messages that did not reach the bag, all run long. Met: periods with a state
-and its answer, if late; in time: before the next state was due. One callback of the recorder
-takes what came within 10 ms. The bare echo: typed messages, `rclpy.spin`, no control and no
-recorder. CPU: % of a core. Stolen: what the host of a virtual machine gave to others of its
-processors' time meanwhile; what was due then is missed. The last line of each rate compares: under
-1 the four nodes are better, in the periods over 1.
+Left out: the first {start_up:g} s of motion, and the last 0.1 s. Missed: periods of the driver's
+grid without a state, without its answer or without its estimate, also where the recorder lost the
+message that shows it; for the recorder, messages of the whole run that did not reach the bag.
+Met: periods whose state was answered, even if late; in time: before the next state was due. One
+callback of the recorder handles what arrived within 10 ms. Bare echo: typed messages,
+`rclpy.spin`, no control and no recorder. CPU: % of a core. Stolen: processor time that the host
+of a virtual machine gave to others meanwhile; periods due in that time are missed. The last line
+of each rate is a ratio: below 1 the four nodes are better, in the periods above 1.
 """
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the part `rates` understands."""
+    """Add the options of the part `rates`."""
     group = parser.add_argument_group('rates')
     group.add_argument('--seconds', type=float, default=30.0, metavar='S',
-                       help='motion at each rate (default: 30)')
+                       help='duration of the motion at each rate (default: 30)')
     group.add_argument('--rates', type=float, nargs='+', default=list(RATES), metavar='HZ',
                        help='rates of the driver (default: 250 500 1000)')
     group.add_argument('--repeats', type=int, default=1, metavar='N',
-                       help='runs at each rate, ours and bare in turn; medians are printed')
+                       help='runs at each rate, alternating with the bare echo; medians are '
+                            'printed')
     group.add_argument('--executor', choices=('direct', 'plain'), default='direct',
                        help='how the nodes wait for data (default: direct)')
     group.add_argument('--realtime', type=int, default=0, metavar='PRIORITY',
-                       help='SCHED_FIFO for the driver, less by one each for controller, '
-                            'identifier and recorder, and locked memory; 0: as usual')
+                       help='SCHED_FIFO priority of the driver, one less each for controller, '
+                            'identifier and recorder, and locked memory; 0: no priority')
 
 
 def run(options: argparse.Namespace) -> None:
     """Measure and print; BlfError with the output of the node where one fails."""
     _check(options)
-    print(NOTES.format(settle=_settle(options.seconds)))
+    print(NOTES.format(start_up=_start_up(options.seconds)))
     for rate in options.rates:
-        ours: list[Run] = []
-        bare: list[Run] = []
+        ours: list[RateFigures] = []
+        bare: list[RateFigures] = []
         for _ in range(options.repeats):
             ours.append(_ours(options, rate))
             bare.append(_bare(options.seconds, rate))
@@ -84,15 +85,15 @@ def _check(options: argparse.Namespace) -> None:
         raise ParameterError('--repeats', options.repeats, '1 or more')
     if options.realtime and not len(OURS) <= options.realtime <= 99:
         raise ParameterError('--realtime', options.realtime,
-                             f'{len(OURS)} to 99, or 0 for as usual')
+                             f'{len(OURS)} to 99, or 0 for none')
     for rate in options.rates:
         if not 1.0 <= rate <= 10_000.0:
             raise ParameterError('--rates', rate, '1 to 10000')
 
 
-def _settle(seconds: float) -> float:
-    """Return what is left out at the start [s]; nothing of a run that is hardly longer."""
-    return SETTLE if seconds >= 2.0 * SETTLE else 0.0
+def _start_up(seconds: float) -> float:
+    """Return the time left out at the start [s]; 0 for a run that is hardly longer."""
+    return START_UP if seconds >= 2.0 * START_UP else 0.0
 
 
 def _settings(options: argparse.Namespace, rate: float) -> dict[str, list[str]]:
@@ -105,41 +106,42 @@ def _settings(options: argparse.Namespace, rate: float) -> dict[str, list[str]]:
     return settings
 
 
-def _ours(options: argparse.Namespace, rate: float) -> Run:
-    settle = _settle(options.seconds)
+def _ours(options: argparse.Namespace, rate: float) -> RateFigures:
+    start_up = _start_up(options.seconds)
     with tempfile.TemporaryDirectory(prefix='rates_') as folder:
         output = Path(folder)
         with NodeProcesses((options.config / 'two_link.yaml').resolve(), options.seconds, output,
                            _settings(options, rate)) as nodes:
-            usage, stolen = _watch(nodes, 'controller', options.seconds, settle)
+            usage, stolen = _watch(nodes, 'controller', options.seconds, start_up)
             _refusals(nodes)
             log = nodes.text('recorder')
-        return of_bag(output / 'bag', log, usage, rate, settle, stolen)
+        return of_bag(output / 'bag', log, usage, rate, start_up, stolen)
 
 
-def _bare(seconds: float, rate: float) -> Run:
-    settle = _settle(seconds)
+def _bare(seconds: float, rate: float) -> RateFigures:
+    start_up = _start_up(seconds)
     with tempfile.TemporaryDirectory(prefix='rates_') as folder:
         files = {name: Path(folder) / f'{name}.npz' for name in BARE}
         commands = {name: ['-m', 'adaptive_blf_control.nodes.bare_echo', name, '--output',
                            str(file), '--rate', str(rate), '--seconds', str(seconds)]
                     for name, file in files.items()}
         with Processes(commands, Path(folder)) as nodes:
-            usage, stolen = _watch(nodes, 'driver', seconds, settle)
-        return of_bare(files, usage, rate, settle, stolen)
+            usage, stolen = _watch(nodes, 'driver', seconds, start_up)
+        return of_bare(files, usage, rate, start_up, stolen)
 
 
 def _watch(nodes: Processes, herald: str, seconds: float,
-           settle: float) -> tuple[dict[str, Usage], float]:
+           start_up: float) -> tuple[dict[str, Usage], float]:
     """Wait until the run is over; return what each process used while the arm moved.
-
-    The second is what the host took away meanwhile [%].
 
     Args:
         nodes: The processes, started.
-        herald: The one that prints when the motion begins.
-        seconds: How long it lasts [s].
-        settle: How much of its start is left out [s].
+        herald: The process that prints when the motion begins.
+        seconds: Duration of the motion [s].
+        start_up: Time left out at its start [s].
+
+    Returns:
+        Usage by process, and the processor time that the host gave to others meanwhile [%].
 
     Raises:
         BlfError: a process failed, or took too long; with what it printed.
@@ -152,19 +154,19 @@ def _watch(nodes: Processes, herald: str, seconds: float,
         now = time.monotonic()
         bad = nodes.failed()
         if bad:
-            raise BlfError(_story(nodes, bad, 'did not end well'))
+            raise BlfError(_with_output(nodes, bad, 'did not end well'))
         if math.isinf(moving) and 'motion begins' in nodes.text(herald):
             moving = now
-        if now - min(moving, started + PATIENCE) > 1.5 * seconds + 10.0:
-            raise BlfError(_story(nodes, [herald, leader], 'took too long'))
-        if moving + settle <= now <= moving + seconds:
+        if now - min(moving, started + MOTION_TIMEOUT) > 1.5 * seconds + 10.0:
+            raise BlfError(_with_output(nodes, [herald, leader], 'took too long'))
+        if moving + start_up <= now <= moving + seconds:
             look = {name: usage_of(process.pid) for name, process in nodes.processes.items()}
             looks.append(_Look(now, {name: one for name, one in look.items() if one},
                                *stolen_time()))
-        time.sleep(LOOK)
+        time.sleep(POLL_PERIOD)
     bad = list(dict.fromkeys(nodes.failed() + nodes.end()))
     if bad:
-        raise BlfError(_story(nodes, bad, 'did not end well'))
+        raise BlfError(_with_output(nodes, bad, 'did not end well'))
     return _usage(nodes, looks)
 
 
@@ -180,7 +182,8 @@ class _Look(NamedTuple):
 def _usage(nodes: Processes, looks: Sequence[_Look]) -> tuple[dict[str, Usage], float]:
     whole = [look for look in looks if len(look.usage) == len(nodes.processes)]
     if len(whole) < 2:
-        raise BlfError(_story(nodes, list(nodes.processes), 'ended before it could be measured'))
+        raise BlfError(_with_output(nodes, list(nodes.processes),
+                                    'ended before it could be measured'))
     before, after = whole[0], whole[-1]
     used = {name: Usage(100.0 * (after.usage[name][0] - before.usage[name][0])
                         / (after.t - before.t), after.usage[name][1]) for name in nodes.processes}
@@ -188,20 +191,20 @@ def _usage(nodes: Processes, looks: Sequence[_Look]) -> tuple[dict[str, Usage], 
     return used, 100.0 * (after.stolen - before.stolen) / ticks if ticks else math.nan
 
 
-def _story(nodes: Processes, names: Sequence[str], what: str) -> str:
+def _with_output(nodes: Processes, names: Sequence[str], what: str) -> str:
     return '\n'.join(f'{name} {what}, it printed:\n{nodes.text(name).rstrip()}'
                      for name in dict.fromkeys(names))
 
 
 def _refusals(nodes: Processes) -> None:
-    """Say which node did not get the priority or the memory it asked for."""
+    """Print which node did not get the priority or the locked memory that it asked for."""
     for name in nodes.processes:
         for line in nodes.text(name).splitlines():
             if 'running as usual' in line or 'no wait sets to use' in line:
                 print(f'{name}: {line.rpartition("]: ")[2]}\n')
 
 
-def _tables(rate: float, ours: Run, bare: Run) -> str:
+def _tables(rate: float, ours: RateFigures, bare: RateFigures) -> str:
     lines = [f'### {rate:g} Hz\n',
              '| process | rate [Hz] | missed | missed [%] | callback p50 [ms] | p99 | largest | '
              'CPU [%] | memory [MB] |',

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``soak``: the four processes for an hour; does memory grow, latency drift, a message vanish?
+"""``soak``: run the four processes for an hour; check memory, latency and every message.
 
-Every minute a line, and the figures so far in ``soak.json`` of the run's folder.
+Each minute it prints a line and writes the figures so far to ``soak.json`` in the run's folder.
 
-Exit status: 0 every check holds, 1 one does not, 2 it could not be run.
+Exit status: 0 every check holds, 1 a check fails, 2 it could not be run.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from adaptive_blf_control.runtime.processes import NodeProcesses, NODES, scenari
 
 __all__ = ['main']
 
-PERIOD = 1.0  # s between looks at the memory
+PERIOD = 1.0  # s between two samples of the memory
 MINUTE = 60.0  # s between two lines
-SETTLE = 60.0  # s that are not judged, at most half of the run
+START_UP = 60.0  # s that are left out, at most half of the run
 BYTES_PER_SECOND = 1_500_000  # a two-joint run at 1 kHz with everything recorded
 MEMORY_LIMIT = 1.0  # percent
 FIGURES = 'soak.json'
@@ -52,8 +52,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--output', type=Path, default=None, metavar='DIR',
                         help='new folder for the run (default: runs/soak_TIME)')
     parser.add_argument('--keep', action='store_true',
-                        help='keep the bag, 4 GB an hour with two_link; else it is deleted at '
-                             'the end\nwhere every check holds')
+                        help='keep the bag (4 GB an hour with two_link); without this it is '
+                             'deleted\nat the end if every check holds')
     return parser
 
 
@@ -68,7 +68,7 @@ class _Watch:
         self.used: dict[str, list[float]] = {name: [] for name in NODES}
 
     def look(self, moving: float | None) -> None:
-        """Take a sample; every minute print and keep the figures so far."""
+        """Take a sample; every minute print and store the figures so far."""
         if moving is None:
             return
         for name, process in self._nodes.processes.items():
@@ -95,7 +95,7 @@ class _Watch:
         self.write({})
 
     def write(self, figures: Mapping[str, Any]) -> None:
-        """Write ``soak.json``, which is whole at any moment."""
+        """Replace ``soak.json`` atomically."""
         file = self._output / FIGURES
         text = json.dumps({**figures, 'minutes': self._minutes}, indent=1)
         file.with_suffix('.part').write_text(text + '\n', encoding='utf-8')
@@ -103,7 +103,7 @@ class _Watch:
 
 
 class _Figures(NamedTuple):
-    """All that is judged."""
+    """Everything that is checked."""
 
     growths: dict[str, Growth]
     cores: dict[str, float]
@@ -111,12 +111,12 @@ class _Figures(NamedTuple):
     trip: str
     latency: Latency
     account: list[Account]
-    settle: float
+    start_up: float
 
     def table(self) -> str:
         """Return the figures as Markdown."""
-        lines = [f'\n| process | memory after {self.settle:g} s [MB] | at the end [MB] | growth | '
-                 'processor [cores] | missed periods |', '|---|---|---|---|---|---|']
+        lines = [f'\n| process | memory after {self.start_up:g} s [MB] | at the end [MB] | growth '
+                 '| processor [cores] | missed periods |', '|---|---|---|---|---|---|']
         lines += [f'| {name} | {growth.first:.1f} | {growth.last:.1f} | '
                   f'{growth.percent:+.2f} % | {self.cores[name]:.2f} | '
                   f'{self.missed.get(name, "-")} |' for name, growth in self.growths.items()]
@@ -133,7 +133,7 @@ class _Figures(NamedTuple):
         return '\n'.join(lines)
 
     def wrong(self) -> list[str]:
-        """Return what does not hold."""
+        """Return the checks that fail, one line each."""
         first, last = self.latency
         wrong = [f'{name} grew by {growth.percent:.2f} %: expected under {MEMORY_LIMIT:g} %'
                  for name, growth in self.growths.items() if growth.percent >= MEMORY_LIMIT]
@@ -148,7 +148,7 @@ class _Figures(NamedTuple):
     def plain(self) -> dict[str, Any]:
         """Return the figures for JSON."""
         return {
-            'settle_s': self.settle,
+            'start_up_s': self.start_up,
             'memory_mb': {name: {**growth._asdict(), 'percent': growth.percent}
                              for name, growth in self.growths.items()},
             'cores': self.cores, 'missed_periods': self.missed,
@@ -158,19 +158,19 @@ class _Figures(NamedTuple):
                        for row in self.account}}
 
 
-def _figures(watch: _Watch, run: RunFigures, log: str, settle: float) -> _Figures:
+def _figures(watch: _Watch, run: RunFigures, log: str, start_up: float) -> _Figures:
     reported = {name: run.diagnostics.get(name, {}) for name in NODES}
     missed = {name: int(reported[name]['missed periods']) for name in NODES
               if name != 'recorder' and 'missed periods' in reported[name]}
     return _Figures(
-        {name: growth_of(watch.t[name], watch.memory[name], settle) for name in NODES},
+        {name: growth_of(watch.t[name], watch.memory[name], start_up) for name in NODES},
         {name: watch.share(name) for name in NODES}, missed,
         reported['arm_driver'].get(TRIP, 'not reported'),
-        latency_of(run.sent, run.latency, settle), account_of(log, run.counts), settle)
+        latency_of(run.sent, run.latency, start_up), account_of(log, run.counts), start_up)
 
 
 def _check_space(output: Path, duration: float) -> None:
-    """Refuse a run that the disk cannot hold; nothing is made before."""
+    """Refuse a run that the disk cannot hold, before anything is created."""
     folder = next(path for path in (output, *output.resolve().parents) if path.exists())
     free, needed = shutil.disk_usage(folder).free, duration * BYTES_PER_SECOND
     if free < needed:
@@ -194,7 +194,7 @@ def _run(options: argparse.Namespace) -> int:
     if not (output / 'bag').exists():
         raise BlfError(f'nothing was recorded: {", ".join(bad)} did not end well')
     wrong = [f'{name} did not end well' for name in bad]
-    wrong += _judge(output, watch, log, min(SETTLE, 0.5 * duration))
+    wrong += _judge(output, watch, log, min(START_UP, 0.5 * duration))
     print('\n' + ('\n'.join(f'FAILED {text}' for text in wrong) or 'every check holds'))
     if not (options.keep or wrong):
         shutil.rmtree(output / 'bag')
@@ -204,7 +204,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _drive(config: Path, duration: float, output: Path) -> tuple[_Watch, str, list[str]]:
-    """Run the nodes; return what was watched, the recorder's words and who did not end well."""
+    """Run the nodes; return the samples, the recorder's output and which nodes failed."""
     with NodeProcesses(config.resolve(), duration, output.resolve()) as nodes:
         print(f'on this host only; to look inside: ROS_DOMAIN_ID={nodes.domain}', flush=True)
         watch = _Watch(nodes, output)
@@ -215,12 +215,12 @@ def _drive(config: Path, duration: float, output: Path) -> tuple[_Watch, str, li
         return watch, nodes.text('recorder'), bad
 
 
-def _judge(output: Path, watch: _Watch, log: str, settle: float) -> list[str]:
-    """Print the table, write the figures and return what does not hold."""
+def _judge(output: Path, watch: _Watch, log: str, start_up: float) -> list[str]:
+    """Print the table, write the figures and return the checks that fail."""
     begin = time.monotonic()
     run = read_run(output / 'bag')
     size = sum(file.stat().st_size for file in (output / 'bag').iterdir())
-    figures = _figures(watch, run, log, settle)
+    figures = _figures(watch, run, log, start_up)
     print(figures.table())
     print(f'\n{size / 1e6:.0f} MB, {sum(run.counts.values())} messages, read in '
           f'{time.monotonic() - begin:.1f} s')

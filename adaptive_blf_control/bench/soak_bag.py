@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a soak run left in its bag, in one pass: counts, latencies, the nodes' last words.
+"""Reads the bag of a soak run in one pass: counts, latencies, last diagnostics.
 
-The bag of an hour holds 26 million messages in 4 GB. Nothing is decoded but stamps and the
-diagnostics, and nothing is kept but two integers for each answered state: 60 MB for the hour.
+The bag of an hour holds 26 million messages in 4 GB. Only stamps and diagnostics are decoded, and
+only two integers are kept for each answered state: 60 MB for the hour.
 """
 
 from __future__ import annotations
@@ -20,22 +20,26 @@ from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.diagnostics_reader import decode_diagnostics
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES
 
-__all__ = ['RunFigures', 'read_run']
+__all__ = ['RunFigures', 'read_run', 'stamp_of']
 
-# CDR: four bytes of encapsulation, then header.stamp.
-_STAMP = struct.Struct('<iI')
-_KEPT = 20_000  # unanswered states that are remembered
+_KEPT = 20_000  # unanswered states that are kept
+
+
+def stamp_of(data: bytes) -> int:
+    """Return ``header.stamp`` [ns]; it follows the four bytes of the CDR encapsulation."""
+    seconds, nanoseconds = struct.unpack_from('<iI', data, 4)
+    return int(seconds) * 10**9 + int(nanoseconds)
 
 
 class RunFigures(NamedTuple):
-    """What one pass over the bag gives.
+    """Figures from one pass over the bag.
 
     Attributes:
         counts: Messages by topic.
-        sent: When the answered states were sent, shape (N,) [s].
-        latency: From there until their adaptation term was sent, which the controller does
-            right after the command (that has no stamp to match by), shape (N,) [s].
-        diagnostics: What each node reported last, by its name.
+        sent: Times at which the answered states were published, shape (N,) [s].
+        latency: Time from there until their adaptation term was published, shape (N,) [s]. The
+            controller publishes it right after the command, which has no stamp.
+        diagnostics: The last diagnostics of each node, by its name.
     """
 
     counts: dict[str, int]
@@ -48,7 +52,7 @@ def read_run(bag: Path) -> RunFigures:
     """Count the messages of a bag folder and match states with answers, in one pass.
 
     Raises:
-        BagError: the bag cannot be read, breaks off, or has not the two topics.
+        BagError: the bag cannot be read or breaks off.
     """
     counts: dict[str, int] = {}
     diagnostics: dict[str, dict[str, str]] = {}
@@ -75,25 +79,25 @@ def read_run(bag: Path) -> RunFigures:
 
 
 class _Matcher:
-    """Pairs states and answers by stamp, in whatever order the recorder took them."""
+    """Pairs states with answers by stamp, whatever their order in the bag."""
 
     def __init__(self) -> None:
         self.sent, self.latency = array('q'), array('q')
-        self._states: dict[tuple[int, int], int] = {}
-        self._answers: dict[tuple[int, int], int] = {}
+        self._states: dict[int, int] = {}
+        self._answers: dict[int, int] = {}
 
     def state(self, data: bytes, sent_ns: int) -> None:
-        stamp = _STAMP.unpack_from(data, 4)
+        stamp = stamp_of(data)
         answered = self._answers.pop(stamp, None)
         if answered is not None:
             self._add(sent_ns, answered)
             return
         self._states[stamp] = sent_ns
-        if len(self._states) > _KEPT:  # the controller answers the newest state only
+        if len(self._states) > _KEPT:  # the controller answers only the newest state
             del self._states[next(iter(self._states))]
 
     def answer(self, data: bytes, sent_ns: int) -> None:
-        stamp = _STAMP.unpack_from(data, 4)
+        stamp = stamp_of(data)
         state = self._states.pop(stamp, None)
         if state is not None:
             self._add(state, sent_ns)

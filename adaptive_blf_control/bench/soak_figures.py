@@ -18,7 +18,7 @@ _REPORT = re.compile(r'(/\S+): received (\d+), written (\d+)(?:, dropped (\d+))?
 
 
 class Growth(NamedTuple):
-    """Resident memory of one process [MB], after settling and at the end."""
+    """Resident memory of one process [MB], after the start-up and at the end."""
 
     first: float
     last: float
@@ -29,20 +29,21 @@ class Growth(NamedTuple):
         return 100.0 * (self.last - self.first) / self.first
 
 
-def growth_of(t: Sequence[float], memory: Sequence[float], settle: float) -> Growth:
-    """Compare medians: the tenth of the samples that follows ``settle`` with the last tenth.
+def growth_of(t: Sequence[float], memory: Sequence[float], start_up: float) -> Growth:
+    """Compare medians: the tenth of the samples that follows ``start_up`` with the last tenth.
 
     Args:
         t: Times of the samples [s].
         memory: Resident memory [MB].
-        settle: When counting begins [s].
+        start_up: Time before which samples are left out [s].
 
     Raises:
-        BagError: fewer than two samples after ``settle``.
+        BagError: fewer than two samples after ``start_up``.
     """
-    kept = np.asarray(memory, dtype=float)[np.asarray(t) >= settle]
+    kept = np.asarray(memory, dtype=float)[np.asarray(t) >= start_up]
     if kept.size < 2:
-        raise BagError(f'{kept.size} samples of the memory after {settle:g} s: expected 2 or more')
+        raise BagError(f'{kept.size} samples of the memory after {start_up:g} s: '
+                       'expected 2 or more')
     share = max(kept.size // 10, 1)
     return Growth(float(np.median(kept[:share])), float(np.median(kept[-share:])))
 
@@ -57,7 +58,7 @@ class Part(NamedTuple):
 
 
 class Latency(NamedTuple):
-    """Latency of the first and the last third after settling."""
+    """Latency of the first and the last third after the start-up."""
 
     first: Part
     last: Part
@@ -68,22 +69,22 @@ class Latency(NamedTuple):
         return self.last.p50 > max(1.1 * self.first.p50, self.first.p50 + 0.02)
 
 
-def latency_of(sent: np.ndarray, latency: np.ndarray, settle: float) -> Latency:
-    """Return the latency of the first and the last third of what follows ``settle``.
+def latency_of(sent: np.ndarray, latency: np.ndarray, start_up: float) -> Latency:
+    """Return the latency of the first and the last third of what follows ``start_up``.
 
     Args:
         sent: When the states were sent, shape (N,) [s].
         latency: From a state to its answer, shape (N,) [s].
-        settle: When counting begins, after the first state [s].
+        start_up: Time after the first state that is left out [s].
 
     Raises:
-        BagError: fewer than three answers after ``settle``.
+        BagError: fewer than three answers after ``start_up``.
     """
     if sent.size == 0:
         raise BagError('no state was answered')
-    kept = 1e3 * latency[sent - sent[0] >= settle]
+    kept = 1e3 * latency[sent - sent[0] >= start_up]
     if kept.size < 3:
-        raise BagError(f'{kept.size} answers after {settle:g} s: expected 3 or more')
+        raise BagError(f'{kept.size} answers after {start_up:g} s: expected 3 or more')
     third = kept.size // 3
     return Latency(*(Part(float(np.median(part)), float(np.percentile(part, 99)),
                           float(part.max()), part.size)
@@ -91,7 +92,7 @@ def latency_of(sent: np.ndarray, latency: np.ndarray, settle: float) -> Latency:
 
 
 class Account(NamedTuple):
-    """Where the messages of one topic are."""
+    """What became of the messages of one topic."""
 
     topic: str
     received: int
@@ -107,7 +108,7 @@ class Account(NamedTuple):
 
 
 def account_of(log: str, in_bag: Mapping[str, int]) -> list[Account]:
-    """Compare what the recorder says it did with what is in the bag.
+    """Compare what the recorder reports with what is in the bag.
 
     Args:
         log: Output of the recorder with its closing lines.

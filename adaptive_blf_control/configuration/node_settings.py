@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of the four nodes: the single place that says which node has which."""
+"""The parameters of the four nodes; this module alone states which node has which."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class RealtimeSettings(Settings, where='realtime'):
     """What is asked of the operating system."""
 
     priority: int = parameter(
-        0, 'SCHED_FIFO priority of the process where the system permits it; 0 runs as usual.',
+        0, 'SCHED_FIFO priority of the process where the system permits it; 0: none.',
         '', 0, 99)
     cpus: str = parameter(
-        '', "Processors the process keeps to, e.g. '0,2-3'; empty: all.")
+        '', "Processors that the process may use, e.g. '0,2-3'; empty: all.")
     slice: float = parameter(
         0.0001,
-        'Length of a turn asked of the ordinary scheduler: a short one comes sooner (Linux 6.12 '
-        'and later); 0 does not ask.', 's', 0.0, 0.1)
+        'Time slice requested from the ordinary scheduler: a short one comes sooner (Linux 6.12 '
+        'and later); 0 requests none.', 's', 0.0, 0.1)
     lock_memory: bool = parameter(
         False, 'Keep the memory from being swapped out where the system permits it.')
 
@@ -43,10 +43,10 @@ class RuntimeSettings(Settings):
 
     executor: str = parameter(
         'direct',
-        'direct: the loop waits on the data alone; plain: everything through the executor of '
-        'rclpy, slower.', choices=('direct', 'plain'))
+        'direct: the loop waits on the data alone; plain: the executor of rclpy does everything, '
+        'slower.', choices=('direct', 'plain'))
     niceness: int = parameter(
-        0, 'Nice value of the loop: what can wait must not delay control.', '', 0, 19)
+        0, 'Nice value of the loop; above 0 it gives way to the nodes that control.', '', 0, 19)
     realtime: RealtimeSettings = group(RealtimeSettings)
 
 
@@ -59,7 +59,7 @@ class LifecycleSettings(RuntimeSettings):
     ramp_time: float = parameter(
         0.2,
         'Time over which the torque goes to zero on deactivation; the controller takes longer '
-        'where torque_rate_limit asks for it.', 's', 0.0, 5.0, live=True)
+        'where torque_rate_limit requires it.', 's', 0.0, 5.0, live=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -67,14 +67,14 @@ class LockstepSettings(Settings, where='arm_driver.lockstep'):
     """The driver under ``use_sim_time``."""
 
     rate: float = parameter(
-        0.0, 'Under use_sim_time: times real time; 0 goes as fast as the nodes answer.',
+        0.0, 'Under use_sim_time: multiple of real time; 0: as fast as the nodes answer.',
         '', 0.0, 1000.0, live=True)
     answers: tuple[str, ...] = parameter(
         ['controller', 'identifier'],
         'Under use_sim_time: the nodes that have to answer every state.',
         choices=('controller', 'identifier'))
     timeout: float = parameter(
-        10.0, 'Under use_sim_time: how long one of them may take.', 's', 0.0, exclusive=True)
+        10.0, 'Under use_sim_time: longest wait for such an answer.', 's', 0.0, exclusive=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -106,7 +106,7 @@ class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, w
     """The parameters of ``identifier``."""
 
     niceness: int = parameter(
-        5, 'Nice value of the loop: what can wait must not delay control.', '', 0, 19)
+        5, 'Nice value of the loop; above 0 it gives way to the nodes that control.', '', 0, 19)
     initial_estimate_file: str = parameter(
         '', 'YAML written by ~/save_estimate to start from instead.')
     estimate_file: str = parameter(
@@ -119,8 +119,8 @@ class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, w
         '~/save_estimate.', 's', 0.0, 3600.0, live=True)
     resume_within: float = parameter(
         0.0,
-        'Start from estimate_file if it was written less than this long ago: an identifier that '
-        'was killed goes on where it was; 0 never.', 's', 0.0, 1e9)
+        'Start from estimate_file if it was written less than this long ago, so that an '
+        'identifier that was killed continues from there; 0: never.', 's', 0.0, 1e9)
     adaptation_term_timeout: float = parameter(
         0.1, 'An adaptation term older than this (by stamp) counts as zero.',
         's', 0.0, 3600.0, exclusive=True, live=True)
@@ -128,12 +128,12 @@ class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, w
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class GuaranteeSettings(Settings, where='controller.guarantee'):
-    """What the node states of Theorem 2."""
+    """The guarantee of Theorem 2 that the node publishes."""
 
     mode: str = parameter(
         'off',
-        'bound: state at the start what Theorem 2 guarantees and watch it, from the three bounds '
-        'below; off: nothing is known about the arm.', choices=('off', 'bound'), live=True)
+        'bound: publish the guarantee of Theorem 2 at the start, computed from the three bounds '
+        'below, and monitor it; off: neither.', choices=('off', 'bound'), live=True)
     theta_error: float = parameter(
         10.0, 'Bound on the norm of the parameter error at the start.', '', 0.0, live=True)
     smallest_gamma: float = parameter(
@@ -158,8 +158,8 @@ class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
         [0.0], 'theta_hat until the identifier publishes one.', length='parameters')
     estimate_limit: np.ndarray = parameter(
         [1000.0],
-        'Largest absolute value of an element of theta_hat that is believed; an estimate beyond '
-        'it is refused and the last good one kept.',
+        'Largest accepted absolute value of an element of theta_hat; an estimate beyond it is '
+        'refused, and the last accepted one is kept.',
         '', 0.0, exclusive=True, length='parameters', live=True)
     on_violation: str = parameter(
         'continue',
@@ -170,8 +170,9 @@ class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
         's', 0.0, 60.0, exclusive=True, live=True)
     monitor_decimation: int = parameter(
         10,
-        'Publish reference and barrier every this many samples, with the smallest margins since '
-        'the last time; the tracking error goes out with every sample.', '', 1, live=True)
+        'Publish reference and margins every this many samples, the margins as the smallest '
+        'since the last time; the tracking error is published with every sample.', '', 1,
+        live=True)
     guarantee: GuaranteeSettings = group(GuaranteeSettings)
 
 
@@ -180,7 +181,7 @@ class RecorderSettings(RuntimeSettings, where='recorder'):
     """The parameters of ``recorder``."""
 
     niceness: int = parameter(
-        10, 'Nice value of the loop: what can wait must not delay control.', '', 0, 19)
+        10, 'Nice value of the loop; above 0 it gives way to the nodes that control.', '', 0, 19)
     realtime: RealtimeSettings = group(RealtimeSettings, slice=0.0)
     bag: str = parameter(
         'bag', 'Folder of the bag; must not exist.')

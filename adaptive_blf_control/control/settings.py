@@ -70,8 +70,8 @@ class ReferenceSettings(Settings, where='controller.reference'):
         'set grows to its width; 0 starts on the reference.', 's', 0.0, live=True)
     resume_time: float = parameter(
         2.0,
-        'Time over which the measured posture is joined to the reference when the motion begins '
-        'anew, after joint states were lost or the clock jumped ahead.',
+        'Time over which the measured posture is joined to the reference when a new motion '
+        'begins after joint states were lost or the clock jumped ahead.',
         's', 0.0, exclusive=True, live=True)
 
 

@@ -52,24 +52,24 @@ class HistorySettings(Settings, where='identifier.history'):
 
     size: int = parameter(
         20,
-        'Number of recorded pairs, P. With fewer the best pairs are kept: one leaves with every '
-        'sample.', '', 1, 100000, live=True)
+        'Number of recorded pairs, P. When it is reduced, every sample removes one pair until '
+        'the best P are left.', '', 1, 100000, live=True)
     epsilon: float = parameter(
         0.1,
-        'Relative difference of a new pair to the last one taken, epsilon; the first pair of '
-        'all differs by 1.', '', 0.0, 1.0, live=True)
+        'Smallest relative difference epsilon of a new pair to the last one taken; that of the '
+        'first pair is 1.', '', 0.0, 1.0, live=True)
     minimum_growth: float = parameter(
         0.0,
-        'Part of sigma_min by which a replacement in a full history must raise it; 0 asks only '
-        'that it does not fall, as Algorithm 1 does. Keeps a history of noisy pairs from '
-        'hunting outliers for ever.', '', 0.0, 1e6, live=True)
+        'Part of sigma_min by which a replacement in a full history must raise it; 0 requires '
+        'only that it does not fall, as Algorithm 1 does. With sensor noise a positive value '
+        'keeps the history from collecting outliers.', '', 0.0, 1e6, live=True)
     noise: float = parameter(
         0.0,
-        'Remark 3: standard deviation of the noise put on recorded regressors, relative to '
-        'them, while the measured pairs lack rank. It fabricates data: theta_hat is biased '
-        'until those pairs are gone. 0 is off.', '', 0.0, 100.0, live=True)
+        'Remark 3: standard deviation of the artificial noise added to recorded regressors, '
+        'relative to them, while the measured pairs lack rank. theta_hat is biased while such '
+        'pairs are used. 0 is off.', '', 0.0, 100.0, live=True)
     noise_seed: int = parameter(
-        0, 'Seed of that noise.', '', 0, live=True)
+        0, 'Seed of the artificial noise.', '', 0, live=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -201,7 +201,7 @@ class Recorder(DataNode[RecorderSettings]):
             self.get_logger().error(f'recording stopped, what was written is kept: {reason}')
             with suppress(BagError):  # says the same again
                 self.bag.close()
-            for topic, count in self.bag.torn.items():
+            for topic, count in self.bag.overcounted.items():
                 self._not_written(topic, count)
 
     def spin_data(self, timeout: float = BATCH) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arm over time as a skeleton of points, thin enough for a page."""
+"""The arm over time as a skeleton of points, with few enough frames for a page."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Animation(NamedTuple):
 
     Attributes:
         t: Times of the frames, shape (F,) [s].
-        arms: Per bag measured points (F, k, 3) [m], or None.
-        references: Per bag points of the reference posture, likewise.
+        arms: For each bag the measured points (F, k, 3) [m], or None.
+        references: For each bag the points of the reference posture, likewise.
         planar: Whether every point has z = 0.
         notes: How an arm is drawn where its geometry is not known.
     """
@@ -37,7 +37,7 @@ class Animation(NamedTuple):
 
 
 def skeleton(recording: Recording) -> tuple[Points, str | None]:
-    """Return q ↦ points of the arm, (k, 3) [m], and a note where it is only a stand-in."""
+    """Return q ↦ points of the arm, (k, 3) [m], and a note where its geometry is not known."""
     try:
         return arm_of(recording).link_points, None
     except BlfError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page: verdict, animation, plots, parameters and timing in one file that needs nothing."""
+"""The page: verdict, animation, plots, parameters and timing in one self-contained file."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def page(recordings: Sequence[Recording], guarantees: Sequence[GuaranteeOverTime
     """Return the report as one HTML text.
 
     Args:
-        recordings: The bags, first the one whose colour is the first.
+        recordings: The bags, in the order of their colours.
         guarantees: Theorem 2 for each of them.
         numbers: What `report_figures` returned for them.
 
@@ -75,8 +75,8 @@ def page(recordings: Sequence[Recording], guarantees: Sequence[GuaranteeOverTime
         '<link rel="icon" href="data:,">',
         f'<style>{css}</style>', f'<script>{library}</script>', '</head>', '<body>', '<main>',
         *body, f'<footer>adaptive_blf_control {__version__}, report. Drag in a plot to zoom '
-        'all plots over time, double-click to see everything, click to move the arm there; the '
-        'camera saves a plot as SVG.</footer>', '</main>',
+        'the time axis of all plots, double-click to reset, click to move the arm to that time; '
+        'the camera saves a plot as SVG.</footer>', '</main>',
         _data('figures', numbers), _data('plots', plots.made), _data('frames', frames),
         f'<script>{script}</script>', '</body>', '</html>', ''])
 
@@ -94,7 +94,7 @@ def number_text(value: Any, form: str) -> str:
 
 def _cell(numbers: Mapping[str, Any], path: Sequence[str | int], form: str,
           tag: str = 'td') -> str:
-    """A cell with the number at ``path``, which the cell carries along for whoever checks."""
+    """A cell with the number at ``path``; its attributes name path and format, for tests."""
     value: Any = numbers
     for key in path:
         value = None if value is None else value[key]
@@ -172,7 +172,7 @@ def _colour(bag: int) -> str:
 
 
 def _chips(names: Sequence[str]) -> str:
-    """The legend by bag; a click hides or shows a bag everywhere."""
+    """The legend by bag; a click hides or shows a bag in all plots."""
     if len(names) < 2:
         return ''
     chips = ''.join(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is plotted, free of any plotting library: sections of panels of curves."""
+"""What is plotted, independent of any plotting library: sections of panels of curves."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Panel:
         log_y: Logarithmic y axis.
         zoom: y-range of the curves alone, where the bands are far wider; else None.
         time: x is the time of the run.
-        filters: Names of curves one can look at alone (a menu).
+        filters: Names of curves that a menu shows alone.
     """
 
     key: str
@@ -294,7 +294,7 @@ class _Maker:
             for b, r in enumerate(self.recordings):
                 series: Series | None = getattr(r, key)
                 if series is not None:
-                    # It is published on change: what was last said holds to the end.
+                    # It is published on change: the last value holds to the end.
                     t, y = thin(np.append(series.t, max(self.end, series.t[-1])),
                                 np.append(series.values, series.values[-1]))
                     if key == 'sigma_min':  # 0 has no logarithm

@@ -15,7 +15,7 @@ def plot_run(run: Run, path: Path, title: str) -> None:
     """Draw the run to a PNG.
 
     Args:
-        run: What happened.
+        run: The run.
         path: File to write.
         title: Line above the picture.
 

@@ -86,7 +86,7 @@ def _band_name(label: str) -> dict[str, Any]:
 
 
 def _single(values: np.ndarray) -> np.ndarray:
-    """Numbers for drawing need no more than single precision, and take half the page."""
+    """Single precision is enough for drawing and halves the size of the page."""
     return np.asarray(values, dtype=np.float32)
 
 
@@ -135,7 +135,7 @@ def _extreme(panel: Panel, which: Any) -> float:
 
 
 def _menu(panel: Panel) -> dict[str, Any] | None:
-    """A list to look at one parameter alone, above the legend on the right."""
+    """A menu that shows one parameter alone, above the legend on the right."""
     if len(panel.filters) < 2:
         return None
     buttons = [{'label': 'all', 'method': 'restyle', 'args': [{'visible': True}]}]
@@ -160,7 +160,7 @@ def _json(traces: Sequence[dict[str, Any]], layout: dict[str, Any]) -> dict[str,
 
 def animation_figure(animation: Animation, names: Sequence[str],
                      colours: Sequence[str]) -> dict[str, Any]:
-    """Return the first frame: per bag the reference posture and the arm, in trace order."""
+    """Return the first frame: for each bag the reference posture and the arm, in trace order."""
     traces = []
     for b, (arm, reference) in enumerate(zip(animation.arms, animation.references)):
         for points, what, dash in ((reference, 'reference', 'dot'), (arm, 'measured', 'solid')):

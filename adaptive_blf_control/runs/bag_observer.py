@@ -46,7 +46,7 @@ class BagObserver:
         Args:
             path: Folder of the bag.
             loop: The loop that will run.
-            data: The scenario's parameter file, kept in the bag.
+            data: The scenario's parameter file, stored in the bag.
             epoch_ns: Stamp of the first sample; fixed, so that equal runs give equal bags.
         """
         self._loop = loop
@@ -77,7 +77,7 @@ class BagObserver:
         self._bag.close()
 
     def __call__(self, sample: Sample) -> None:
-        """Write one sample in the order the nodes would have sent it."""
+        """Write one sample in the order in which the nodes would have published it."""
         stamp = self._epoch_ns + int(round(sample.t * 1e9))
         controller, output = self._loop.controller, sample.output
         messages = {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded run, from its bag alone: no ROS, no parameter file beside it."""
+"""A recorded run, read from its bag alone, without ROS and without a parameter file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ['bag_parameters', 'rates', 'run_of_bag', 'topic_named']
 
 
 def bag_parameters(bag: Bag) -> dict[str, Any]:
-    """Return the parameter file of the run; BagError where the bag does not hold one."""
+    """Return the parameter file of the run; BagError where the bag has none."""
     text = bag.custom_data.get(PARAMETERS_KEY)
     data = yaml.safe_load(text) if text else None
     if not isinstance(data, dict):
@@ -95,7 +95,7 @@ def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> Tr
 
 
 def rates(bag: Bag, run: Run) -> dict[str, float]:
-    """Return what the nodes held, in Hz, from stamps and counts between first and last sample."""
+    """Return the rates of the nodes [Hz], from stamps and counts between first and last sample."""
     span = max(float(run.t[-1]), 1e-9)
     counts = {name: bag.topics[topic_named(bag, name)].count
               for name in (JOINT_STATES, COMMANDS, THETA_HAT)}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the filtered pairs of a span of a log say of any θ, kept in bounded memory."""
+"""Least squares over the filtered pairs of a span of a log, in bounded memory."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import numpy as np
 
 __all__ = ['BatchFit', 'least_squares']
 
-# Pairs are gathered and condensed this many at a time.
+# Number of pairs that are collected before each condensation.
 CHUNK = 512
 
 
 class BatchFit:
-    """Errors of Y_f θ = τ_f over all pairs of a span, for a θ that is named afterwards.
+    """Errors of Y_f θ = τ_f over all pairs of a span, for any θ given afterwards.
 
     Per joint the rows [Y_f τ_f] are condensed to the triangular factor of their QR decomposition:
     ‖Y_f θ − τ_f‖ over the span equals ‖R (θ, −1)‖, without the cancellation of normal equations
-    and with as much memory after an hour as after a second.
+    and the memory does not grow with the length of the log.
 
     Attributes:
         count: Number of pairs.
@@ -56,7 +56,7 @@ class BatchFit:
 def least_squares(fit: BatchFit) -> np.ndarray:
     """Return the θ, shape (m,), with the least Σ ‖Y_f θ − τ_f‖² over a whole span.
 
-    Columns are scaled to length one; directions no pair shows stay zero.
+    Columns are scaled to length one; directions that no pair determines stay zero.
     """
     rows = np.concatenate(list(fit.factor()))
     columns, target = rows[:, :-1], rows[:, -1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an identification from a log achieved, as numbers and as a table for people."""
+"""The result of an identification from a log, as numbers and as a table."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
                spans: tuple[Span, Span]) -> dict[str, Any]:
     """Return the figures; lists are in the order of the joints, RMSE in N·m, None without a test.
 
-    ``batch_test_rmse`` is what least squares over all pairs of the training span would have
-    given, ``test_torque_rms`` the size of the filtered torque itself; ``us_per_sample`` the median
+    ``batch_test_rmse`` is that of least squares over all pairs of the training span,
+    ``test_torque_rms`` the RMS of the filtered torque itself, ``us_per_sample`` the median
     time of an update.
     """
     arm, stack, theta = identifier.arm, identifier.stack, identifier.theta
@@ -35,7 +35,7 @@ def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
         'columns': arm.m,
         'samples': int(log.t.size),
         'dropped': log.dropped + sum(identifier.dropped.values()),
-        'restarts': identifier.restarts - 1,  # the first start is none
+        'restarts': identifier.restarts - 1,  # the first start is not counted
         'train_span': list(spans[0]),
         'test_span': list(spans[1]),
         'train_samples': train.count,
@@ -59,7 +59,7 @@ def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
 
 
 def table(figures: dict[str, Any], source: str) -> str:
-    """Return the figures as a short table a person reads."""
+    """Return the figures as a short table."""
     columns = [np.array(figures[name], dtype=float) for name in (
         'test_torque_rms', 'train_rmse', 'test_rmse', 'batch_test_rmse')]
     width = max([len(joint) for joint in figures['joints']] + [5])
@@ -85,7 +85,7 @@ def table(figures: dict[str, Any], source: str) -> str:
     lines += [
         '',
         f'history stack   rank {figures["history_rank"]} of {figures["columns"]}'
-        + ('' if full else ' (the motion does not show every parameter)')
+        + ('' if full else ' (the motion does not determine every parameter)')
         + f', σ_min {figures["history_sigma_min"]:.3g}, {figures["insertions"]} pairs taken, '
         f'{figures["history_count"]} of {figures["history_size"]} slots filled',
         f'speed           {median:.0f} us per sample (median; mean '

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""V of Theorem 2 along a recorded run, with what it guarantees, where θ* is known."""
+"""V of Theorem 2 along a recorded run, and its guarantee, where θ* is known."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def arm_of(recording: Recording) -> Arm:
     """Build the arm of the run from the parameters in the bag.
 
     Raises:
-        BlfError: the bag has no parameters, the URDF is not here, or Pinocchio is missing.
+        BlfError: the bag has no parameters, the URDF is not found, or Pinocchio is missing.
     """
     if recording.parameters is None:
         raise BlfError('the bag holds no parameters')
@@ -72,7 +72,7 @@ def guarantee_of_recording(recording: Recording) -> GuaranteeOverTime | None:
         initial = initial_theta(controller, arm)
     except BlfError:
         return None
-    # What the controller used: its own value until the first estimate, or for good (34).
+    # θ that the controller used: its own value until the first estimate, or always (34).
     at = np.searchsorted(estimates.t, answered.t, side='right') - 1
     if controller.model == 'known':
         at = np.full_like(at, -1)

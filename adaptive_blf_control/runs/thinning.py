@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Curves with few points that still touch every extreme."""
+"""Thins curves to few points and keeps every extreme."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ POINTS = 2000  # drawn per curve
 
 
 def thin(t: np.ndarray, y: np.ndarray, points: int = POINTS) -> tuple[np.ndarray, np.ndarray]:
-    """Thin a curve to about ``points``: first, last, least and largest value of each piece.
+    """Thin a curve to about ``points``: first, last, least and largest value of each section.
 
     Args:
         t: Times, shape (N,).
-        y: Values, shape (N,); NaN never wins over a number.
+        y: Values, shape (N,); NaN is never preferred to a number.
         points: Roughly how many points are kept; a shorter curve is returned as it is.
 
     Returns:

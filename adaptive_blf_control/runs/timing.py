@@ -23,7 +23,7 @@ def intervals_ms(recording: Recording) -> np.ndarray:
 
 
 def command_delays_ms(recording: Recording) -> np.ndarray:
-    """Delay from each state to the first command after it, as the recorder heard both [ms].
+    """Delay from each state to the first command after it, as the recorder received them [ms].
 
     A command has no stamp, so a state whose command was lost counts up to the next command.
     States before the first answered one are left out. An offline run has zeros.
@@ -41,7 +41,7 @@ def command_delays_ms(recording: Recording) -> np.ndarray:
 
 
 def period_ms(recording: Recording) -> float | None:
-    """Nominal period: the driver's rate where the bag holds it, else the median interval [ms]."""
+    """Nominal period [ms]: of the driver's rate if it is in the bag, else the median interval."""
     data = recording.parameters
     if data and any(key.endswith('/arm_driver') for key in data):
         try:
@@ -64,8 +64,8 @@ def timing(recording: Recording) -> dict[str, Any]:
     """Return the timing figures of a run.
 
     ``missed_periods`` counts grid points without a sample, ``gaps`` intervals longer than 1.5
-    periods, ``out_of_order`` stamps not after the one before, ``unanswered`` states after the
-    first answered one to which no tracking error exists.
+    periods, ``out_of_order`` stamps that are not after the previous one, ``unanswered`` states
+    after the first answered one without a tracking error.
     """
     intervals, period = intervals_ms(recording), period_ms(recording)
     missed = gaps = unanswered = None

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well an estimate predicts the torque of the task: what ‖θ̃‖ does not say.
+"""The predicted torque error: how well an estimate predicts the torque of the task.
 
 Along the reference, Y_d = Y(y_d, ẏ_d, ÿ_d), joint by joint
 
     RMS[Y_d (θ̂ − θ*)] / RMS[Y_d θ*].
 
-Directions of θ that the task hardly excites weigh as little here as they do in the torque.
+Unlike in ‖θ̃‖, directions of θ that the task hardly excites have little weight.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class PredictedTorque:
     def error(self, theta: np.ndarray, true: np.ndarray) -> np.ndarray:
         """Return the ratio of the module's docstring, shape (..., n).
 
-        NaN for a joint that the true arm moves without torque.
+        NaN for a joint whose true torque is zero.
 
         Args:
             theta: θ̂, shape (..., m).
@@ -62,12 +62,12 @@ class PredictedTorque:
 
 
 def errors_of_trace(loop: ClosedLoop, trace: Trace, times: np.ndarray) -> np.ndarray:
-    """Return the error of the estimates of a run, each against the θ* of its time.
+    """Return the error of the estimates of a run, each against θ* at its time.
 
     Args:
         loop: The loop that ran.
         trace: Its run.
-        times: Times at which to look, shape (K,) [s].
+        times: Times at which the error is computed, shape (K,) [s].
 
     Returns:
         Ratios, shape (K, n).
@@ -83,7 +83,7 @@ def errors_of_trace(loop: ClosedLoop, trace: Trace, times: np.ndarray) -> np.nda
 def torque_error_of_trace(loop: ClosedLoop, trace: Trace) -> list[float | None]:
     """Return the error at the end of a run per joint, None where the ratio has no meaning.
 
-    It has none either where the plant does not tell its θ*.
+    It has none where the true torque is zero, or where the plant does not provide its θ*.
     """
     if truth_of(loop.plant, loop.arm.parameters) is None:
         return [None] * loop.arm.n
@@ -92,6 +92,6 @@ def torque_error_of_trace(loop: ClosedLoop, trace: Trace) -> list[float | None]:
 
 
 def torque_line(errors: list[float | None]) -> str:
-    """Say the error in a line of the summary."""
+    """Return the error as a line of the summary."""
     return 'predicted torque     off by ' + ', '.join(
         '–' if value is None else f'{100.0 * value:.2g} %' for value in errors) + ' RMS'

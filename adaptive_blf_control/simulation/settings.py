@@ -52,12 +52,12 @@ class SensorSettings(Settings, where='arm_driver.sensors'):
     gear_ratio: float = parameter(
         100.0, 'Motor turns per joint turn.', '', 0.0, exclusive=True, live=True)
     velocity_time_constant: float = parameter(
-        0.005, 'First-order filter behind the position difference; 0 leaves it bare.',
+        0.005, 'Time constant of the first-order filter on the position differences; 0: none.',
         's', 0.0, live=True)
     torque_noise: float = parameter(
-        0.0, 'Standard deviation of the measured torque.', 'N*m', 0.0, live=True)
+        0.0, 'Standard deviation of the noise of the measured torque.', 'N*m', 0.0, live=True)
     seed: int = parameter(
-        0, 'Seed of the noise.', '', 0, live=True)
+        0, 'Seed of the sensor noise.', '', 0, live=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

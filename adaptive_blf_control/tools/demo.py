@@ -30,12 +30,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--duration', type=float, default=20.0, metavar='S')
     parser.add_argument('--output', type=Path, default=None, metavar='DIR',
                         help='folder for bag and picture (default: runs/TIME)')
-    parser.add_argument('--json', action='store_true', help='print the figures as JSON too')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON, too')
     return parser
 
 
 def _progress(nodes: NodeProcesses, duration: float) -> list[str]:
-    """Show a bar until the driver has ended; return the nodes that failed meanwhile."""
+    """Show a progress bar until the driver ends; return the nodes that failed meanwhile."""
     show = sys.stderr.isatty()
 
     def look(moving: float | None) -> None:
@@ -53,7 +53,7 @@ def _progress(nodes: NodeProcesses, duration: float) -> list[str]:
 
 
 def _run(config: Path, duration: float, output: Path) -> list[str]:
-    """Run the nodes; return those that did not end well, after showing what they printed."""
+    """Run the nodes; return those that did not end well, after printing their output."""
     with NodeProcesses(config, duration, output) as nodes:
         print(f'on this host only; to look inside: ROS_DOMAIN_ID={nodes.domain}', flush=True)
         bad = _progress(nodes, duration)
@@ -64,7 +64,7 @@ def _run(config: Path, duration: float, output: Path) -> list[str]:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the demo; 0 only if no set was left and every node ended well."""
+    """Run the demo; 0 only if both sets were kept and every node ended well."""
     options = _parser().parse_args(args)
     if util.find_spec('rclpy') is None:
         print('demo: rclpy is not installed: source ROS 2 Jazzy, or pip install '

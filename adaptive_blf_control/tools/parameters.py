@@ -15,13 +15,13 @@ __all__ = ['main', 'markdown']
 
 HEAD = """# Parameters
 
-Written by `python -m adaptive_blf_control parameters`; a test keeps it equal to the settings
-classes in `adaptive_blf_control/configuration/node_settings.py` and in the rooms of the
-core, which also drive declaration, descriptors and checks.
+`python -m adaptive_blf_control parameters` writes this page. A test keeps it equal to the settings
+classes in `adaptive_blf_control/configuration/node_settings.py` and in `arms/`, `control/`,
+`identification/` and `simulation/`, from which declaration, descriptors and checks follow, too.
 
-A list of length n (joints) or m (parameters) may be given as one element that stands for all.
-"live" can be changed with `ros2 param set` while the node runs; the rest is read-only.
-Doubles need a decimal point in YAML (`1.0`, not `1`).
+For a list of length n (joints) or m (parameters) one element may stand for all. Parameters marked
+"live" can be changed with `ros2 param set` while the node runs; the others are read-only. Doubles
+need a decimal point in YAML (`1.0`, not `1`).
 """
 
 

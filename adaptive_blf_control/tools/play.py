@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """``play``: publish a bag again with its clock, byte for byte, on machines without rosbag2.
 
-QoS is offered as recorded. With ``--lockstep`` each state waits until the one in front of it was
-answered. Ctrl-C ends it; so do SIGTERM and SIGHUP. ROS arguments, e.g.
+QoS is offered as recorded. With ``--lockstep`` each state waits until the previous one has been
+answered. Ctrl-C, SIGTERM and SIGHUP end it. ROS arguments, e.g.
 ``--ros-args -r /joint_states:=/recorded/joint_states``, come last.
 """
 
@@ -20,25 +20,25 @@ __all__ = ['main']
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='play', description=__doc__)
-    parser.add_argument('bag', help='bag folder, or a lone .mcap or .db3 file')
+    parser.add_argument('bag', help='bag folder, or a single .mcap or .db3 file')
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument('--rate', type=float, default=1.0, metavar='R',
                       help='bag seconds per second (default: 1)')
     pace.add_argument('--lockstep', action='store_true',
-                      help='as fast as each joint state is answered, instead of keeping time')
+                      help='as fast as the joint states are answered, whatever their times')
     parser.add_argument('--topics', nargs='+', default=[], metavar='TOPIC',
-                        help='play only these')
-    parser.add_argument('--loop', action='store_true', help='begin again at the end')
+                        help='play only these topics')
+    parser.add_argument('--loop', action='store_true', help='start again at the end')
     parser.add_argument('--wait', type=float, default=5.0, metavar='S',
-                        help='wait at most so long until each topic has a subscriber (default: 5)')
+                        help='longest wait until each topic has a subscriber (default: 5)')
     parser.add_argument('--clock', type=float, default=100.0, metavar='HZ',
                         help='ticks on /clock per bag second, 0 for none (default: 100); a bag '
-                        'that has /clock plays its own')
+                        'that contains /clock plays its own')
     parser.add_argument('--answers', nargs='+', default=[THETA_HAT], metavar='TOPIC',
-                        help='in lockstep, topics that answer a state with its stamp, beside the '
-                        f'states (default: {THETA_HAT})')
+                        help='in lockstep, topics on which a state is answered with its stamp; '
+                        f'names are relative to those of the states (default: {THETA_HAT})')
     parser.add_argument('--timeout', type=float, default=10.0, metavar='S',
-                        help='in lockstep, how long an answer may take (default: 10)')
+                        help='in lockstep, longest wait for an answer (default: 10)')
     return parser
 
 

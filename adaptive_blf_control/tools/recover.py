@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``recover``: make a bag that a crash left unfinished readable again, without touching it.
+"""``recover``: make a bag that a crash left unfinished readable again.
 
-A folder whose .mcap files are whole gets its metadata.yaml rebuilt. Where a file breaks off, a
-finished copy of everything in front of the break is written. The .mcap files stay as they are.
+If the .mcap files of a folder are complete, its metadata.yaml is rebuilt. If a file breaks off, a
+finished copy of everything before the break is written. The .mcap files are never changed.
 
-Exit status: 0 a finished bag stands at the printed path and nothing is known to be lost; 1 it
-does, up to a break that is printed; 2 nothing could be recovered.
+Exit status: 0 a finished bag is at the printed path and no loss is known; 1 a finished bag is
+there up to a break that is printed; 2 nothing could be recovered.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ __all__ = ['main']
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='recover', description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument('bag', type=Path, help='bag folder, or a lone .mcap file')
+    parser.add_argument('bag', type=Path, help='bag folder, or a single .mcap file')
     parser.add_argument('--output', type=Path, metavar='DIR', default=None,
-                        help='write a finished copy to this new folder in any case\n'
-                        '(default: BAG_recovered, only where a file breaks off)')
+                        help='always write a finished copy, to this new folder\n'
+                        '(default: BAG_recovered, only if a file breaks off)')
     return parser
 
 
@@ -38,13 +38,13 @@ def main(args: list[str] | None = None) -> int:
     except BlfError as error:
         print(f'recover: {error}', file=sys.stderr)
         return 2
-    what = {'whole': 'is whole, nothing to do',
+    what = {'whole': 'is complete, nothing to do',
             'metadata': f'metadata.yaml rebuilt (an old one is kept as {KEPT_NAME})',
             'copy': 'finished copy written'}[done.what]
     print(f'{done.path}: {what}; {done.messages} messages')
     if done.problem is None:
         return 0
-    print(f'recover: lost what followed: {done.problem}', file=sys.stderr)
+    print(f'recover: everything after this break is lost: {done.problem}', file=sys.stderr)
     return 1
 
 

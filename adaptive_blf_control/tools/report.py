@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``report BAG...``: one page to look at, or figures for a paper, from bags alone."""
+"""``report BAG...``: an HTML page, or figures for a paper, from bags alone."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def write_page(bags: Sequence[Path | str], output: Path) -> Path:
 
 
 def _read(bags: Sequence[str]) -> tuple[list[Recording], dict[str, str]]:
-    """Read what can be read; and why the others cannot."""
+    """Return the recordings that can be read, and the reasons why others cannot."""
     recordings, unreadable = [], {}
     for bag in bags:
         try:

@@ -330,7 +330,7 @@ def test_missing_part_and_fewer_messages_than_stated_are_told(tmp_path):
     save_metadata(tmp_path / 'run', BagMetadata((part, FileInformation('run_1.mcap', 30, 1, 2))))
     assert 'run_1.mcap is missing' in read_bag(tmp_path / 'run').problem
     save_metadata(tmp_path / 'run', BagMetadata((FileInformation('run_0.mcap', 0, 22, 9),)))
-    assert '6 messages are there' in read_bag(tmp_path / 'run').problem
+    assert '6 messages were found' in read_bag(tmp_path / 'run').problem
     save_metadata(tmp_path / 'run', BagMetadata((part,), compression_mode='FILE'))
     with pytest.raises(BagError, match='compression mode'):
         read_bag(tmp_path / 'run')

@@ -148,11 +148,11 @@ def test_files_of_a_split_bag_are_joined_in_order(bag: Path) -> None:
     assert _with_rosbags(done.path)[-1] == ('/rank', encode_int32(77), START + 10**10)
 
 
-def test_exit_status_tells_whole_from_lost_from_hopeless(
+def test_exit_status_tells_complete_from_partial_from_no_recovery(
         bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     digest = hashlib.sha256((bag / 'run_0.mcap').read_bytes()).hexdigest()
     assert recover.main([str(bag)]) == 0
-    assert 'is whole' in capsys.readouterr().out
+    assert 'is complete' in capsys.readouterr().out
     assert hashlib.sha256((bag / 'run_0.mcap').read_bytes()).hexdigest() == digest
     _cut(bag, 150_000)
     assert recover.main([str(bag)]) == 1

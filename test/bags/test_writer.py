@@ -182,7 +182,7 @@ def test_writer_refuses_wrong_use(tmp_path):
     with pytest.raises(BagError, match='exists already'):
         BagWriter(writer.path)
     (tmp_path / 'file').touch()
-    with pytest.raises(BagError, match='cannot be made'):
+    with pytest.raises(BagError, match='cannot be created'):
         BagWriter(tmp_path / 'file' / 'run')
 
 

@@ -18,8 +18,8 @@ from adaptive_blf_control.bench.rate_figures import (
     median,
     of_bag,
     of_bare,
+    RateFigures,
     Row,
-    Run,
     Usage,
     usage_of,
 )
@@ -32,10 +32,10 @@ MS = 1_000_000  # ns
 START = 1_700_000_000_000_000_000  # ns
 
 
-def test_missed_periods_of_the_bare_echo_are_counted_after_settling(tmp_path: Path) -> None:
+def test_missed_periods_of_the_bare_echo_are_counted_after_the_start_up(tmp_path: Path) -> None:
     sent = START + MS * np.arange(5001)
     trips = np.full(sent.size, 2 * MS)
-    trips[:1000] = 40 * MS  # settling
+    trips[:1000] = 40 * MS  # start-up
     trips[2000:2100] = 0  # never answered
     trips[4000:4010] = MS  # all others are late
     files = {name: tmp_path / f'{name}.npz' for name in BARE}
@@ -78,7 +78,7 @@ def test_missed_periods_of_a_bag_come_from_the_stamps(tmp_path: Path) -> None:
 
 
 def test_repeated_runs_give_the_median_of_each_figure() -> None:
-    runs = [Run({'echo': Row(rate, 1000.0 - rate, 1000.0)}, Loop(p50, 2, 3, 4, 99, 98, 1))
+    runs = [RateFigures({'echo': Row(rate, 1000.0 - rate, 1000.0)}, Loop(p50, 2, 3, 4, 99, 98, 1))
             for rate, p50 in ((900.0, 0.3), (1000.0, 0.5), (990.0, 0.4))]
     both = median(runs)
     assert both.rows['echo'][:2] == (990.0, 10.0)

@@ -33,10 +33,10 @@ def test_growth_leaves_out_the_start_and_compares_medians() -> None:
         growth_of(list(t), list(memory), 199.0)
 
 
-def test_latency_compares_the_first_and_the_last_third_after_settling() -> None:
+def test_latency_compares_the_first_and_the_last_third_after_the_start_up() -> None:
     sent = 0.001 * np.arange(10_000)
     latency = np.full(10_000, 4e-4)
-    latency[:1000] = 1.0  # settling
+    latency[:1000] = 1.0  # start-up
     latency[-10:] = 3e-3
     figures = latency_of(sent, latency, 1.0)
     assert (figures.first.p50, figures.last.p50) == pytest.approx((0.4, 0.4))

@@ -27,7 +27,7 @@ def run(repository):
 
 
 @pytest.mark.parametrize('scenario', ['two_link', 'two_link_paper', 'three_link_paper'])
-def test_a_run_keeps_what_the_theorem_promises(run, scenario):
+def test_a_run_keeps_the_guarantee_of_the_theorem(run, scenario):
     loop, trace = run(scenario, 3.0)
     guarantee = guarantee_of_trace(loop, trace)
     assert guarantee.first is None
@@ -52,7 +52,7 @@ def test_known_model_starts_with_the_value_of_the_barrier_and_e2_alone(run):
     assert guarantee.first is None
 
 
-def test_a_law_that_pushes_outward_is_found_out(run, monkeypatch):
+def test_a_law_that_pushes_outward_violates_the_guarantee(run, monkeypatch):
     honest = Controller.update
 
     def outward(self, t, q, qd, theta):
@@ -67,7 +67,7 @@ def test_a_law_that_pushes_outward_is_found_out(run, monkeypatch):
     assert guarantee.figures()['message'] in guarantee.line()
 
 
-def test_a_jump_of_the_true_parameters_begins_a_new_promise(run):
+def test_a_jump_of_the_true_parameters_begins_a_new_guarantee(run):
     loop, trace = run('two_link', 1.0, 'arm_driver.schedule.time=[0.5]',
                       'arm_driver.schedule.parameter=[p1]', 'arm_driver.schedule.value=[4.5]')
     guarantee = guarantee_of_trace(loop, trace)
@@ -76,7 +76,7 @@ def test_a_jump_of_the_true_parameters_begins_a_new_promise(run):
     assert after > before + 0.1
 
 
-def test_simulate_prints_the_promise_as_json_and_warns_of_a_short_history(repository, capsys):
+def test_simulate_prints_the_guarantee_as_json_and_warns_of_a_short_history(repository, capsys):
     config = str(repository / 'config' / 'two_link.yaml')
     status = main([config, '--duration', '0.2', '--json', '--set', 'identifier.history.size=3'])
     output = capsys.readouterr()
