@@ -12,6 +12,7 @@ import pytest
 
 import adaptive_blf_control as door
 from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
+from patience import PATIENCE
 
 ARM = door.TwoLinkArm()
 PUBLIC = [name for name in dir(door) if name != '__version__']
@@ -29,7 +30,7 @@ print(took)
 
 def test_importing_it_loads_neither_ros_nor_numpy_nor_a_compiler():
     done = subprocess.run([sys.executable, '-c', IMPORTED], capture_output=True, text=True,
-                          timeout=300, check=True)
+                          timeout=PATIENCE, check=True)
     assert float(done.stdout) >= 0.0
 
 
