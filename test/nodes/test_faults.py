@@ -257,8 +257,8 @@ def test_late_states_cost_the_torque_and_the_next_one_brings_it_back(arm, wait_u
 @pytest.fixture
 def loop(graph, wait_until) -> Iterator[tuple]:
     """Run driver and controller at 200 Hz in threads; return both, a peer and what it hears."""
-    driver = graph.make(ArmDriver, rate=200.0, torque_limit=LIMIT, command_timeout=0.5)
-    controller = graph.make(ControllerNode, **{**TASK, 'state_timeout': 1.0})
+    driver = graph.make(ArmDriver, rate=200.0, torque_limit=LIMIT, command_timeout=5.0)
+    controller = graph.make(ControllerNode, **{**TASK, 'state_timeout': 5.0})
     peer = graph.peer()
     states = peer.listen(JointState, JOINT_STATES, 5000)
     diagnostics = peer.listen(DiagnosticArray, '/diagnostics')
@@ -274,10 +274,15 @@ def test_a_publisher_that_shouts_commands_is_refused_and_named(loop, wait_until)
                time.monotonic() - controller._claimed_at > GIVE_WAY, what='the arm is taken')
     stranger = peer.create_publisher(Float64MultiArray, COMMANDS, 100)
     wait_until(lambda: stranger.get_subscription_count() == 1)
-    begin = len(states)
-    for _ in range(100):
+    begin, sent = len(states), itertools.count(1)
+
+    def refused() -> bool:
+        number = next(sent)  # far below that of the controller, whatever is lost on the way
+        wait_until(lambda: driver._source._number > number + 200, 'the controller to go on')
         stranger.publish(Float64MultiArray(data=[-77.0, 77.0]))
-    wait_until(lambda: driver.drops.get('command of a second publisher') == 100)
+        return driver.drops.get('command of a second publisher', 0) >= 100
+
+    wait_until(refused, 'a hundred refused commands')
     seen = len(states)
     wait_until(lambda: len(states) > seen + 20)
     effort = np.array([decode_joint_state(data).effort for data, _ in states[begin:]])

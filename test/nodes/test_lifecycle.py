@@ -465,9 +465,10 @@ def test_everything_is_compiled_before_the_first_state_is_answered() -> None:
 def test_the_plain_executor_runs_a_closed_loop_and_its_lifecycle(graph, cell, wait_until) -> None:
     identifier = graph.make(IdentifierNode, executor='plain',
                             initial_estimate=LAW['initial_estimate'])
-    # So slow a motion stays inside its sets even where the machine stalls for a second.
-    cell = cell(executor='plain', arm={'initial_position': [0.0, 0.0]},
-                law={'reference__joint1__amplitude': [0.1], 'reference__joint2__amplitude': [0.1],
+    # So slow a motion and so weak a torque stay inside their sets where the machine stalls.
+    cell = cell(executor='plain', arm={'initial_position': [0.0, 0.0], 'command_timeout': 0.1},
+                law={'k1': [200.0, 200.0], 'k2': [40.0, 6.0], 'torque_limit': [40.0, 15.0],
+                     'reference__joint1__amplitude': [0.1], 'reference__joint2__amplitude': [0.1],
                      'reference__joint2__phase': [0.0]})
     estimates = cell.peer.listen(JointState, f'/{THETA_HAT}')
     learning = graph.run(identifier)
