@@ -11,6 +11,7 @@ import sys
 import pytest
 
 from adaptive_blf_control.runtime.domain import own_domain
+from nested_suite import run_tests
 from patience import PATIENCE
 
 IGNORED = 'import signal; print([n for n in (1, 2, 15) if signal.getsignal(n) == signal.SIG_IGN])'
@@ -30,12 +31,10 @@ def test_signals_that_the_suite_was_started_to_ignore_are_not_passed_on(workers:
         for number in (signal.SIGINT, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)
 
-    test = f'{__file__}::{test_what_a_test_starts_ignores_no_signal_that_ends_it.__name__}'
-    suite = subprocess.run([sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', '-n',
-                            str(workers), test], preexec_fn=ignore, capture_output=True,
-                           text=True, timeout=PATIENCE)
+    suite = run_tests('-n', str(workers), 'test/test_suite.py', '-k', 'ignores_no_signal',
+                      before=ignore)
     assert suite.returncode == 0, suite.stdout
-    assert ' 1 passed' in suite.stdout
+    assert '1 passed' in suite.stdout
 
 
 def test_the_domain_of_a_suite_is_held_for_it_alone() -> None:
