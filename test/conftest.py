@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import atexit
+from collections.abc import Iterator
 from contextlib import ExitStack
 import os
 from pathlib import Path
@@ -14,19 +14,10 @@ import pytest
 
 from adaptive_blf_control.runtime.domain import own_domain
 
+pytest_plugins = ('node_fixtures', 'run_fixtures')  # of test/support
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-# A shell that starts the suite in the background lets it, and all that it starts, ignore these.
-for _number, _default in ((signal.SIGINT, signal.default_int_handler),
-                          (signal.SIGHUP, signal.SIG_DFL)):
-    if signal.getsignal(_number) == signal.SIG_IGN:
-        signal.signal(_number, _default)
-
-# Before any test module imports rclpy: two runs on one machine, or two workers of one run, must
-# not hear each other.
-_claim = ExitStack()
-atexit.register(_claim.close)
-os.environ['ROS_DOMAIN_ID'] = str(_claim.enter_context(own_domain()))
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 # The package sets this on import, which is too late where a test module imports numpy first.
@@ -42,6 +33,29 @@ except ImportError:  # colcon test on a machine with pytest alone: property test
 else:
     settings.register_profile('repository', deadline=None, derandomize=True, database=None)
     settings.load_profile('repository')
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Take a DDS domain for this process alone: no other run, and no other worker, hears it."""
+    claim = ExitStack()
+    config.add_cleanup(claim.close)
+    os.environ['ROS_DOMAIN_ID'] = str(claim.enter_context(own_domain()))
+
+
+@pytest.fixture(scope='session', autouse=True)
+def _default_signals() -> Iterator[None]:
+    """Let the processes that tests start begin with the default signals.
+
+    A shell that starts the suite in the background, or nohup, lets it ignore some of them. A child
+    would inherit that; a handler it does not inherit, whatever that does.
+    """
+    ignored = [number for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM)
+               if signal.getsignal(number) == signal.SIG_IGN]
+    for number in ignored:
+        signal.signal(number, lambda *_: None)
+    yield
+    for number in ignored:
+        signal.signal(number, signal.SIG_IGN)
 
 
 # They run real nodes in real time, or measure.

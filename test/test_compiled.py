@@ -21,6 +21,7 @@ from adaptive_blf_control.compiled import (
 )
 from adaptive_blf_control.control import barrier, law, reference
 from adaptive_blf_control.identification import history_stack, torque_filter, update_law
+from nested_suite import run_tests
 
 N, M = 2, 5
 RANDOM = np.random.default_rng(20)
@@ -113,6 +114,13 @@ import adaptive_blf_control.simulation.closed_loop
 def test_the_core_works_where_numba_is_not_installed():
     subprocess.run([sys.executable, '-c', BLOCKED], check=True,
                    env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
+def test_the_control_room_passes_its_tests_as_plain_python():
+    # Python raises where compiled code goes on with NaN.
+    run = run_tests('test/control', NUMBA_DISABLE_JIT='1')
+    assert run.returncode == 0, run.stdout
 
 
 @pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')

@@ -12,6 +12,7 @@ import sys
 import pytest
 
 import adaptive_blf_control as door
+from patience import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = {
@@ -33,7 +34,7 @@ def test_an_example_runs_and_prints_its_result(name, tmp_path):
     path = ROOT / 'examples' / name
     assert len(path.read_text(encoding='utf-8').splitlines()) < 50
     done = subprocess.run([sys.executable, str(path)], cwd=tmp_path, capture_output=True,
-                          text=True, timeout=300)
+                          text=True, timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
     assert re.search(EXAMPLES[name], done.stdout), done.stdout
 
@@ -64,7 +65,7 @@ def test_the_python_of_a_page_runs_and_prints_what_it_says(code, output):
     if 'example-robot-data' in code and importlib.util.find_spec('cmeel') is None:
         pytest.skip('example-robot-data is not installed')
     done = subprocess.run([sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True,
-                          timeout=300)
+                          timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
     assert done.stdout == output
 

@@ -22,6 +22,7 @@ from adaptive_blf_control.messages.cdr import (
     JointStateCodec,
 )
 from adaptive_blf_control.messages.definitions import embedded_definition, message_definition
+from patience import PATIENCE
 
 START = 1_700_000_000_000_000_000
 TOPICS = {
@@ -253,7 +254,7 @@ except BagError as exc:
 
 def run(script, *arguments, status=0):
     """Run a script in a process of its own and return what it printed."""
-    done = subprocess.run([sys.executable, '-c', script, *map(str, arguments)], timeout=300,
+    done = subprocess.run([sys.executable, '-c', script, *map(str, arguments)], timeout=PATIENCE,
                           capture_output=True, text=True, check=False)
     assert done.returncode == status, done.stderr
     return done.stdout

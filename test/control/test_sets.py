@@ -148,3 +148,8 @@ def test_bounds_round_a_start_with_room_are_the_performance_set_at_once():
     plain, grown = GrowingBounds(PERFORMANCE), GrowingBounds(PERFORMANCE, SAFETY, np.zeros(2), 2.0)
     for t in np.linspace(0.0, 3.0, 31):
         np.testing.assert_array_equal(grown.at(t), plain.at(t))
+
+
+def test_bounds_before_the_start_are_those_at_the_start():
+    grown = GrowingBounds(PERFORMANCE, SAFETY, np.array([1.15, -2.1]), 2.0)
+    np.testing.assert_array_equal(grown.at(-0.5), grown.at(0.0))

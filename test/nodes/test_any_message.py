@@ -44,6 +44,7 @@ from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
 from adaptive_blf_control.runtime.answers import Answers
 from adaptive_blf_control.runtime.robot_description import arm_from
+from patience import PATIENCE
 
 hypothesis = pytest.importorskip('hypothesis')
 st = hypothesis.strategies
@@ -477,12 +478,12 @@ def test_answers_that_a_player_waits_for(graph, wait_until) -> None:
         publisher.publish(data)
         heard += 1
         if heard % 50 == 0:
-            publisher.wait_for_all_acked(Wait(seconds=20.0))
+            publisher.wait_for_all_acked(Wait(seconds=PATIENCE))
             answers.wait(-1, 0.0)
 
     _feed(_vectors(PARAMETERS), handle)
     publisher.publish(_good(PARAMETERS, 2 * 10**18))
-    assert answers.wait(2 * 10**18, 20.0) == []
+    assert answers.wait(2 * 10**18, PATIENCE) == []
 
 
 @pytest.mark.parametrize('use_sim_time', [False, True])

@@ -40,6 +40,7 @@ from adaptive_blf_control.runtime import robot_description
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.stop_flag import StopFlag
+from patience import PATIENCE
 
 # Spoken on only if asked for, and where a parameter changes.
 QUIET = (GUARANTEE, JOINT_TRAJECTORY, '/parameter_events')
@@ -66,7 +67,7 @@ def demo(tmp_path_factory) -> tuple[subprocess.CompletedProcess[str], Path]:
     result = subprocess.run(
         [sys.executable, '-m', 'adaptive_blf_control', 'demo', '--duration', '4', '--output',
          str(output), '--json'], stdin=subprocess.DEVNULL, capture_output=True, text=True,
-        timeout=150, env=environment)
+        timeout=PATIENCE, env=environment)
     return result, output
 
 
@@ -154,7 +155,7 @@ def test_the_page_of_interfaces_explains_every_key_of_the_diagnostics(demo, repo
 def test_the_demo_refuses_a_folder_that_exists_before_it_starts_anything(tmp_path) -> None:
     result = subprocess.run(
         [sys.executable, '-m', 'adaptive_blf_control', 'demo', '--output', str(tmp_path)],
-        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=300)
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE)
     assert result.returncode == 2
     assert 'exists already' in result.stderr
     assert list(tmp_path.iterdir()) == []

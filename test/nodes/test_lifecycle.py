@@ -32,6 +32,7 @@ from adaptive_blf_control.messages.topics import (
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
+from patience import PATIENCE
 
 RATE = 200.0  # Hz: two processors and other people's work
 ARM = {'rate': RATE, 'true_model': 'given', 'true_parameters': [3.473, 0.196, 0.242, 5.3, 1.1],
@@ -207,16 +208,16 @@ def test_a_request_in_the_middle_of_a_transition_waits_for_its_end(cell, monkeyp
 
     def slow(node: ControllerNode) -> None:
         begun.set()
-        assert go_on.wait(20.0)
+        assert go_on.wait(PATIENCE)
         activate(node)
 
     activate = ControllerNode.activate
     monkeypatch.setattr(ControllerNode, 'activate', slow)
     cell = cell(autostart=True, law={'state_timeout': 60.0})  # activates itself, in its loop
-    assert begun.wait(20.0)
+    assert begun.wait(PATIENCE)
     request = ChangeState.Request(transition=Transition(label='deactivate'))
     client = cell.peer.create_client(ChangeState, '/controller/change_state')
-    assert client.wait_for_service(20.0)
+    assert client.wait_for_service(PATIENCE)
     future = client.call_async(request)
     cell.hears(JOINT_STATES)  # time for it to be taken
     assert not future.done()
@@ -383,7 +384,8 @@ def test_shutdown_ends_the_nodes_and_a_moving_arm_gets_zero_torque(cell, autosta
     for node in ('controller', 'arm_driver'):
         cell.moves(f'{node} shutdown')
         assert cell.runners[node].join() == 0
-    assert not cell.torques.size or not cell.torques[-1].any()
+    if autostart:  # delivered is not yet handled: the peer takes one message at a time
+        cell._wait_until(lambda: not cell.torques[-1].any(), 'zero torque as the last one')
 
 
 @pytest.mark.parametrize('kind', [ArmDriver, ControllerNode])
@@ -408,7 +410,7 @@ def test_shutdown_ends_the_process_with_status_0(processes, graph_of, wait_until
                               'joints:=[joint1, joint2]')
     client = graph_of(processes.domain).peer().create_client(ChangeState,
                                                              '/arm_driver/change_state')
-    wait_until(client.service_is_ready, 60.0)
+    wait_until(client.service_is_ready)
     client.call_async(ChangeState.Request(transition=Transition(label='shutdown')))
     assert process.wait() == 0, process.text
     assert 'Traceback' not in process.text
@@ -416,7 +418,6 @@ def test_shutdown_ends_the_process_with_status_0(processes, graph_of, wait_until
 
 COMPILED = '''
 import sys
-import time
 
 import rclpy
 from rclpy.parameter import Parameter
@@ -443,13 +444,11 @@ driver = rclpy.create_node('driver')
 driver.create_subscription(Float64MultiArray, 'effort_controller/commands', lambda _: None, 10)
 before = compiled()
 state = JointState(name=['joint1', 'joint2'], position=[0.1, 0.2], velocity=[0.3, 0.4])
-give_up = time.monotonic() + 20.0
-while node.statistics.samples < 3 and time.monotonic() < give_up:
+while node.statistics.samples < 3:
     state.header.stamp.sec += 1 if state.header.stamp.sec == 0 else 0
     state.header.stamp.nanosec += 1000000
     with node.between_samples:
         node.on_joint_states(serialize_message(state), {})
-assert node.statistics.samples == 3
 after = compiled()
 assert before and any(before.values()), before
 assert after == before, {k: (before.get(k), n) for k, n in after.items() if n != before.get(k)}
@@ -459,16 +458,17 @@ assert after == before, {k: (before.get(k), n) for k, n in after.items() if n !=
 def test_everything_is_compiled_before_the_first_state_is_answered() -> None:
     pytest.importorskip('numba')
     run = subprocess.run([sys.executable, '-c', COMPILED], capture_output=True, text=True,
-                         timeout=300)
+                         timeout=PATIENCE)
     assert run.returncode == 0, run.stdout + run.stderr
 
 
 def test_the_plain_executor_runs_a_closed_loop_and_its_lifecycle(graph, cell, wait_until) -> None:
     identifier = graph.make(IdentifierNode, executor='plain',
                             initial_estimate=LAW['initial_estimate'])
-    # So slow a motion stays inside its sets even where the machine stalls for a second.
-    cell = cell(executor='plain', arm={'initial_position': [0.0, 0.0]},
-                law={'reference__joint1__amplitude': [0.1], 'reference__joint2__amplitude': [0.1],
+    # So slow a motion and so weak a torque stay inside their sets where the machine stalls.
+    cell = cell(executor='plain', arm={'initial_position': [0.0, 0.0], 'command_timeout': 0.1},
+                law={'k1': [200.0, 200.0], 'k2': [40.0, 6.0], 'torque_limit': [40.0, 15.0],
+                     'reference__joint1__amplitude': [0.1], 'reference__joint2__amplitude': [0.1],
                      'reference__joint2__phase': [0.0]})
     estimates = cell.peer.listen(JointState, f'/{THETA_HAT}')
     learning = graph.run(identifier)
@@ -488,8 +488,7 @@ def test_the_plain_executor_runs_a_closed_loop_and_its_lifecycle(graph, cell, wa
     for node in ('controller', 'arm_driver'):
         cell.moves(f'{node} shutdown')
         assert cell.runners[node].join() == 0
-    # Delivered is not yet handled: the peer takes one message at a time.
-    wait_until(lambda: not cell.torques[-1].any(), what='zero torque as the last one')
+    wait_until(lambda: not cell.torques[-1].any(), 'zero torque as the last one')
     assert learning.end() == 0
 
 

@@ -25,6 +25,7 @@ from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
 from adaptive_blf_control.parameters.table import per_joint
+from patience import PATIENCE
 
 KINDS = {'arm_driver': ArmDriver, 'identifier': IdentifierNode, 'controller': ControllerNode,
          'recorder': Recorder}
@@ -191,7 +192,7 @@ class _Live:
             service, f'{namespace}/{kind}/{name}') for service, name in (
                 (SetParameters, 'set_parameters'), (DescribeParameters, 'describe_parameters'),
                 (SetParametersAtomically, 'set_parameters_atomically'))}
-        assert all(client.wait_for_service(20.0) for client in self._clients.values())
+        assert all(client.wait_for_service(PATIENCE) for client in self._clients.values())
         self._states = self.peer.create_publisher(JointState, f'{namespace}/{JOINT_STATES}', 10)
         self.commands = self.peer.listen(Float64MultiArray, f'{namespace}/{COMMANDS}') \
             if kind == 'controller' else []

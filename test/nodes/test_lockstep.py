@@ -90,7 +90,7 @@ class Run:
 
     def end(self) -> dict[str, list[Message]]:
         """Wait for the driver's end, end the others and return what was recorded."""
-        assert self.runners['arm_driver'].join(120.0) == 0
+        assert self.runners['arm_driver'].join() == 0
         for name in ('controller', 'identifier', 'recorder'):
             assert self.runners[name].end() == 0
         return _messages(read_bag(self._bag))

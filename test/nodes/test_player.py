@@ -34,6 +34,7 @@ from adaptive_blf_control.messages.cdr import (
 from adaptive_blf_control.messages.topics import TOPICS
 from adaptive_blf_control.nodes.player import Player, PlaySettings, qos_of
 from adaptive_blf_control.nodes.recorder import Recorder
+from patience import PATIENCE
 
 START = 1_700_000_000_500_000_000
 STEP = 1_000_000  # ns
@@ -195,7 +196,7 @@ def test_loop_begins_again_until_it_is_stopped(
     thread.start()
     wait_until(lambda: player.sent['/joint_states'] > 7)
     player.stop.set()
-    thread.join(10.0)
+    thread.join(PATIENCE)
     assert not thread.is_alive()
 
 

@@ -13,6 +13,7 @@ import sys
 import pytest
 
 from adaptive_blf_control.executables import EXECUTABLES
+from patience import PATIENCE
 
 pytest.importorskip('colcon_ros', reason='colcon is not installed: pip install .[test]')
 
@@ -40,7 +41,7 @@ def _build(repository: Path, workspace: Path, *options: str) -> Path:
     result = subprocess.run(
         [sys.executable, '-m', 'colcon', 'build', *options], cwd=workspace,
         env=_environment(workspace / 'home'), stdin=subprocess.DEVNULL, capture_output=True,
-        text=True, timeout=240)
+        text=True, timeout=PATIENCE)
     assert result.returncode == 0, result.stdout + result.stderr
     return workspace / 'install' / PACKAGE
 
@@ -65,7 +66,7 @@ def _run(prefix: Path, executable: str, *arguments: str) -> subprocess.Completed
     return subprocess.run(
         [sys.executable, str(prefix / 'lib' / PACKAGE / executable), *arguments],
         cwd=prefix.parent, env={**os.environ, 'PYTHONPATH': path}, stdin=subprocess.DEVNULL,
-        capture_output=True, text=True, timeout=300)
+        capture_output=True, text=True, timeout=PATIENCE)
 
 
 def test_every_executable_lies_where_ros2_run_looks(prefix: Path) -> None:

@@ -13,11 +13,13 @@ import pytest
 
 import adaptive_blf_control
 from adaptive_blf_control.executables import console_scripts, EXECUTABLES, module_of, NODES
+from patience import PATIENCE
 
 
 def _python_m(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, '-m', 'adaptive_blf_control', *arguments],
-                          stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=300)
+                          stdin=subprocess.DEVNULL, capture_output=True, text=True,
+                          timeout=PATIENCE)
 
 
 def _calls(file: Path, name: str) -> list[dict[str, ast.expr]]:
@@ -85,7 +87,7 @@ def test_a_tool_gets_its_arguments_and_shows_its_own_usage() -> None:
 def test_listing_the_executables_imports_neither_numpy_nor_ros() -> None:
     script = ('import sys, adaptive_blf_control.__main__ as m; m.usage(); '
               'sys.exit("numpy" in sys.modules or "rclpy" in sys.modules)')
-    assert subprocess.run([sys.executable, '-c', script], timeout=300).returncode == 0
+    assert subprocess.run([sys.executable, '-c', script], timeout=PATIENCE).returncode == 0
 
 
 def test_launch_file_starts_every_node_once_under_its_own_name(repository: Path) -> None:

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 import pytest
 
 import adaptive_blf_control
+from patience import PATIENCE
 
 PACKAGE = 'adaptive_blf_control'
 ROS = ('ros-jazzy-rclpy', 'ros-jazzy-common-interfaces')
@@ -67,7 +68,7 @@ def metadata(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Meta
         shutil.copy2(repository / PACKAGE / name, package / name)
     result = subprocess.run(
         [sys.executable, 'setup.py', '-q', 'egg_info'], cwd=folder, capture_output=True,
-        text=True, timeout=300)
+        text=True, timeout=PATIENCE)
     assert result.returncode == 0, result.stderr
     egg_info = folder / f'{PACKAGE}.egg-info'
     header = Parser().parsestr((egg_info / 'PKG-INFO').read_text())

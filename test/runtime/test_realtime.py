@@ -12,6 +12,7 @@ import pytest
 
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.runtime.realtime import cpus_of
+from patience import PATIENCE
 
 pytestmark = pytest.mark.skipif(sys.platform != 'linux', reason="the scheduler calls are Linux's")
 
@@ -29,7 +30,7 @@ threads = [int(task.name) for task in Path('/proc/self/task').iterdir()]
 
 def _run(code: str) -> object:
     done = subprocess.run([sys.executable, '-c', BEGIN + code], capture_output=True, text=True,
-                          timeout=300, check=False)
+                          timeout=PATIENCE, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1])
 

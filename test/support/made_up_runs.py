@@ -1,19 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of an arm whose motion is known in closed form, and a browser to look at pages with."""
+"""Bags of an arm whose motion is known in closed form."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from html import unescape
-import json
+from collections.abc import Collection
 from pathlib import Path
-import re
-import shutil
-import subprocess
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import pytest
 import yaml
 
 from adaptive_blf_control.bags.writer import BagWriter
@@ -34,6 +28,8 @@ from adaptive_blf_control.messages.topics import (
     TOPICS,
     TRACKING_ERROR,
 )
+
+__all__ = ['write_run']
 
 EPOCH_NS = 5_000_000_000
 RATE = 1000
@@ -96,74 +92,3 @@ def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: fl
                 writer.write(f'/{topic}', message, stamp + late)
     writer.close()
     return path
-
-
-@pytest.fixture(scope='session')
-def make_bag() -> Callable[..., Path]:
-    """Return the function that writes a made-up run."""
-    return write_run
-
-
-@pytest.fixture(scope='session')
-def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a whole bag of 2 s."""
-    return write_run(tmp_path_factory.mktemp('whole') / 'run')
-
-
-@pytest.fixture(scope='session')
-def other_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a bag of a run that leaves its performance set."""
-    return write_run(tmp_path_factory.mktemp('left') / 'left_run', error=0.25)
-
-
-class Visit(NamedTuple):
-    """What a browser made of a page: what the probe returned, console lines, final HTML."""
-
-    result: Any
-    console: list[str]
-    html: str
-
-
-PROBE = """
-<script>
-addEventListener('error', (event) => { document.body.dataset.error = event.message; });
-(async () => {
-  while (!document.body.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
-  const result = await (async () => { %s })();
-  document.body.dataset.result = JSON.stringify(result === undefined ? null : result);
-})().catch((error) => { document.body.dataset.error = String(error); });
-</script>
-"""
-
-
-@pytest.fixture(scope='session')
-def browse(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path, str], Visit]:
-    """Return a function that opens a page in headless Chromium and runs a script in it."""
-    browser = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which(
-        'google-chrome')
-    if browser is None:
-        pytest.skip('no Chromium is installed')
-    folder = tmp_path_factory.mktemp('browser')
-
-    def visit(page: Path, script: str) -> Visit:
-        copy = folder / 'page.html'
-        copy.write_text(page.read_text(encoding='utf-8').replace(
-            '</body>', PROBE % script + '</body>'), encoding='utf-8')
-        done = subprocess.run(
-            [browser, '--headless', '--no-sandbox', '--disable-gpu', '--disable-dev-shm-usage',
-             '--enable-unsafe-swiftshader', '--window-size=1280,900',
-             f'--user-data-dir={folder / "profile"}', '--enable-logging=stderr',
-             # Offline: every host name leads nowhere.
-             '--host-resolver-rules=MAP * ~NOTFOUND', '--virtual-time-budget=60000',
-             '--dump-dom', copy.as_uri()],
-            capture_output=True, timeout=180, check=True)
-        html = done.stdout.decode()
-        console = [line for line in done.stderr.decode(errors='replace').splitlines()
-                   if 'CONSOLE' in line]
-        problem = re.search(r'<body[^>]* data-error="([^"]*)"', html)
-        assert problem is None, unescape(problem[1])
-        found = re.search(r'<body[^>]* data-result="([^"]*)"', html)
-        assert found is not None, 'the probe did not finish'
-        return Visit(json.loads(unescape(found[1])), console, html)
-
-    return visit
