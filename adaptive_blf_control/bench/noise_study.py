@@ -129,9 +129,8 @@ def _loop(folder: Path, name: str, settings: Sequence[str]) -> ClosedLoop:
 
 
 def _inside(loop: ClosedLoop, t: float) -> bool:
-    controller, q = loop.controller, loop.plant.q
-    return bool((controller.performance.margin(q - controller.reference.at(t).position) > 0.0
-                 ).all() and (controller.safety.margin(q) > 0.0).all())
+    state = loop.controller.state(t, loop.plant.q, loop.plant.qd)
+    return bool((loop.controller.constraints.margins(state) > 0.0).all())
 
 
 def _percent(values: np.ndarray) -> str:

@@ -85,6 +85,9 @@ class ControllerSettings(Settings, where='controller'):
         'ablf: the law (38); pd, computed_torque: for comparison, without an adaptation term; '
         'module:name: called with the arm and these settings, it returns a law.',
         choices=LAWS, plugin=True)
+    constraints: tuple[str, ...] = parameter(
+        [''], 'What else counts as inside, each module:name: called with the arm and these '
+        'settings, it returns a constraint that is watched beside the two sets.')
     k1: np.ndarray = parameter(
         [40.0], 'Gains of the stabilising function (27).',
         '1/(s*rad^4)', 0.0, exclusive=True, length='joints', live=True)

@@ -94,6 +94,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.theta = initial_theta(settings, self.arm)
         trial = build_controller(settings, self.arm, None)
         trial.warm_up(self.theta)  # compiled here, not in the first answer
+        self._margin_names = trial.constraints.names
         self._check_sampling(trial)
         self._state_reader = JointStateReader(self.arm.joints)
         self._theta_reader = JointStateReader(self.arm.parameters)
@@ -114,7 +115,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self._make_topics()
 
     def _make_topics(self) -> None:
-        self.monitors = ControllerMonitors(self, self.arm.joints, self.arm.parameters)
+        self.monitors = ControllerMonitors(self, self.arm.joints, self.arm.parameters,
+                                           self._margin_names)
         self._term = self.data_publisher(JointState, ADAPTATION_TERM)
         self._trajectories = self.create_subscription(
             JointTrajectory, JOINT_TRAJECTORY, self.on_joint_trajectory, 10)
@@ -416,7 +418,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         commands.publish(self._torque_codec.encode(output.torque))
         self._term.publish(self.monitors.codecs.adaptation_term(stamp, output))
         self.output = output
-        inside = self.monitors.watch(controller, t, stamp, q, output, self.theta)
+        inside = self.monitors.watch(controller, stamp, output, self.theta)
         self.sampled(stamp)
         if not inside and self.settings.on_violation == 'stop':
             self.deactivate_by_itself()
