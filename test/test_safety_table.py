@@ -17,7 +17,7 @@ FAULTS = (
     'joint states with NaN', 'joint states with wrong or missing joints', 'commands late or lost',
     'identifier killed and restarted', 'controller killed and restarted', 'recorder killed',
     'disk full', 'clock jumps ahead', 'clock jumps back', 'two controllers on one command topic',
-    'e1 at or beyond its bound', 'θ̂ non-finite or absurd',
+    'e1 at or beyond its bound', 'θ̂ non-finite or beyond its limit',
     'Ctrl-C, SIGTERM, SIGHUP at any moment')
 
 

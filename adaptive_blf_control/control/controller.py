@@ -17,10 +17,10 @@ from adaptive_blf_control.control.laws import foreign_law, Law, LawSample, make_
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.reference import (
     Crossfade,
+    from_time,
     full_range,
     Reference,
     ReferencePoint,
-    settled,
     SmoothStart,
 )
 from adaptive_blf_control.control.set_constraints import (
@@ -274,11 +274,11 @@ class Controller:
         tuning = (self._tuning if settings is None
                   else self._tuned(ControllerSettings.taken(settings, {})))
         sets = _Sets(self.safety, self.performance, self.reference, self._bounds)
-        follow = settled(self.reference, t)
+        follow = from_time(self.reference, t)
         if reference is not None and blend_time != 0.0:
-            follow = Crossfade(follow, settled(reference, t), t, blend_time)
+            follow = Crossfade(follow, from_time(reference, t), t, blend_time)
         elif reference is not None:
-            follow = settled(reference, t)
+            follow = from_time(reference, t)
         if any(part is not None for part in (safety, performance, reference)):
             sets = self._checked(t, safety or self.safety, performance or self.performance, follow)
             if safety is not None:
@@ -336,7 +336,7 @@ class Controller:
         """
         start = self.reference.at(0.0).position
         trial = Controller(self.arm, self.settings, self.safety, self.performance,
-                           SmoothStart(settled(self.reference, np.inf), 1.0, start),
+                           SmoothStart(from_time(self.reference, np.inf), 1.0, start),
                            self._given_law if isinstance(self._given_law, type) else None,
                            self._given_constraints)
         output = trial.update(0.5, start, np.zeros(self.arm.n), theta)

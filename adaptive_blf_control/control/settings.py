@@ -71,7 +71,7 @@ class ReferenceSettings(Settings, where='controller.reference'):
     resume_time: float = parameter(
         2.0,
         'Time over which the measured posture is joined to the reference when the motion begins '
-        'anew, after joint states were lost or the clock jumped ahead.',
+        'again, after joint states were lost or the clock jumped ahead.',
         's', 0.0, exclusive=True, live=True)
 
 

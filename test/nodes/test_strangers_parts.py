@@ -12,6 +12,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from adaptive_blf_control.errors import SetViolation
 from adaptive_blf_control.messages.joint_state import decode_joint_state
 from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
@@ -96,3 +97,12 @@ def test_a_foreign_constraint_is_on_the_topic_and_in_the_diagnostics(graph, wait
                     '-2 .. 2 rad/s (margin -0.5 rad/s)')
     assert values['recovery'] == 'slow the reference down'
     assert node.monitors.violations == 1
+
+
+def test_a_start_outside_a_foreign_constraint_is_refused(graph, wait_until, limited):
+    node = limited()
+    graph.peer().listen(Float64MultiArray, f'/{COMMANDS}')
+    wait_until(lambda: node.count_subscribers(COMMANDS))
+    with pytest.raises(SetViolation, match='start velocity outside the velocity set: 2.5 rad/s'):
+        node.on_joint_states(_state(0, [2.5, 0.0]), {})
+    assert node.output is None
