@@ -21,7 +21,7 @@ from adaptive_blf_control.configuration.node_settings import (
 from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.control.constraints import Constraint
 from adaptive_blf_control.control.controller import Controller
-from adaptive_blf_control.control.laws import Law
+from adaptive_blf_control.control.laws.protocol import Law
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.identification.identifier import Identifier

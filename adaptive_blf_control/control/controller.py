@@ -13,7 +13,8 @@ from adaptive_blf_control.arrays import checked_array, checked_number
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.constraints import Constraint, Constraints, MotionState
 from adaptive_blf_control.control.law import limited_answer
-from adaptive_blf_control.control.laws import foreign_law, Law, LawSample, make_law
+from adaptive_blf_control.control.laws.choice import foreign_law, make_law, retuned_law
+from adaptive_blf_control.control.laws.protocol import Law, LawSample
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.reference import (
     Crossfade,
@@ -172,6 +173,7 @@ class Controller:
         self._given_law = None if isinstance(law, str) else law
         self._given_constraints = tuple(constraints)
         self._no_regressor = np.zeros((arm.n, arm.m))
+        self._not_measured = np.full(arm.n, np.nan)
         self._n, self._m = (arm.n,), (arm.m,)
         self._last_torque = np.zeros(arm.n)
         self._last_t: float | None = None
@@ -187,10 +189,12 @@ class Controller:
         return (f'<Controller of {self.arm!r}: safety {self.safety.lower.tolist()} to '
                 f'{self.safety.upper.tolist()} rad>')
 
-    def _tuned(self, settings: ControllerSettings) -> _Tuning:
+    def _tuned(self, settings: ControllerSettings, before: Law | None = None) -> _Tuning:
         full, given = settings.resolved(joints=self.arm.n), self._given_law
-        law = (make_law(self.arm, full) if given is None else
-               foreign_law('law', given, given, self.arm, full))
+        law = None if before is None else retuned_law(before, full)
+        if law is None:
+            law = (make_law(self.arm, full) if given is None else
+                   foreign_law('law', given, given, self.arm, full))
         names = (name for name in full.constraints if name)
         # Copies that may be written to: the limits are compiled for those.
         return _Tuning(full, law, tuple(made_constraint(self.arm, full, each)
@@ -272,7 +276,7 @@ class Controller:
         joints = self.arm.joints
         q = checked_array('q', q, self._n, joints)
         tuning = (self._tuning if settings is None
-                  else self._tuned(ControllerSettings.taken(settings, {})))
+                  else self._tuned(ControllerSettings.taken(settings, {}), self._law))
         sets = _Sets(self.safety, self.performance, self.reference, self._bounds)
         follow = from_time(self.reference, t)
         if reference is not None and blend_time != 0.0:
@@ -293,7 +297,8 @@ class Controller:
                              'present error outside the new performance set')
         self._take(tuning, sets)
 
-    def update(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray) -> ControlOutput:
+    def update(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
+               torque: np.ndarray | None = None) -> ControlOutput:
         """Compute the torque for the sample taken at ``t`` [s] since the start of the motion.
 
         Args:
@@ -301,6 +306,8 @@ class Controller:
             q: Measured positions, shape (n,) [rad].
             qd: Measured velocities, shape (n,) [rad/s].
             theta: Parameter estimate θ̂, shape (m,).
+            torque: Mean torque applied since the sample before, shape (n,) [N·m]; None where it
+                is not measured. For laws that learn by themselves; (38) does not look at it.
         """
         arm = self.arm
         t = checked_number('t', t)
@@ -308,7 +315,9 @@ class Controller:
         qd = checked_array('qd', qd, self._n, arm.joints)
         theta = checked_array('theta', theta, self._m, arm.parameters)
         point, bounds = self.reference.at(t), self._bounds.at(t)
-        answer = self._law.answer(LawSample(t, q, qd, point, bounds, theta))
+        torque = (self._not_measured if torque is None
+                  else checked_array('torque', torque, self._n, arm.joints))
+        answer = self._law.answer(LawSample(t, q, qd, torque, point, bounds, theta))
         dt = FIRST_INTERVAL if self._last_t is None else t - self._last_t
         e1 = q - point.position
         x = self._no_regressor if answer.regressor is None else answer.regressor

@@ -138,8 +138,8 @@ class Motion:
         self.controller, self._start_ns = controller, stamp
         return controller
 
-    def answer(self, stamp: int, q: np.ndarray, qd: np.ndarray,
-               theta: np.ndarray) -> ControlOutput:
+    def answer(self, stamp: int, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
+               torque: np.ndarray | None = None) -> ControlOutput:
         """Answer a state of the motion.
 
         Args:
@@ -147,12 +147,13 @@ class Motion:
             q: Measured positions, shape (n,) [rad].
             qd: Measured velocities, shape (n,) [rad/s].
             theta: Parameter estimate θ̂, shape (m,).
+            torque: Measured torque, shape (n,) [N·m]; None where there is none.
         """
         if self.controller is None:
             raise BlfError('no motion has begun')
         self.gate.take(stamp)
         self.q, self.qd, self.lost = q, qd, ''
-        self.output = self.controller.update(self.t, q, qd, theta)
+        self.output = self.controller.update(self.t, q, qd, theta, torque)
         return self.output
 
     def lose(self, reason: str) -> None:

@@ -17,10 +17,10 @@ from adaptive_blf_control.parameters.settings import (
 )
 
 __all__ = ['COUPLINGS', 'LAWS', 'ControllerSettings', 'PerformanceSettings', 'ReferenceSettings',
-           'SafetySettings', 'SinusoidSettings']
+           'SafetySettings', 'SinusoidSettings', 'SlotineLiSettings']
 
 COUPLINGS = ('per_joint', 'pseudoinverse')
-LAWS = ('ablf', 'pd', 'computed_torque')
+LAWS = ('ablf', 'pd', 'computed_torque', 'slotine_li')
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -75,6 +75,15 @@ class ReferenceSettings(Settings, where='controller.reference'):
         's', 0.0, exclusive=True, live=True)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SlotineLiSettings(Settings, where='controller.slotine_li'):
+    """The law of Slotine and Li, which adapts by itself."""
+
+    gamma: np.ndarray = parameter(
+        [200.0], 'Diagonal of Gamma of the law slotine_li.', '', 0.0, exclusive=True,
+        length='parameters', live=True)
+
+
 @listed
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ControllerSettings(Settings, where='controller'):
@@ -82,8 +91,8 @@ class ControllerSettings(Settings, where='controller'):
 
     law: str = parameter(
         'ablf',
-        'ablf: the law (38); pd, computed_torque: for comparison, without an adaptation term; '
-        'module:name: called with the arm and these settings, it returns a law.',
+        'ablf: the law (38); pd, computed_torque, slotine_li: for comparison, without an '
+        'adaptation term; module:name: called with the arm and these settings, it returns a law.',
         choices=LAWS, plugin=True)
     constraints: tuple[str, ...] = parameter(
         [''], 'What else counts as inside, each module:name: called with the arm and these '
@@ -104,6 +113,7 @@ class ControllerSettings(Settings, where='controller'):
     torque_rate_limit: np.ndarray = parameter(
         [10000.0], 'Largest change of the commanded torque.',
         'N*m/s', 0.0, exclusive=True, length='joints', live=True)
+    slotine_li: SlotineLiSettings = group(SlotineLiSettings)
     safety: SafetySettings = group(SafetySettings)
     performance: PerformanceSettings = group(PerformanceSettings)
     reference: ReferenceSettings = group(ReferenceSettings)

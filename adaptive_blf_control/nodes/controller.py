@@ -30,6 +30,7 @@ from adaptive_blf_control.control.controller import (
     sampling_number,
 )
 from adaptive_blf_control.control.estimate_gate import EstimateGate
+from adaptive_blf_control.control.laws.protocol import uses_estimate
 from adaptive_blf_control.control.motion import groups_of, Motion
 from adaptive_blf_control.control.ramp import RAMP_STEP
 from adaptive_blf_control.control.refusal import Refusal
@@ -102,6 +103,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         trial = Controller(self.arm, settings)
         trial.warm_up(self.theta)  # compiled here, not in the first answer
         self._check_sampling(trial)
+        self._hears_estimates = settings.model == 'estimated' and uses_estimate(trial.law)
         self.motion = Motion(self.arm, settings)
         self._state_reader = JointStateReader(self.arm.joints)
         self._theta_reader = JointStateReader(self.arm.parameters)
@@ -118,7 +120,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self._trajectories = self.create_subscription(
             JointTrajectory, JOINT_TRAJECTORY, self.on_joint_trajectory, 10)
         self._inputs = []
-        if self.settings.model == 'estimated':
+        if self._hears_estimates:
             self._inputs.append(self.data_subscription(
                 JointState, THETA_HAT, self.on_theta_hat, wake=self.lockstep,
                 newest_only=not self.lockstep, reliable=self.lockstep))
@@ -233,7 +235,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> bool:
         """Answer a joint state with a torque; False where it cannot be used."""
         try:
-            stamp, q, qd, _ = self._state_reader.read(data)
+            stamp, q, qd, torque = self._state_reader.read(data)
         except BagError as error:
             self.drop('unusable joint state', str(error))
             return False
@@ -251,7 +253,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         controller = self.motion.controller or self._begin(stamp, q, qd)
         self.heard_at = time.monotonic()
         self.aged(info)
-        output = self._answer(stamp, q, qd, controller)
+        output = self._answer(stamp, q, qd, torque, controller)
         if begins:  # after the answer: writing a log line takes longer than the law
             self.get_logger().info('motion begins')
             if self.active:
@@ -281,13 +283,13 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
     def _must_wait(self) -> bool:
         """In lockstep a state is answered with the estimate that belongs to the one before it."""
         last_ns = self.motion.gate.last_ns
-        if last_ns is None or self.settings.model != 'estimated':
+        if last_ns is None or not self._hears_estimates:
             return False
         return not self.estimates.use_after(last_ns) and self.count_publishers(THETA_HAT) > 0
 
-    def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray,
+    def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
                 controller: Controller) -> ControlOutput:
-        output = self.motion.answer(stamp, q, qd, self.theta)
+        output = self.motion.answer(stamp, q, qd, self.theta, torque)
         self.commands.send(output.torque)
         self._term.publish(self.monitors.codecs.adaptation_term(stamp, output))
         inside = self.monitors.watch(controller, stamp, output, self.theta)
@@ -357,7 +359,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             return DiagnosticStatus.ERROR, 'another node sends commands, too', values
         if self.monitors.violations:
             return DiagnosticStatus.ERROR, self.monitors.first_violation, values
-        if self.settings.model == 'estimated' and not self.lockstep:
+        if self._hears_estimates and not self.lockstep:
             return self._with_estimate(values)
         return DiagnosticStatus.OK, 'running', values
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptive_blf_control.control.constraints import Bounded
+from adaptive_blf_control import Bounded
 
 
 class VelocityLimit:

@@ -12,6 +12,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from adaptive_blf_control.control.laws.protocol import own_estimate
 from adaptive_blf_control.errors import SetViolation
 from adaptive_blf_control.messages.joint_state import decode_joint_state
 from adaptive_blf_control.messages.topics import (
@@ -106,3 +107,24 @@ def test_a_start_outside_a_foreign_constraint_is_refused(graph, wait_until, limi
     with pytest.raises(SetViolation, match='start velocity outside the velocity set: 2.5 rad/s'):
         node.on_joint_states(_state(0, [2.5, 0.0]), {})
     assert node.output is None
+
+
+@pytest.mark.parametrize('law', ['pd', 'slotine_li'])
+def test_a_law_that_needs_no_estimate_drives_an_arm_without_an_identifier(graph, wait_until, law):
+    driver = graph.make(ArmDriver, rate=200.0)
+    controller = graph.make(ControllerNode, law=law, performance__lower=[-0.6],
+                            performance__upper=[0.6], state_timeout=60.0, **SWING)
+    peer = graph.peer()
+    terms, states = (peer.listen(JointState, f'/{topic}')
+                     for topic in (ADAPTATION_TERM, JOINT_STATES))
+    assert controller.count_subscribers(THETA_HAT) == 0
+    for node in (driver, controller):
+        graph.run(node)
+    wait_until(lambda: states and np.abs(decode_joint_state(states[-1][0]).position).max() > 0.1,
+               what='a motion')
+    wait_until(lambda: controller.status()[1] == 'running', what='a status without a warning')
+    assert terms
+    assert not np.any([decode_joint_state(data).position for data, _ in terms])
+    adapted = own_estimate(controller.motion.controller.law)
+    assert (adapted is not None) is (law == 'slotine_li')
+    assert adapted is None or adapted.any()
