@@ -9,7 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm
-from adaptive_blf_control.arrays import checked_array, checked_number
+from adaptive_blf_control.arrays import (
+    are_vectors,
+    checked_array,
+    checked_number,
+    checked_vectors,
+)
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.constraints import Constraint, Constraints, MotionState
 from adaptive_blf_control.control.law import limited_answer
@@ -309,14 +314,11 @@ class Controller:
             torque: Mean torque applied since the sample before, shape (n,) [N·m]; None where it
                 is not measured. For laws that learn by themselves; (38) does not look at it.
         """
-        arm = self.arm
-        t = checked_number('t', t)
-        q = checked_array('q', q, self._n, arm.joints)
-        qd = checked_array('qd', qd, self._n, arm.joints)
-        theta = checked_array('theta', theta, self._m, arm.parameters)
+        t, torque = checked_number('t', t), self._not_measured if torque is None else torque
+        if not are_vectors(self._n, q, qd, torque):
+            q, qd, torque = checked_vectors(self.arm.joints, q=q, qd=qd, torque=torque)
+        theta = checked_array('theta', theta, self._m, self.arm.parameters)
         point, bounds = self.reference.at(t), self._bounds.at(t)
-        torque = (self._not_measured if torque is None
-                  else checked_array('torque', torque, self._n, arm.joints))
         answer = self._law.answer(LawSample(t, q, qd, torque, point, bounds, theta))
         dt = FIRST_INTERVAL if self._last_t is None else t - self._last_t
         e1 = q - point.position

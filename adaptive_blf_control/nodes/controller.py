@@ -23,6 +23,7 @@ from trajectory_msgs.msg import JointTrajectory
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.configuration.build import initial_theta
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
+from adaptive_blf_control.control.arm_limits import limit_warnings
 from adaptive_blf_control.control.controller import (
     Controller,
     ControlOutput,
@@ -103,6 +104,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         trial = Controller(self.arm, settings)
         trial.warm_up(self.theta)  # compiled here, not in the first answer
         self._check_sampling(trial)
+        for warning in limit_warnings(self.arm, settings):
+            self.get_logger().warning(warning)
         self._hears_estimates = settings.model == 'estimated' and uses_estimate(trial.law)
         self.motion = Motion(self.arm, settings)
         self._state_reader = JointStateReader(self.arm.joints)

@@ -455,3 +455,15 @@ def test_a_blend_time_that_is_none_is_named(blend):
     law = controller(widen=1.0)
     with pytest.raises(ParameterError, match='blend_time'):
         law.retune(0.0, TASK.at(0.0).position, reference=OTHER, blend_time=blend)
+
+
+@pytest.mark.parametrize(('settings', 'message'), [
+    ({'safety.lower': [1.0], 'safety.upper': [1.0]},
+     r"'controller\.safety\.lower' is \[1\.0\].*below controller\.safety\.upper = \[1\.0\] rad"),
+    ({'safety.lower': [0.0, 2.0], 'safety.upper': [1.0]}, r'controller\.safety\.lower'),
+    ({'performance.lower': [0.0]}, r"'controller\.performance\.lower'.*lower < 0 < upper"),
+    ({'performance.upper': [-0.1]}, r"'controller\.performance\.upper'.*lower < 0 < upper"),
+    ({'constraints': ['', 'velocity']}, "module:name each, not 'velocity'")])
+def test_settings_that_do_not_fit_each_other_are_refused_when_they_are_made(settings, message):
+    with pytest.raises(ParameterError, match=message):
+        ControllerSettings().replace(**settings)

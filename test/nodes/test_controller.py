@@ -729,3 +729,16 @@ def test_a_trajectory_that_cannot_be_followed_is_dropped_whole(rig, capfd, messa
     assert what in capfd.readouterr().err
     rig.answer(_state(1.0))
     assert rig.node.motion.controller.reference is reference
+
+
+def test_settings_beyond_the_limits_of_the_arm_are_a_warning_with_numbers(
+        graph, tmp_path, pair_urdf, capfd) -> None:
+    urdf = tmp_path / 'pair.urdf'
+    urdf.write_text(pair_urdf, encoding='utf-8')
+    graph.make(ControllerNode, arm='urdf', urdf=str(urdf), joints=['shoulder', 'elbow'],
+               safety__lower=[-1.9, -2.1], safety__upper=[2.0, 2.0], torque_limit=[60.0, 40.0])
+    log = capfd.readouterr().err
+    assert ("joint 'elbow': the safety set -2.1 .. 2 rad goes beyond the limits of the arm, "
+            '-2 .. 2 rad') in log
+    assert "joint 'shoulder': torque_limit 60 N·m is above the limit of the arm, 50 N·m" in log
+    assert log.count('of the arm') == 2

@@ -3,16 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arrays import checked_array
-from adaptive_blf_control.control.laws.ablf import AblfLaw
-from adaptive_blf_control.control.laws.fixed import ComputedTorque, ProportionalDerivative
 from adaptive_blf_control.control.laws.protocol import (
     Law,
     LawAnswer,
@@ -20,16 +16,11 @@ from adaptive_blf_control.control.laws.protocol import (
     own_estimate,
     uses_estimate,
 )
-from adaptive_blf_control.control.laws.slotine_li import SlotineLi
-from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.control.settings import ControllerSettings, LAWS
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made
+from adaptive_blf_control.parameters.plugin import load_plugin, made
 
 __all__ = ['foreign_law', 'make_law', 'retuned_law']
-
-_OURS: Mapping[str, Any] = MappingProxyType({
-    'ablf': AblfLaw, 'pd': ProportionalDerivative, 'computed_torque': ComputedTorque,
-    'slotine_li': SlotineLi})
 
 
 def make_law(arm: Arm, settings: ControllerSettings) -> Law:
@@ -42,8 +33,8 @@ def make_law(arm: Arm, settings: ControllerSettings) -> Law:
     Raises:
         ParameterError: the stranger's law cannot be imported or has no ``answer``.
     """
-    if not is_plugin(settings.law):
-        law: Law = _OURS[settings.law](arm, settings)
+    if settings.law in LAWS:
+        law: Law = load_plugin('controller.law', LAWS[settings.law])(arm, settings)
         return law
     return foreign_law('controller.law', settings.law, load_plugin(
         'controller.law', settings.law), arm, settings)
