@@ -36,8 +36,13 @@ if TYPE_CHECKING:
     from adaptive_blf_control.arms.urdf import UrdfArm as UrdfArm
     from adaptive_blf_control.bags.logs import MeasuredLog as MeasuredLog, read_log as read_log
     from adaptive_blf_control.bags.reader import read_bag as read_bag
+    from adaptive_blf_control.control.constraints import (
+        Bounded as Bounded,
+        Constraint as Constraint,
+        MotionState as MotionState,
+    )
     from adaptive_blf_control.control.controller import Controller as Controller
-    from adaptive_blf_control.control.laws import (
+    from adaptive_blf_control.control.laws.protocol import (
         Law as Law,
         LawAnswer as LawAnswer,
         LawSample as LawSample,
@@ -84,8 +89,9 @@ _NAMES = {
     'arms.urdf': ('UrdfArm',),
     'bags.logs': ('MeasuredLog', 'read_log'),
     'bags.reader': ('read_bag',),
+    'control.constraints': ('Bounded', 'Constraint', 'MotionState'),
     'control.controller': ('Controller',),
-    'control.laws': ('Law', 'LawAnswer', 'LawSample'),
+    'control.laws.protocol': ('Law', 'LawAnswer', 'LawSample'),
     'control.reference': ('Reference', 'ReferencePoint', 'SumOfSinusoids'),
     'control.settings': ('ControllerSettings',),
     'errors': ('ArmError', 'BagError', 'BlfError', 'LogError',

@@ -42,7 +42,7 @@ def _cache_folder() -> str:
     package = Path(__file__).parent
     digest = hashlib.sha256(Path(__file__).read_bytes())
     for room in ('arms', 'control', 'identification'):  # where the compiled functions are
-        for source in sorted((package / room).glob('*.py')):
+        for source in sorted((package / room).rglob('*.py')):
             digest.update(source.read_bytes())
     folder = package / '__pycache__' / f'numba_{digest.hexdigest()[:16]}'
     try:

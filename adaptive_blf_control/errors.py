@@ -57,19 +57,23 @@ def _closest(name: str, known: list[str]) -> str | None:
 
 
 class SetViolation(BlfError, ValueError):
-    """A joint lies outside a set, or one set pokes out of another.
+    """A joint or body lies outside a set, or one set pokes out of another.
 
     Attributes:
-        joint: Joint name.
-        value: Offending value [rad].
-        bound: Bound that is violated [rad].
+        joint: Name of the joint or body.
+        value: Offending value [rad], or in ``unit``.
+        bound: Bound that is violated, likewise.
+        unit: Of both.
     """
 
-    def __init__(self, joint: str, value: float, bound: float, what: str) -> None:
-        super().__init__(f'joint {joint!r}: {what}: {value:.6g} rad against {bound:.6g} rad')
+    def __init__(self, joint: str, value: float, bound: float, what: str, *, unit: str = 'rad',
+                 kind: str = 'joint', recovery: str = '') -> None:
+        super().__init__(f'{kind} {joint!r}: {what}: {value:.6g} {unit} against {bound:.6g} '
+                         f'{unit}' + (f': {recovery}' if recovery else ''))
         self.joint = joint
         self.value = value
         self.bound = bound
+        self.unit = unit
 
 
 class ArmError(BlfError, ValueError):

@@ -2,7 +2,7 @@
 """``compare [CONFIG...]``: our law against other laws, or ``--noise``: what protects the estimate.
 
 Every law has the plant, reference, sensors and torque limit of the scenario and gains derived from
-the scenario's (simulation/baselines/gains.py).
+the scenario's (control/laws/linear_gains.py).
 """
 
 from __future__ import annotations
@@ -52,8 +52,7 @@ def _compare(config: Path, options: argparse.Namespace) -> dict[str, Any]:
               + '|---' * len(COLUMNS) + '|', flush=True)
     table: dict[str, Any] = {}
     for name in LAWS:
-        loop, run = run_law(data, name, duration)
-        table[name] = law_figures(loop, run)
+        table[name] = law_figures(run_law(data, name, duration))
         if not options.json:
             print(markdown_row(name, table[name], name not in FIXED), flush=True)
     if not options.json:

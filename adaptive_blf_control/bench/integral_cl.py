@@ -16,12 +16,12 @@ from collections import deque
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.control.reference import Reference
+from adaptive_blf_control.control.laws.protocol import LawSample
+from adaptive_blf_control.control.laws.slotine_li import SlotineLi
+from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.state_filter import StateFilter
 from adaptive_blf_control.identification.update_law import implicit_step
-from adaptive_blf_control.simulation.baselines.gains import Gains
-from adaptive_blf_control.simulation.baselines.slotine_li import SlotineLi
 from adaptive_blf_control.simulation.sensors import Measurement
 
 __all__ = ['IntegralConcurrentLearning', 'IntegralWindow']
@@ -67,34 +67,34 @@ class IntegralWindow:
 class IntegralConcurrentLearning(SlotineLi):
     """θ̂̇ = −Γ[Y_rᵀ s + k_h Σ 𝒴_jᵀ(𝒴_j θ̂ − 𝒰_j)], stepped implicitly as our own law is."""
 
-    def __init__(self, arm: Arm, reference: Reference, gains: Gains, gamma: np.ndarray,
-                 theta: np.ndarray, kh: float, stack: HistoryStack, samples: int,
-                 state_filter: StateFilter | None = None) -> None:
+    def __init__(self, arm: Arm, settings: ControllerSettings, kh: float, stack: HistoryStack,
+                 samples: int, state_filter: StateFilter | None = None) -> None:
         """Take k_h, an empty stack and the length of the window in samples.
 
         With a state filter it learns from filtered signals; it still tracks with the measured.
         """
-        super().__init__(arm, reference, gains, gamma, theta)
+        super().__init__(arm, settings)
         self._state_filter = state_filter
         self.stack = stack
         self._kh = kh
         self._window = IntegralWindow(arm, samples)
         self._no_pair = np.zeros((arm.n, arm.m)), np.zeros(arm.n)
 
-    def update(self, t: float, measured: Measurement) -> np.ndarray:
-        """Answer a sample; see `Law`."""
-        if self._t is None:
-            self._window.update(0.0, *self._seen(0.0, measured))
-        return super().update(t, measured)
-
-    def _seen(self, dt: float, measured: Measurement) -> Measurement:
+    def _seen(self, dt: float, sample: LawSample) -> Measurement:
+        measured = Measurement(sample.q, sample.qd, sample.torque)
         if self._state_filter is None:
             return measured
         return Measurement(*self._state_filter.update(dt, measured.q, measured.torque))
 
-    def _learn(self, t: float, dt: float, measured: Measurement, term: np.ndarray) -> None:
-        pair = self._window.update(dt, *self._seen(dt, measured))
+    def _begin(self, sample: LawSample) -> np.ndarray:
+        self._window.update(0.0, *self._seen(0.0, sample))
+        return super()._begin(sample)
+
+    def _learn(self, theta: np.ndarray, sample: LawSample, dt: float,
+               term: np.ndarray) -> np.ndarray:
+        pair = self._window.update(dt, *self._seen(dt, sample))
         if pair is not None:
             self.stack.offer(*pair)
-        self.theta = implicit_step(self.theta, dt, self._gamma, 0.0, self._kh, *self._no_pair,
-                                   self.stack.gram, self.stack.moment, term)
+        return np.asarray(implicit_step(
+            theta, dt, self._gamma, 0.0, self._kh, *self._no_pair, self.stack.gram,
+            self.stack.moment, term))

@@ -9,9 +9,14 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.bench.comparison import LawRun
-from adaptive_blf_control.runs.summary import SETTLED, settling_time
+from adaptive_blf_control.runs.margins import violated_at
+from adaptive_blf_control.runs.summary import (
+    margins_of_run,
+    run_of_trace,
+    SETTLED,
+    settling_time,
+)
 from adaptive_blf_control.runs.torque_error import PredictedTorque
-from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 from adaptive_blf_control.simulation.plant import known_truth
 
 __all__ = ['COLUMNS', 'law_figures', 'markdown_row']
@@ -24,39 +29,40 @@ def _rms(values: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.mean(values ** 2, axis=0)))
 
 
-def law_figures(loop: ClosedLoop, run: LawRun) -> dict[str, Any]:
+def law_figures(run: LawRun) -> dict[str, Any]:
     """Return the figures of a run, per joint in the order of the joints, and overall.
 
     Overall is the RMS over all joints for RMS values, the worst joint otherwise. Settling times
     are None where the law has no estimate or never settles: of θ̃ (1 % in norm) and of the torque
     predicted along the reference (1 %, every joint).
     """
-    safety, performance = loop.controller.safety, loop.controller.performance
-    margin = performance.margin(run.e1).min(axis=0)
-    left = ~((performance.margin(run.e1) > 0.0) & (safety.margin(run.q) > 0.0)).all(axis=1)
-    joints = {'rms_error': _rms(run.e1), 'max_abs_error': np.abs(run.e1).max(axis=0),
-              'min_margin': margin, 'rms_torque': _rms(run.torque),
-              'chatter': _rms(np.diff(run.torque, axis=0))}
+    trace = run.trace
+    margins = margins_of_run(run_of_trace(run.loop, trace))
+    [performance] = [each.values for each in margins if each.constraint == 'performance']
+    joints = {'rms_error': _rms(trace.e1), 'max_abs_error': np.abs(trace.e1).max(axis=0),
+              'min_margin': performance.min(axis=0), 'rms_torque': _rms(trace.torque),
+              'chatter': _rms(np.diff(trace.torque, axis=0))}
     figures: dict[str, Any] = {name: value.tolist() for name, value in joints.items()}
-    figures['set_violations'] = int(np.count_nonzero(left))
+    figures['set_violations'] = int(np.count_nonzero(violated_at(trace.t, margins)))
     figures['overall'] = {
         name: float(value.min() if name == 'min_margin' else value.max()
                     if name == 'max_abs_error' else _rms(value))
         for name, value in joints.items()}
-    figures.update(_learning(loop, run))
+    figures.update(_learning(run))
     return figures
 
 
-def _learning(loop: ClosedLoop, run: LawRun) -> dict[str, Any]:
+def _learning(run: LawRun) -> dict[str, Any]:
     figures: dict[str, Any] = {'theta_error': None, 'theta_settling_time_s': None,
                                'predicted_torque_error': None, 'torque_settling_time_s': None}
     if run.theta is None:
         return figures
-    t, theta = run.t[::EVERY], run.theta[::EVERY]
+    loop, times = run.loop, run.trace.t
+    t, theta = times[::EVERY], run.theta[::EVERY]
     true = known_truth(loop.plant, loop.arm.parameters)[-1][1]
     relative = np.linalg.norm(theta - true, axis=1) / np.linalg.norm(true)
     predicted = PredictedTorque(loop.arm, loop.controller.reference,
-                                float(run.t[-1])).error(theta, true)
+                                float(times[-1])).error(theta, true)
     figures['theta_error'] = float(relative[-1])
     figures['theta_settling_time_s'] = settling_time(t, relative, SETTLED)
     figures['predicted_torque_error'] = predicted[-1].tolist()

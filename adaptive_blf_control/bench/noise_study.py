@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.bench.comparison import drive
-from adaptive_blf_control.bench.ours import Ours
+from adaptive_blf_control.bench.comparison import WRONG_MODEL
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import ParameterError
@@ -23,7 +22,6 @@ from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.update_law import implicit_step
 from adaptive_blf_control.identification.update_laws import Evidence
 from adaptive_blf_control.runs.torque_error import PredictedTorque
-from adaptive_blf_control.simulation.baselines.gains import WRONG_MODEL
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 from adaptive_blf_control.simulation.plant import known_truth
 
@@ -114,11 +112,12 @@ def second_minute(folder: Path, settings: Sequence[str], payload: float,
         change(loop)
     measure = PredictedTorque(loop.arm, loop.controller.reference, 120.0)
     true = known_truth(loop.plant, loop.arm.parameters)[0][1]
-    law, errors, left = Ours(loop), [], 0
-    for k, (t, _) in enumerate(drive(loop, law, 120.0)):
+    errors, left = [], 0
+    for k, sample in enumerate(loop.samples(120.0)):
+        t = sample.t
         left += not _inside(loop, t)
         if t > 60.0 - 1e-9 and k % 1000 == 0:
-            errors.append(measure.error(law.theta, true))
+            errors.append(measure.error(sample.theta_hat, true))
     later = np.array(errors)
     return SecondMinute(later[0], later.max(axis=0), (later[1:] - later[0]).max(axis=0), left,
                         loop.identifier.monitor.changes)
@@ -129,9 +128,8 @@ def _loop(folder: Path, name: str, settings: Sequence[str]) -> ClosedLoop:
 
 
 def _inside(loop: ClosedLoop, t: float) -> bool:
-    controller, q = loop.controller, loop.plant.q
-    return bool((controller.performance.margin(q - controller.reference.at(t).position) > 0.0
-                 ).all() and (controller.safety.margin(q) > 0.0).all())
+    state = loop.controller.state(t, loop.plant.q, loop.plant.qd)
+    return bool((loop.controller.constraints.margins(state) > 0.0).all())
 
 
 def _percent(values: np.ndarray) -> str:
@@ -202,12 +200,13 @@ def _alarms(folder: Path) -> None:
           'torque at the end [%] |\n' + '|---' * 6 + '|')
     for payload in (0.0,):
         loop = _loop(folder, ENCODER, [f'arm_driver.payload={payload}'])
-        monitor, law, largest, left = loop.identifier.monitor, Ours(loop), 0.0, 0
-        for t, _ in drive(loop, law, 1800.0):
+        monitor, largest, left = loop.identifier.monitor, 0.0, 0
+        for sample in loop.samples(1800.0):
             largest = max(largest, float(monitor.statistic.max()))
-            left += not _inside(loop, t)
+            left += not _inside(loop, sample.t)
         measure = PredictedTorque(loop.arm, loop.controller.reference, 120.0)
-        error = measure.error(law.theta, known_truth(loop.plant, loop.arm.parameters)[0][1])
+        error = measure.error(sample.theta_hat,
+                              known_truth(loop.plant, loop.arm.parameters)[0][1])
         print(f'| {payload:g} | {monitor.changes} | {largest:.2f} | {monitor.threshold:g} | '
               f'{left} | {_percent(error)} |\n', flush=True)
 
@@ -229,10 +228,11 @@ def _detection(folder: Path) -> None:
 def _detect(loop: ClosedLoop) -> list[str]:
     (_, _), (jump, true) = known_truth(loop.plant, loop.arm.parameters)
     measure = PredictedTorque(loop.arm, loop.controller.reference, 2.0 * jump)
-    monitor, stack, law, left = loop.identifier.monitor, loop.identifier.stack, Ours(loop), 0
+    monitor, stack, left = loop.identifier.monitor, loop.identifier.stack, 0
     found = full = bad = None
     before = 0
-    for k, (t, _) in enumerate(drive(loop, law, 2.0 * jump)):
+    for k, sample in enumerate(loop.samples(2.0 * jump)):
+        t = sample.t
         left += not _inside(loop, t)
         if t < jump:
             before = monitor.changes
@@ -241,11 +241,11 @@ def _detect(loop: ClosedLoop) -> list[str]:
             found = t - jump
         if found is not None and full is None and stack.rank == loop.arm.m:
             full = t - jump
-        if k % 20 == 0 and measure.error(law.theta, true).max() > 0.01:
+        if k % 20 == 0 and measure.error(sample.theta_hat, true).max() > 0.01:
             bad = t - jump
     return ['not' if found is None else f'{1000.0 * found:.0f}',
             'not' if full is None else f'{full:.2f}', '0' if bad is None else f'{bad:.2f}',
-            _percent(measure.error(law.theta, true)), str(left), str(monitor.changes)]
+            _percent(measure.error(sample.theta_hat, true)), str(left), str(monitor.changes)]
 
 
 PARTS: dict[str, Callable[[Path], None]] = {

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,9 +19,9 @@ from adaptive_blf_control.configuration.node_settings import (
     IdentifierNodeSettings,
 )
 from adaptive_blf_control.configuration.parameter_file import node_settings
+from adaptive_blf_control.control.constraints import Constraint
 from adaptive_blf_control.control.controller import Controller
-from adaptive_blf_control.control.laws import Law
-from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.control.laws.protocol import Law
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.identification.identifier import Identifier
@@ -32,8 +32,8 @@ from adaptive_blf_control.simulation.plant import Epoch, Plant, REQUIRED, Simula
 from adaptive_blf_control.simulation.schedule import Change, Schedule
 from adaptive_blf_control.simulation.sensors import Sensors
 
-__all__ = ['OwnParts', 'build_arm', 'build_closed_loop', 'build_controller', 'build_identifier',
-           'build_plant', 'build_simulated_arm', 'initial_estimate', 'initial_theta', 'true_theta']
+__all__ = ['OwnParts', 'build_arm', 'build_closed_loop', 'build_identifier', 'build_plant',
+           'build_simulated_arm', 'initial_estimate', 'initial_theta', 'true_theta']
 
 FRICTION = ('viscous', 'coulomb', 'offset')
 
@@ -128,20 +128,6 @@ def build_simulated_arm(settings: DriverSettings, arm: Arm) -> SimulatedArm:
                         settings.dead_time)
 
 
-def build_controller(settings: ControllerSettings, arm: Arm, start: np.ndarray | None,
-                     law: Law | type[Law] | str | None = None) -> Controller:
-    """Build the controller for a motion that begins in the posture ``start``, (n,) [rad].
-
-    Without a posture the sets are checked for the reference alone, without a smooth start. A law
-    takes the place of the one that the settings name.
-
-    Raises:
-        SetViolation: 𝒫̄ ⊄ 𝒮̄, or the start lies outside a set.
-        ParameterError: a value cannot be used.
-    """
-    return Controller(arm, settings, law=law, start=start)
-
-
 def initial_theta(settings: ControllerNodeSettings, arm: Arm) -> np.ndarray:
     """Return what the controller uses before the first θ̂, or for good (``model: known``), (m,).
 
@@ -185,6 +171,7 @@ class OwnParts(NamedTuple):
     plant: Plant | None = None
     law: Law | type[Law] | str | None = None
     update_law: UpdateLaw | type[UpdateLaw] | str | None = None
+    constraints: Sequence[Constraint | type[Constraint] | str] = ()
 
 
 _NONE_OWN = OwnParts()
@@ -204,8 +191,9 @@ def build_closed_loop(data: Mapping[str, Any], own: OwnParts = _NONE_OWN) -> Clo
     if plant is None:
         plant = build_plant(driver, arm or build_arm(driver))
     known = arm or build_arm(controller)
-    start = plant.measured_position()
-    return ClosedLoop(plant, build_controller(controller, known, start, own.law),
+    begun = Controller(known, controller, law=own.law, constraints=own.constraints,
+                       start=plant.measured_position(), velocity=plant.qd)
+    return ClosedLoop(plant, begun,
                       build_identifier(identifier, arm or build_arm(identifier),
                                        update_law=own.update_law),
                       1.0 / driver.rate, initial_theta(controller, known),

@@ -3,30 +3,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm
-from adaptive_blf_control.arrays import checked_array, checked_number
+from adaptive_blf_control.arrays import (
+    are_vectors,
+    checked_array,
+    checked_number,
+    checked_vectors,
+)
 from adaptive_blf_control.control.barrier import barrier
+from adaptive_blf_control.control.constraints import Constraint, Constraints, MotionState
 from adaptive_blf_control.control.law import limited_answer
-from adaptive_blf_control.control.laws import foreign_law, Law, LawSample, make_law
+from adaptive_blf_control.control.laws.choice import foreign_law, make_law, retuned_law
+from adaptive_blf_control.control.laws.protocol import Law, LawSample
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.reference import (
     Crossfade,
+    from_time,
     full_range,
     Reference,
     ReferencePoint,
-    settled,
     SmoothStart,
+)
+from adaptive_blf_control.control.set_constraints import (
+    made_constraint,
+    PerformanceConstraint,
+    SafetyConstraint,
 )
 from adaptive_blf_control.control.sets import (
     Bounds,
     check_inside,
     check_performance_inside_safety,
-    check_start,
     GrowingBounds,
     JointInterval,
 )
@@ -50,24 +61,32 @@ class ControlOutput(NamedTuple):
     Attributes:
         torque: Commanded torque after the limits [N·m]; always finite.
         adaptation_term: Xᵀ e2 of (37) without what would wind up against a limit, shape (m,).
-        e1: Tracking error (5) [rad].
+        state: The sample as the constraints see it.
         e2: q̇ − α [rad/s].
         reference: y_d with derivatives.
         x: Regressor X, shape (n, m); zeros for a law without an adaptation term.
         bound: Active bound (11) [rad].
         wanted: Torque before the limits [N·m].
-        bounds: Performance bounds in use.
     """
 
     torque: np.ndarray
     adaptation_term: np.ndarray
-    e1: np.ndarray
+    state: MotionState
     e2: np.ndarray
     reference: ReferencePoint
     x: np.ndarray
     bound: np.ndarray
     wanted: np.ndarray
-    bounds: Bounds
+
+    @property
+    def e1(self) -> np.ndarray:
+        """Tracking error (5) [rad]."""
+        return self.state.e1
+
+    @property
+    def bounds(self) -> Bounds:
+        """Performance bounds in use."""
+        return self.state.bounds
 
     @property
     def saturated(self) -> np.ndarray:
@@ -84,6 +103,16 @@ class _Sets(NamedTuple):
     bounds: GrowingBounds
 
 
+class _Tuning(NamedTuple):
+    """What follows from the settings alone, made before any of it is taken."""
+
+    settings: ControllerSettings
+    law: Law
+    constraints: tuple[Constraint, ...]
+    torque_limit: np.ndarray
+    torque_rate_limit: np.ndarray
+
+
 class Controller:
     """Equation (38) (or (34), when θ* is passed as θ̂) inside the sets (7) and (8).
 
@@ -95,14 +124,17 @@ class Controller:
         safety: Safety set (7).
         performance: Performance set (8), as wide as it gets.
         reference: y_d.
+        constraints: What counts as inside: both sets, then those of the settings, then those
+            given.
     """
 
     def __init__(self, arm: Arm, settings: ControllerSettings | None = None,
                  safety: JointInterval | _Group | None = None,
                  performance: JointInterval | _Group | None = None,
                  reference: Reference | _Group | None = None,
-                 law: Law | type[Law] | str | None = None, *, start: Any = None,
-                 **changes: Any) -> None:
+                 law: Law | type[Law] | str | None = None,
+                 constraints: Sequence[Constraint | type[Constraint] | str] = (), *,
+                 start: Any = None, velocity: Any = None, **changes: Any) -> None:
         """Check 𝒫̄ ⊆ 𝒮̄ (9); SetViolation names joint and numbers where it fails.
 
         With a `SmoothStart` the performance bounds grow along with it (`GrowingBounds`), so that
@@ -116,8 +148,10 @@ class Controller:
             reference: y_d in place of the sinusoids of the settings, or their settings.
             law: In place of the law that the settings name: a law, a class of laws, which is
                 called with the arm and the settings, or a name.
+            constraints: Beside those that the settings name: constraints, classes, names.
             start: Posture that the motion begins in, shape (n,) [rad]: it is joined to the
                 reference over ``reference.smooth_start``. None begins on the reference.
+            velocity: Velocity that it begins with, shape (n,) [rad/s]; at rest where None.
             changes: Settings by name: ``k1=40.0``, ``safety={'upper': 2.0}``,
                 ``reference={'joint1': {'amplitude': 0.5}}``, ``**{'safety.upper': 2.0}``.
 
@@ -142,28 +176,35 @@ class Controller:
             if settings.reference.smooth_start > 0.0:
                 follow = SmoothStart(follow, settings.reference.smooth_start, start)
         self._given_law = None if isinstance(law, str) else law
+        self._given_constraints = tuple(constraints)
         self._no_regressor = np.zeros((arm.n, arm.m))
+        self._not_measured = np.full(arm.n, np.nan)
         self._n, self._m = (arm.n,), (arm.m,)
-        self._tune(settings)
         self._last_torque = np.zeros(arm.n)
         self._last_t: float | None = None
         self._smooth_start = follow if isinstance(follow, SmoothStart) else None
-        self._take(self._checked(0.0, parts['safety'], parts['performance'], follow))
+        self._take(self._tuned(settings),
+                   self._checked(0.0, parts['safety'], parts['performance'], follow))
+        self.constraints.check(self.state(0.0, follow.at(0.0).position, np.zeros(arm.n)))
         if start is not None:
-            self.check_start(start)
+            self.check_start(start, velocity)
 
     def __repr__(self) -> str:
         """Name the arm and its sets."""
         return (f'<Controller of {self.arm!r}: safety {self.safety.lower.tolist()} to '
                 f'{self.safety.upper.tolist()} rad>')
 
-    def _tune(self, settings: ControllerSettings) -> None:
-        self.settings = settings.resolved(joints=self.arm.n)
-        self._law = (make_law(self.arm, self.settings) if self._given_law is None else
-                     foreign_law('law', self._given_law, self._given_law, self.arm, self.settings))
+    def _tuned(self, settings: ControllerSettings, before: Law | None = None) -> _Tuning:
+        full, given = settings.resolved(joints=self.arm.n), self._given_law
+        law = None if before is None else retuned_law(before, full)
+        if law is None:
+            law = (make_law(self.arm, full) if given is None else
+                   foreign_law('law', given, given, self.arm, full))
+        names = (name for name in full.constraints if name)
         # Copies that may be written to: the limits are compiled for those.
-        self._limit = self.settings.torque_limit.copy()
-        self._rate_limit = self.settings.torque_rate_limit.copy()
+        return _Tuning(full, law, tuple(made_constraint(self.arm, full, each)
+                                        for each in (*names, *self._given_constraints)),
+                       full.torque_limit.copy(), full.torque_rate_limit.copy())
 
     def _checked(self, t: float, safety: JointInterval, performance: JointInterval,
                  reference: Reference) -> _Sets:
@@ -177,15 +218,35 @@ class Controller:
         return _Sets(safety, performance, reference,
                      GrowingBounds(performance, safety, begun.start, begun.duration))
 
-    def _take(self, sets: _Sets) -> None:
+    def _take(self, tuning: _Tuning, sets: _Sets) -> None:
+        self.settings, self._law, _, self._limit, self._rate_limit = self._tuning = tuning
         self.safety, self.performance, self.reference, self._bounds = sets
+        joints = self.arm.joints
+        self.constraints = Constraints(
+            [SafetyConstraint(joints, self.safety), PerformanceConstraint(joints),
+             *tuning.constraints], joints)
 
-    def check_start(self, q: np.ndarray, t: float = 0.0) -> None:
-        """Raise SetViolation where the first measured state (n,) [rad] is outside a set."""
+    def state(self, t: float, q: np.ndarray, qd: np.ndarray) -> MotionState:
+        """Return a state as the constraints see it: with e1 and the bounds in use.
+
+        Args:
+            t: Time since the start of the motion [s].
+            q: Positions, shape (n,) [rad].
+            qd: Velocities, shape (n,) [rad/s].
+        """
+        return MotionState(t, q, qd, q - self.reference.at(t).position, self._bounds.at(t))
+
+    def check_start(self, q: Any, qd: Any = None) -> None:
+        """Raise SetViolation where the first measured state is not inside.
+
+        Args:
+            q: Positions, shape (n,) [rad].
+            qd: Velocities, shape (n,) [rad/s]; at rest where None.
+        """
         q = checked_array('q', q, self._n, self.arm.joints)
-        bounds = self._bounds.at(t)
-        check_start(self.safety, JointInterval(bounds.lower, bounds.upper), q,
-                    q - self.reference.at(t).position, self.arm.joints)
+        qd = (np.zeros(self.arm.n) if qd is None
+              else checked_array('qd', qd, self._n, self.arm.joints))
+        self.constraints.check_start(self.state(0.0, q, qd))
 
     @property
     def law(self) -> Law:
@@ -219,13 +280,14 @@ class Controller:
         """
         joints = self.arm.joints
         q = checked_array('q', q, self._n, joints)
-        if settings is not None:
-            settings = ControllerSettings.taken(settings, {}).resolved(joints=self.arm.n)
-        follow = settled(self.reference, t)
+        tuning = (self._tuning if settings is None
+                  else self._tuned(ControllerSettings.taken(settings, {}), self._law))
+        sets = _Sets(self.safety, self.performance, self.reference, self._bounds)
+        follow = from_time(self.reference, t)
         if reference is not None and blend_time != 0.0:
-            follow = Crossfade(follow, settled(reference, t), t, blend_time)
+            follow = Crossfade(follow, from_time(reference, t), t, blend_time)
         elif reference is not None:
-            follow = settled(reference, t)
+            follow = from_time(reference, t)
         if any(part is not None for part in (safety, performance, reference)):
             sets = self._checked(t, safety or self.safety, performance or self.performance, follow)
             if safety is not None:
@@ -238,11 +300,10 @@ class Controller:
                     or (bounds.upper < present.upper).any()):
                 check_inside(bounds.lower, bounds.upper, q - follow.at(t).position, joints,
                              'present error outside the new performance set')
-            self._take(sets)
-        if settings is not None:
-            self._tune(settings)
+        self._take(tuning, sets)
 
-    def update(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray) -> ControlOutput:
+    def update(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
+               torque: np.ndarray | None = None) -> ControlOutput:
         """Compute the torque for the sample taken at ``t`` [s] since the start of the motion.
 
         Args:
@@ -250,14 +311,15 @@ class Controller:
             q: Measured positions, shape (n,) [rad].
             qd: Measured velocities, shape (n,) [rad/s].
             theta: Parameter estimate θ̂, shape (m,).
+            torque: Mean torque applied since the sample before, shape (n,) [N·m]; None where it
+                is not measured. For laws that learn by themselves; (38) does not look at it.
         """
-        arm = self.arm
-        t = checked_number('t', t)
-        q = checked_array('q', q, self._n, arm.joints)
-        qd = checked_array('qd', qd, self._n, arm.joints)
-        theta = checked_array('theta', theta, self._m, arm.parameters)
+        t, torque = checked_number('t', t), self._not_measured if torque is None else torque
+        if not are_vectors(self._n, q, qd, torque):
+            q, qd, torque = checked_vectors(self.arm.joints, q=q, qd=qd, torque=torque)
+        theta = checked_array('theta', theta, self._m, self.arm.parameters)
         point, bounds = self.reference.at(t), self._bounds.at(t)
-        answer = self._law.answer(LawSample(t, q, qd, point, bounds, theta))
+        answer = self._law.answer(LawSample(t, q, qd, torque, point, bounds, theta))
         dt = FIRST_INTERVAL if self._last_t is None else t - self._last_t
         e1 = q - point.position
         x = self._no_regressor if answer.regressor is None else answer.regressor
@@ -265,20 +327,16 @@ class Controller:
             answer.torque, x, answer.e2, self._limit, self._last_torque, self._rate_limit, dt, e1,
             bounds.lower, bounds.upper)
         self._last_torque, self._last_t = tau, t
-        return ControlOutput(tau, term, e1, answer.e2, point, x, bound, answer.torque, bounds)
+        return ControlOutput(tau, term, MotionState(t, q, qd, e1, bounds), answer.e2, point, x,
+                             bound, answer.torque)
 
-    def margins(self, q: np.ndarray, output: ControlOutput) -> np.ndarray:
-        """Return the distances to the nearer bounds of both sets at a sample, (2n,) [rad].
+    def margins(self, output: ControlOutput) -> np.ndarray:
+        """Return the margins of all constraints at a sample, shape (K,), see `Constraints`."""
+        return self.constraints.margins(output.state)
 
-        First the safety set, then the performance set with the bounds in use then.
-        """
-        bounds = output.bounds
-        return np.concatenate([self.safety.margin(q), np.minimum(output.e1 - bounds.lower,
-                                                                 bounds.upper - output.e1)])
-
-    def lyapunov(self, q: np.ndarray, output: ControlOutput, theta: np.ndarray) -> float:
+    def lyapunov(self, output: ControlOutput, theta: np.ndarray) -> float:
         """V = V1 + ½ e2ᵀ M(q) e2 (30), M from ``theta``; a monitor, not part of the law."""
-        kinetic = 0.5 * output.e2 @ self.arm.Y1(q, output.e2) @ theta
+        kinetic = 0.5 * output.e2 @ self.arm.Y1(output.state.q, output.e2) @ theta
         return barrier(output.e1, output.bound) + float(kinetic)
 
     def warm_up(self, theta: np.ndarray) -> None:
@@ -289,11 +347,12 @@ class Controller:
         """
         start = self.reference.at(0.0).position
         trial = Controller(self.arm, self.settings, self.safety, self.performance,
-                           SmoothStart(settled(self.reference, np.inf), 1.0, start),
-                           self._given_law if isinstance(self._given_law, type) else None)
+                           SmoothStart(from_time(self.reference, np.inf), 1.0, start),
+                           self._given_law if isinstance(self._given_law, type) else None,
+                           self._given_constraints)
         output = trial.update(0.5, start, np.zeros(self.arm.n), theta)
-        trial.lyapunov(start, output, theta)
-        trial.margins(start, output)
+        trial.lyapunov(output, theta)
+        trial.margins(output)
 
 
 def _check_reference(reference: Reference, arm: Arm) -> None:

@@ -12,7 +12,7 @@ from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['Crossfade', 'Posture', 'Reference', 'ReferencePoint', 'SmoothStart', 'SumOfSinusoids',
-           'full_range', 'hull', 'quintic', 'settled']
+           'full_range', 'hull', 'quintic', 'from_time']
 
 Range = tuple[np.ndarray, np.ndarray]
 DEEPEST = 16  # crossfades that may be under way at once
@@ -160,11 +160,11 @@ class Crossfade:
         """See `full_range`."""
         return hull(full_range(self.before), full_range(self.after))
 
-    def settled(self, t: float) -> Reference:
-        """See `settled`."""
+    def from_time(self, t: float) -> Reference:
+        """See `from_time`."""
         if t - self.begin >= self.duration:
-            return settled(self.after, t)
-        return Crossfade(settled(self.before, t), settled(self.after, t), self.begin,
+            return from_time(self.after, t)
+        return Crossfade(from_time(self.before, t), from_time(self.after, t), self.begin,
                          self.duration)
 
 
@@ -186,9 +186,9 @@ class SmoothStart(Crossfade):
         """See `full_range`: near the start the performance set has yet to grow."""
         return full_range(self.after)
 
-    def settled(self, t: float) -> Reference:
-        """See `settled`."""
-        return settled(self.after, t) if t >= self.duration else self
+    def from_time(self, t: float) -> Reference:
+        """See `from_time`."""
+        return from_time(self.after, t) if t >= self.duration else self
 
 
 def hull(first: Range, second: Range) -> Range:
@@ -196,9 +196,9 @@ def hull(first: Range, second: Range) -> Range:
     return np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
 
 
-def settled(reference: Reference, t: float) -> Reference:
+def from_time(reference: Reference, t: float) -> Reference:
     """Return what equals ``reference`` from ``t`` [s] on, without the parts that are over."""
-    own = getattr(reference, 'settled', None)
+    own = getattr(reference, 'from_time', None)
     return reference if own is None else own(t)  # type: ignore[no-any-return]
 
 

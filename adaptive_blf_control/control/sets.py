@@ -13,7 +13,7 @@ from adaptive_blf_control.control.reference import quintic
 from adaptive_blf_control.errors import ParameterError, SetViolation
 
 __all__ = ['Bounds', 'GrowingBounds', 'JointInterval', 'check_inside',
-           'check_performance_inside_safety', 'check_start']
+           'check_performance_inside_safety']
 
 # Equality is allowed (the paper's own examples meet (9) with it); this absorbs rounding only.
 TOLERANCE = 1e-9
@@ -75,14 +75,6 @@ def check_inside(lower: np.ndarray, upper: np.ndarray, value: np.ndarray,
             raise SetViolation(joint, float(value[i]), float(lower[i]), what)
         if not value[i] < upper[i]:
             raise SetViolation(joint, float(value[i]), float(upper[i]), what)
-
-
-def check_start(safety: JointInterval, performance: JointInterval, q: np.ndarray, e1: np.ndarray,
-                joints: tuple[str, ...]) -> None:
-    """Check that the first state lies inside both sets; SetViolation names joint and numbers."""
-    check_inside(safety.lower, safety.upper, q, joints, 'start position outside the safety set')
-    check_inside(performance.lower, performance.upper, e1, joints,
-                 'start error outside the performance set')
 
 
 class Bounds(NamedTuple):

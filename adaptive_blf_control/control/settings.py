@@ -5,9 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.plugin import is_plugin
 from adaptive_blf_control.parameters.settings import (
     group,
     group_per_joint,
@@ -17,10 +20,15 @@ from adaptive_blf_control.parameters.settings import (
 )
 
 __all__ = ['COUPLINGS', 'LAWS', 'ControllerSettings', 'PerformanceSettings', 'ReferenceSettings',
-           'SafetySettings', 'SinusoidSettings']
+           'SafetySettings', 'SinusoidSettings', 'SlotineLiSettings']
 
 COUPLINGS = ('per_joint', 'pseudoinverse')
-LAWS = ('ablf', 'pd', 'computed_torque')
+_ROOM = 'adaptive_blf_control.control.laws'
+LAWS: Mapping[str, str] = MappingProxyType({
+    'ablf': f'{_ROOM}.ablf:AblfLaw', 'pd': f'{_ROOM}.fixed:ProportionalDerivative',
+    'computed_torque': f'{_ROOM}.fixed:ComputedTorque',
+    'slotine_li': f'{_ROOM}.slotine_li:SlotineLi'})
+"""Our laws by name, each with where its class is."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -31,6 +39,9 @@ class SafetySettings(Settings, where='controller.safety'):
         [-3.14], 'Lower end of the safety set, k_c (7).', 'rad', length='joints', live=True)
     upper: np.ndarray = parameter(
         [3.14], 'Upper end of the safety set, k_d (7).', 'rad', length='joints', live=True)
+
+    def _check(self) -> None:
+        _check_below(self._where, self.lower, self.upper)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -43,6 +54,13 @@ class PerformanceSettings(Settings, where='controller.performance'):
         'gives the symmetric barrier (SBLF) for that joint.', 'rad', length='joints', live=True)
     upper: np.ndarray = parameter(
         [0.15], 'Upper end of the performance set, k_b (8).', 'rad', length='joints', live=True)
+
+    def _check(self) -> None:
+        for end, values, expected in (('lower', self.lower, self.lower < 0.0),
+                                      ('upper', self.upper, self.upper > 0.0)):
+            if not expected.all():
+                raise ParameterError(f'{self._where}.{end}', values.tolist(),
+                                     'lower < 0 < upper for every joint [rad]')
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -75,6 +93,22 @@ class ReferenceSettings(Settings, where='controller.reference'):
         's', 0.0, exclusive=True, live=True)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SlotineLiSettings(Settings, where='controller.slotine_li'):
+    """The law of Slotine and Li, which adapts by itself."""
+
+    gamma: np.ndarray = parameter(
+        [200.0], 'Diagonal of Gamma of the law slotine_li.', '', 0.0, exclusive=True,
+        length='parameters', live=True)
+
+
+def _check_below(where: str, lower: np.ndarray, upper: np.ndarray) -> None:
+    fits = lower.size == upper.size or 1 in (lower.size, upper.size)  # else `resolved` refuses
+    if fits and not (lower < upper).all():
+        raise ParameterError(f'{where}.lower', lower.tolist(),
+                             f'values below {where}.upper = {upper.tolist()} rad')
+
+
 @listed
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ControllerSettings(Settings, where='controller'):
@@ -82,9 +116,12 @@ class ControllerSettings(Settings, where='controller'):
 
     law: str = parameter(
         'ablf',
-        'ablf: the law (38); pd, computed_torque: for comparison, without an adaptation term; '
-        'module:name: called with the arm and these settings, it returns a law.',
-        choices=LAWS, plugin=True)
+        'ablf: the law (38); pd, computed_torque, slotine_li: for comparison, without an '
+        'adaptation term; module:name: called with the arm and these settings, it returns a law.',
+        choices=tuple(LAWS), plugin=True)
+    constraints: tuple[str, ...] = parameter(
+        [''], 'What else counts as inside, each module:name: called with the arm and these '
+        'settings, it returns a constraint that is watched beside the two sets.')
     k1: np.ndarray = parameter(
         [40.0], 'Gains of the stabilising function (27).',
         '1/(s*rad^4)', 0.0, exclusive=True, length='joints', live=True)
@@ -101,6 +138,14 @@ class ControllerSettings(Settings, where='controller'):
     torque_rate_limit: np.ndarray = parameter(
         [10000.0], 'Largest change of the commanded torque.',
         'N*m/s', 0.0, exclusive=True, length='joints', live=True)
+    slotine_li: SlotineLiSettings = group(SlotineLiSettings)
     safety: SafetySettings = group(SafetySettings)
     performance: PerformanceSettings = group(PerformanceSettings)
     reference: ReferenceSettings = group(ReferenceSettings)
+
+    def _check(self) -> None:
+        super()._check()
+        for text in filter(None, self.constraints):
+            if not is_plugin(text):
+                raise ParameterError('controller.constraints', list(self.constraints),
+                                     f'module:name each, not {text!r}')

@@ -9,11 +9,11 @@ import numpy as np
 
 from adaptive_blf_control.control.reference import (
     DEEPEST,
+    from_time,
     full_range,
     hull,
     Reference,
     ReferencePoint,
-    settled,
 )
 from adaptive_blf_control.errors import ParameterError
 
@@ -120,7 +120,7 @@ class JoinedReference:
     """One reference until ``t`` [s], another, with its own time from 0, after it."""
 
     def __init__(self, before: Reference, t: float, after: Reference) -> None:
-        """Join the two; whoever makes ``after`` lets it begin where ``before`` is.
+        """Join the two; ``after`` has to begin where ``before`` is.
 
         Raises:
             ParameterError: too many changes of the reference are under way at once.
@@ -143,8 +143,8 @@ class JoinedReference:
         """See `reference.full_range`; until ``t`` the first one counts as well."""
         return hull(full_range(self._before), self._after.range())
 
-    def settled(self, t: float) -> Reference:
-        """See `reference.settled`."""
+    def from_time(self, t: float) -> Reference:
+        """See `reference.from_time`."""
         if t >= self._t:
             return DelayedReference(self._after, self._t)
-        return JoinedReference(settled(self._before, t), self._t, self._after)
+        return JoinedReference(from_time(self._before, t), self._t, self._after)

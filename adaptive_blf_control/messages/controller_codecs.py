@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from adaptive_blf_control.control.constraints import MarginName
 from adaptive_blf_control.control.controller import ControlOutput
 from adaptive_blf_control.control.guarantee import Guarantee
 from adaptive_blf_control.messages.joint_state import JointStateCodec
@@ -15,10 +16,9 @@ from adaptive_blf_control.messages.topics import BARRIER, REFERENCE, TRACKING_ER
 __all__ = ['ControllerCodecs', 'MonitorStream', 'barrier_names', 'guarantee_names']
 
 
-def barrier_names(joints: Sequence[str]) -> list[str]:
-    """Return the names on ``controller/barrier``: margins to both sets per joint, then V."""
-    return [f'{joint}.{what}' for what in ('safety_margin', 'performance_margin')
-            for joint in joints] + ['V']
+def barrier_names(margins: Sequence[MarginName]) -> list[str]:
+    """Return the names on ``controller/barrier``: the margins of all constraints, then V."""
+    return [str(name) for name in margins] + ['V']
 
 
 def guarantee_names(joints: Sequence[str]) -> list[str]:
@@ -31,13 +31,14 @@ def guarantee_names(joints: Sequence[str]) -> list[str]:
 class ControllerCodecs:
     """Encodes what the controller publishes beside the torque, for the node and for a bag."""
 
-    def __init__(self, joints: Sequence[str], parameters: Sequence[str]) -> None:
-        """Prepare the templates for these joint and parameter names."""
+    def __init__(self, joints: Sequence[str], parameters: Sequence[str],
+                 margins: Sequence[MarginName]) -> None:
+        """Prepare the templates for the names of joints, parameters and margins."""
         self._term = JointStateCodec(parameters, fields=('position',))
         # y_d, its velocity, and its acceleration [rad/s²] in the third array, effort.
         self._reference = JointStateCodec(joints)
         self._error = JointStateCodec(joints, fields=('position', 'velocity'))
-        self._barrier = JointStateCodec(barrier_names(joints), fields=('position',))
+        self._barrier = JointStateCodec(barrier_names(margins), fields=('position',))
         self._guarantee = JointStateCodec(guarantee_names(joints), fields=('position',))
 
     def guarantee(self, stamp: int, guaranteed: Guarantee) -> bytes:
@@ -56,7 +57,7 @@ class ControllerCodecs:
 
     def monitors(self, stamp: int, output: ControlOutput, margins: np.ndarray,
                  lyapunov: float) -> dict[str, bytes]:
-        """Encode the reference, and margins (2n,) [rad] with V; by topic."""
+        """Encode the reference, and the margins (K,) with V; by topic."""
         return {
             REFERENCE: self._reference.encode(stamp, *output.reference),
             BARRIER: self._barrier.encode(stamp, np.append(margins, lyapunov)),
@@ -66,7 +67,7 @@ class ControllerCodecs:
 class MonitorStream:
     """What goes out about each sample: the errors always, the rest thinned out.
 
-    Margins are the smallest since they were sent last: thinning hides no sample outside a set.
+    Margins are the smallest since they were sent last: thinning hides no sample outside.
 
     Attributes:
         samples: Samples seen.
@@ -87,7 +88,7 @@ class MonitorStream:
         Args:
             stamp: Of the sample [ns].
             output: What the controller computed.
-            margins: Distances to both sets, shape (2n,) [rad].
+            margins: Those of all constraints, shape (K,).
             decimation: Reference, margins and V go out every this many samples.
             lyapunov: Computes V; called for those samples only.
         """

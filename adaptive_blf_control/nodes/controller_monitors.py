@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the controller shows besides its torque: monitors, margins, Theorem 2, set violations."""
+"""What the controller shows besides its torque: margins, Theorem 2, what was left."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from sensor_msgs.msg import JointState
 
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
+from adaptive_blf_control.control.constraints import MarginName
 from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
 from adaptive_blf_control.errors import BlfError
@@ -20,24 +21,26 @@ HEARTBEAT = 500  # samples between two repetitions of the guarantee
 
 
 class ControllerMonitors:
-    """Publishes what a user wants to see of the law, and keeps account of the sets.
+    """Publishes what a user wants to see of the law, and keeps account of the constraints.
 
     Attributes:
         codecs: Messages of the controller.
-        margins: Distances to both sets at the last sample, shape (2n,) [rad].
-        violations: Samples outside a set.
-        first_violation: Joint, value and bound of the first of them, '' where there is none.
+        margins: Those of all constraints at the last sample, shape (K,).
+        violations: Samples in which a constraint was violated.
+        first_violation: Body, value and bound of the first of them, '' where there is none.
     """
 
     def __init__(self, node: DataNode[ControllerNodeSettings], joints: tuple[str, ...],
-                 parameters: tuple[str, ...]) -> None:
-        """Make the topics on ``node``."""
-        self.codecs = ControllerCodecs(joints, parameters)
-        self.margins = np.zeros(2 * len(joints))
+                 parameters: tuple[str, ...], names: tuple[MarginName, ...]) -> None:
+        """Make the topics on ``node``; ``names`` are those of the margins."""
+        self.codecs = ControllerCodecs(joints, parameters, names)
+        self.margins = np.zeros(len(names))
         self.violations = 0
         self.first_violation = ''
         self._node = node
         self._joints = joints
+        self._names = names
+        self._recovery = ''
         self._topics = {topic: node.data_publisher(JointState, topic)
                         for topic in (REFERENCE, TRACKING_ERROR, BARRIER, GUARANTEE)}
         self._stream = MonitorStream(self.codecs)
@@ -52,32 +55,28 @@ class ControllerMonitors:
         """Forget the guarantee of the motion before."""
         self._guarantee = None
 
-    def watch(self, controller: Controller, t: float, stamp: int, q: np.ndarray,
-              output: ControlOutput, theta: np.ndarray) -> bool:
-        """Take the margins of a sample, publish what is due; False where a set was left."""
-        self.margins = controller.margins(q, output)
+    def watch(self, controller: Controller, stamp: int, output: ControlOutput,
+              theta: np.ndarray) -> bool:
+        """Take the margins of a sample, publish what is due; False where one is violated."""
+        self.margins = controller.margins(output)
         inside = bool(self.margins.min() > 0.0)
         if not inside:
-            self._violated(controller, q, output)
+            self._violated(controller, output)
         for topic, message in self._stream.messages(
                 stamp, output, self.margins, self._node.settings.monitor_decimation,
-                lambda: controller.lyapunov(q, output, theta)).items():
+                lambda: controller.lyapunov(output, theta)).items():
             self._topics[topic].publish(message)
-        self._watch_guarantee(t, stamp, output.e1)
+        self._watch_guarantee(stamp, output)
         return inside
 
-    def _violated(self, controller: Controller, q: np.ndarray, output: ControlOutput) -> None:
-        n = len(self._joints)
-        worst = int(np.argmin(self.margins))
-        i, name = worst % n, 'safety' if worst < n else 'performance'
-        value = q[i] if worst < n else output.e1[i]
-        bounds = controller.safety if worst < n else output.bounds
-        text = (f'joint {self._joints[i]!r} has left its {name} set: {value:.5g} rad is not '
-                f'within {bounds.lower[i]:.5g} .. {bounds.upper[i]:.5g} rad '
-                f'(margin {self.margins[worst]:.3g} rad)')
+    def _violated(self, controller: Controller, output: ControlOutput) -> None:
         self.violations += 1
-        self.first_violation = self.first_violation or text
-        self._node.fault('set left', text)
+        violation = controller.constraints.violation(output.state)
+        if violation is None:
+            return
+        if not self.first_violation:
+            self.first_violation, self._recovery = str(violation), violation.recovery
+        self._node.fault('set left', str(violation))
 
     def state_guarantee(self, controller: Controller, stamp: int, output: ControlOutput) -> None:
         """State what Theorem 2 guarantees from here on, given bounds on the unknown arm."""
@@ -90,7 +89,7 @@ class ControllerMonitors:
                                   settings.theta_error,
                                   np.array([settings.smallest_gamma]))
             guaranteed = guarantee(value, controller.performance, controller.reference.range(),
-                                 smallest)
+                                   smallest)
         except (BlfError, ArithmeticError) as error:  # nothing that is only shown ends a motion
             self._node.fault('guarantee', f'Theorem 2 cannot be stated: {error}')
             return
@@ -101,13 +100,13 @@ class ControllerMonitors:
         self._node.get_logger().info(
             f'Theorem 2: V(0) <= {value:.4g}, so e1 stays in {bounds}')
 
-    def _watch_guarantee(self, t: float, stamp: int, e1: np.ndarray) -> None:
+    def _watch_guarantee(self, stamp: int, output: ControlOutput) -> None:
         monitor = self._guarantee
         if monitor is None:
             return
         if self._stream.samples % HEARTBEAT == 0:
             self._topics[GUARANTEE].publish(self.codecs.guarantee(stamp, monitor.guaranteed))
-        left = monitor.observe(t, e1)
+        left = monitor.observe(float(output.state.t), output.e1)
         if left is not None:
             self._node.fault('guarantee', (
                 f'joint {left.joint}: e1 = {left.value:.4g} rad is beyond the {left.bound:.4g} '
@@ -116,15 +115,15 @@ class ControllerMonitors:
 
     def status(self, saturated: np.ndarray) -> dict[str, object]:
         """Return margins, V and saturation for the diagnostics."""
-        n = len(self._joints)
         values: dict[str, object] = {'V': f'{self._stream.lyapunov:.6g}'}
-        for i, joint in enumerate(self._joints):
-            values[f'{joint} safety margin [rad]'] = f'{self.margins[i]:.6g}'
-            values[f'{joint} performance margin [rad]'] = f'{self.margins[n + i]:.6g}'
-            values[f'{joint} saturated'] = bool(saturated[i])
+        values.update((name.label, f'{margin:.6g}')
+                      for name, margin in zip(self._names, self.margins))
+        values.update((f'{joint} saturated', bool(each))
+                      for joint, each in zip(self._joints, saturated))
         if self.violations:
             values['samples outside a set'] = self.violations
             values['first violation'] = self.first_violation
+            values['recovery'] = self._recovery
         if self._guarantee is not None and self._guarantee.first is not None:
             values['left what Theorem 2 guarantees at [s]'] = f'{self._guarantee.first.t:.3f}'
         return values

@@ -10,7 +10,7 @@ from itertools import cycle, islice
 import numpy as np
 
 from adaptive_blf_control.runs.lyapunov import GuaranteeOverTime, true_over_time
-from adaptive_blf_control.runs.margins import margins_of
+from adaptive_blf_control.runs.margins import least_per_body
 from adaptive_blf_control.runs.recording import Recording, Series
 from adaptive_blf_control.runs.thinning import POINTS, thin
 from adaptive_blf_control.runs.timing import command_delays_ms, intervals_ms
@@ -119,8 +119,8 @@ def sections(recordings: Sequence[Recording],
     """Return what can be plotted of these bags, all bags in each panel."""
     maker = _Maker(recordings, guarantees)
     found = [
-        Section('margins', 'Margins', 'Distance to the nearer bound of either set.',
-                maker.margins(), 1),
+        Section('margins', 'Margins', 'Distance to the nearest bound of all constraints in '
+                'one unit.', maker.margins(), 1),
         Section('positions', 'Joint positions', 'q and its reference; the shaded range is the '
                 'safety set (7). Figs. 4, 9 and 13 of the paper.',
                 maker.per_joint(maker.position), maker.columns),
@@ -216,24 +216,24 @@ class _Maker:
                      zoom=zoom if zoom and zoom[1] - zoom[0] < 0.5 * wide else None)
 
     def margins(self) -> tuple[Panel, ...]:
+        units = dict.fromkeys(m.unit for r in self.recordings for m in r.margins)
+        return tuple(self._margins_in(unit) for unit in units)
+
+    def _margins_in(self, unit: str) -> Panel:
         curves = []
         for b, r in enumerate(self.recordings):
-            found = margins_of(r)
-            if found is None:
-                continue
-            least = Series(found.t, found.values.min(axis=1))
-            if self.one:
-                curves += [self._curve(least, i, joint, self._tone(b, i), b)
-                           for i, joint in enumerate(r.joints)]
-            else:
-                least = Series(found.t, least.values.min(axis=1)[:, None])
-                curves.append(self._curve(least, 0, self._label(b, 'least of all joints'),
-                                     self.colours[b], b))
-        if not curves:
-            return ()
+            margins = [m for m in r.margins if m.unit == unit]
+            if not self.one:
+                margins = [m._replace(bodies=('least of all joints',),
+                                      values=m.values.min(axis=1)[:, None]) for m in margins]
+            curves += [
+                self._curve(Series(t, values[:, None]), 0, self._label(b, body),
+                            self._tone(b, i), b)
+                for i, (body, (t, values)) in enumerate(least_per_body(margins).items())]
         ends = np.array([min(c.x[0] for c in curves), max(c.x[-1] for c in curves)])
         curves.append(Curve(ends, np.zeros(2), 'bound', '#C0262D', -1, width=1.2))
-        return (Panel('margins', 'Margin to the nearer bound', 'margin [rad]', tuple(curves)),)
+        key = 'margins' if unit == 'rad' else f'margins_{unit}'
+        return Panel(key, 'Margin to the nearer bound', f'margin [{unit}]', tuple(curves))
 
     def torque(self, joint: str) -> Panel:
         curves = [self._curve(r.torque, i, self._label(b, 'τ'), self.colours[b], b, width=1.2)

@@ -62,7 +62,8 @@ class BagObserver:
         self._state = JointStateCodec(arm.joints, 'base_link')
         self._theta = JointStateCodec(arm.parameters, fields=('position',))
         self._torque = Float64MultiArrayCodec(arm.n)
-        self._controller = ControllerCodecs(arm.joints, arm.parameters)
+        self._controller = ControllerCodecs(arm.joints, arm.parameters,
+                                            loop.controller.constraints.names)
         self._decimation = node_settings(data, ControllerNodeSettings).monitor_decimation
         self._monitors = MonitorStream(self._controller)
         self._news = HistoryNews()
@@ -86,10 +87,9 @@ class BagObserver:
             ADAPTATION_TERM: self._controller.adaptation_term(stamp, output),
             THETA_HAT: self._theta.encode(stamp, sample.theta_hat),
         }
-        q = sample.measured.q
         messages.update(self._monitors.messages(
-            stamp, output, controller.margins(q, output), self._decimation,
-            lambda: controller.lyapunov(q, output, sample.theta_used)))
+            stamp, output, controller.margins(output), self._decimation,
+            lambda: controller.lyapunov(output, sample.theta_used)))
         if self._news.due(self._loop.identifier.stack.insertions):
             messages[HISTORY_RANK] = encode_int32(sample.rank)
             messages[HISTORY_SIGMA_MIN] = encode_float64(sample.sigma_min)

@@ -13,9 +13,16 @@ from adaptive_blf_control.bags.reader import Bag
 from adaptive_blf_control.configuration.build import build_arm, build_simulated_arm
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, DriverSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings, PARAMETERS_KEY
+from adaptive_blf_control.control.constraints import Constraint, Constraints
+from adaptive_blf_control.control.set_constraints import (
+    made_constraint,
+    PerformanceConstraint,
+    SafetyConstraint,
+)
 from adaptive_blf_control.control.sets import JointInterval
-from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.messages.topics import (
+    BARRIER,
     COMMANDS,
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
@@ -23,10 +30,11 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
     TRACKING_ERROR,
 )
-from adaptive_blf_control.runs.summary import Run
+from adaptive_blf_control.runs.margins import Margins, published_margins
+from adaptive_blf_control.runs.summary import Run, state_along
 from adaptive_blf_control.simulation.plant import Truth
 
-__all__ = ['bag_parameters', 'rates', 'run_of_bag', 'topic_named']
+__all__ = ['bag_parameters', 'constraints_of', 'rates', 'run_of_bag', 'topic_named']
 
 
 def bag_parameters(bag: Bag) -> dict[str, Any]:
@@ -67,17 +75,59 @@ def run_of_bag(bag: Bag) -> Run:
     between = (states.stamp_ns > stamps[0]) & (states.stamp_ns < stamps[-1])
     between[at_state] = False
     learning = estimates.stamp_ns >= stamps[0]
-    sets = [JointInterval(each.lower, each.upper, name)
-            for name, each in (('safety', controller.safety),
-                               ('performance', controller.performance))]
+    safety, performance = _sets(controller)
+    constraints = constraints_of(controller)
+    silent = states.position[between]
     return Run(
         joints=joints, parameters=estimates.names, t=(stamps - stamps[0]) * 1e-9,
-        q=states.position[at_state], e1=errors.position[at_error],
+        q=states.position[at_state], qd=states.velocity[at_state], e1=errors.position[at_error],
         t_theta=(estimates.stamp_ns[learning] - stamps[0]) * 1e-9,
         theta_hat=estimates.position[learning], rank=int(_last(bag, HISTORY_RANK)),
-        sigma_min=float(_last(bag, HISTORY_SIGMA_MIN)), safety=sets[0], performance=sets[1],
-        truth=_true_parameters(data, estimates.names),
-        q_unanswered=states.position[between])
+        sigma_min=float(_last(bag, HISTORY_SIGMA_MIN)), safety=safety, performance=performance,
+        constraints=constraints, truth=_true_parameters(data, estimates.names),
+        unanswered=state_along((states.stamp_ns[between] - stamps[0]) * 1e-9, silent,
+                               states.velocity[between], np.full_like(silent, np.nan),
+                               performance),
+        published=_published(bag, constraints, int(stamps[0])))
+
+
+def constraints_of(settings: ControllerNodeSettings) -> Constraints:
+    """Return the constraints of a recorded run, as far as they can be made here.
+
+    Those of ``controller.constraints`` may be modules that are not here, or need an arm that is
+    not; their margins are then known as they were published.
+
+    Raises:
+        ParameterError: a set cannot be.
+    """
+    settings = settings.resolved(joints=len(settings.joints))
+    parts: list[Constraint] = [SafetyConstraint(settings.joints, _sets(settings)[0]),
+                               PerformanceConstraint(settings.joints)]
+    for text in filter(None, settings.constraints):
+        try:
+            parts.append(made_constraint(build_arm(settings), settings, text))
+        except BlfError:
+            continue
+    return Constraints(parts, settings.joints)
+
+
+def _sets(settings: ControllerNodeSettings) -> tuple[JointInterval, JointInterval]:
+    safety, performance = settings.safety, settings.performance
+    return (JointInterval(safety.lower, safety.upper, 'safety'),
+            JointInterval(performance.lower, performance.upper, 'performance'))
+
+
+def _published(bag: Bag, constraints: Constraints, zero_ns: int) -> tuple[Margins, ...]:
+    """Return the published margins of what is not among ``constraints``."""
+    try:
+        topic = topic_named(bag, BARRIER)
+    except BagError:
+        return ()
+    heard = bag.joint_states(topic)
+    known = {part.name for part in constraints.parts}
+    return tuple(each for each in published_margins(
+        heard.names, (heard.stamp_ns - zero_ns) * 1e-9, heard.position)
+        if each.constraint not in known)
 
 
 def _last(bag: Bag, name: str) -> float:

@@ -10,9 +10,14 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.runs.lyapunov import GuaranteeOverTime, true_over_time
-from adaptive_blf_control.runs.margins import margins_of
+from adaptive_blf_control.runs.margins import (
+    closest_by_unit,
+    least_per_joint,
+    margin_figures,
+    violated_at,
+)
 from adaptive_blf_control.runs.recording import Recording
-from adaptive_blf_control.runs.summary import summarise
+from adaptive_blf_control.runs.summary import listed, summarise
 from adaptive_blf_control.runs.timing import timing
 
 __all__ = ['figures', 'plain', 'report_figures', 'verdict']
@@ -46,7 +51,7 @@ def figures(recording: Recording, guaranteed: GuaranteeOverTime | None) -> dict[
     }
     violations = numbers['set_violations']
     numbers['sets_kept'] = None if violations is None else violations == 0
-    numbers['closest'] = _closest(recording)
+    numbers['closest'] = _closest(numbers['margins'])
     numbers['theta_true'], numbers['theta_change_times_s'] = None, []
     truth = true_over_time(recording)
     if truth is not None and recording.run is not None and recording.run.truth:
@@ -68,7 +73,7 @@ def _partial(recording: Recording) -> dict[str, Any]:
         'duration_s', 'samples', 'set_violations', 'max_abs_error', 'rms_error',
         'rms_error_last_quarter', 'min_margin', 'theta_hat', 'theta_error_norm',
         'theta_true_norm', 'theta_settling_time_s', 'history_rank', 'history_sigma_min'))
-    numbers['theta_settling_times_s'] = []
+    numbers['theta_settling_times_s'], numbers['margins'] = [], []
     numbers['joints'] = list(recording.joints)
     main = recording.e1 or recording.q
     if main is not None:
@@ -79,11 +84,10 @@ def _partial(recording: Recording) -> dict[str, Any]:
         numbers['max_abs_error'] = np.nanmax(np.abs(e1), axis=0).tolist()
         numbers['rms_error'] = np.sqrt(np.nanmean(e1 ** 2, axis=0)).tolist()
         numbers['rms_error_last_quarter'] = np.sqrt(np.nanmean(e1[last] ** 2, axis=0)).tolist()
-    margins = margins_of(recording)
-    if margins is not None:
-        least = margins.values.min(axis=1)
-        numbers['set_violations'] = int(np.count_nonzero(~(least > 0.0).all(axis=1)))
-        numbers['min_margin'] = np.nanmin(least, axis=0).tolist()
+    if margins := recording.margins:
+        numbers['set_violations'] = int(np.count_nonzero(violated_at(margins[0].t, margins)))
+        numbers['min_margin'] = least_per_joint(recording.joints, margins)
+        numbers['margins'] = margin_figures(margins)
     if recording.theta_hat is not None and recording.theta_hat.t.size:
         numbers['theta_hat'] = dict(zip(recording.theta_names,
                                         recording.theta_hat.values[-1].tolist()))
@@ -94,15 +98,13 @@ def _partial(recording: Recording) -> dict[str, Any]:
     return numbers
 
 
-def _closest(recording: Recording) -> dict[str, Any] | None:
+def _closest(margins: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     """Return where the run came closest to leaving a set: joint, set, margin [rad], time [s]."""
-    found = margins_of(recording)
-    if found is None or not np.isfinite(found.values).any():
-        return None
-    t, margins, names = found
-    k, which, joint = np.unravel_index(np.nanargmin(margins), margins.shape)
-    return {'joint': recording.joints[joint], 'set': names[which],
-            'margin': float(margins[k, which, joint]), 't': float(t[k])}
+    for each in closest_by_unit(margins):
+        if each['unit'] == 'rad':
+            return {'joint': each['body'], 'set': each['constraint'], 'margin': each['margin'],
+                    't': each['t']}
+    return None
 
 
 def _guarantee(guaranteed: GuaranteeOverTime | None) -> dict[str, Any] | None:
@@ -125,18 +127,18 @@ def verdict(numbers: Mapping[str, Any]) -> tuple[str, str, list[str]]:
         sentences.append('The bag does not tell whether the sets were kept.')
     elif kept:
         kind, head = 'good', 'Sets kept'
-        sentences.append(f'Every joint stayed inside its safety and performance set in all '
+        sets = listed([each['constraint'] for each in numbers['margins']])
+        sentences.append(f'Every joint stayed inside its {sets} set in all '
                          f'{numbers["samples"]} samples of {numbers["duration_s"]:.1f} s.')
     else:
         kind, head = 'bad', 'Sets left'
         sentences.append(f'A joint was outside a set in {numbers["set_violations"]} of '
                          f'{numbers["samples"]} samples of {numbers["duration_s"]:.1f} s.')
-    closest = numbers['closest']
-    if closest:
+    for closest in closest_by_unit(numbers['margins']):
         how = 'Closest approach' if closest['margin'] > 0.0 else 'Farthest outside'
-        bound = {'nearer': 'nearer'}.get(closest['set'], closest['set'])
-        sentences.append(f'{how}: {abs(closest["margin"]):.4g} rad from the {bound} bound, '
-                         f'{closest["joint"]} at {closest["t"]:.2f} s.')
+        sentences.append(f'{how}: {abs(closest["margin"]):.4g} {closest["unit"]} from the '
+                         f'{closest["constraint"]} bound, {closest["body"]} at '
+                         f'{closest["t"]:.2f} s.')
     sentences += _learning_sentences(numbers)
     return kind, head, sentences
 

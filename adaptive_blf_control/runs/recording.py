@@ -14,6 +14,7 @@ import yaml
 from adaptive_blf_control.bags.reader import Bag, JointSeries, read_bag, TopicInfo
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
+from adaptive_blf_control.control.constraints import Constraints
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.control.settings import PerformanceSettings, SafetySettings
 from adaptive_blf_control.errors import BagError, BlfError
@@ -28,13 +29,18 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
     TRACKING_ERROR,
 )
-from adaptive_blf_control.runs.bag_run import bag_parameters, run_of_bag, topic_named
-from adaptive_blf_control.runs.summary import Run
+from adaptive_blf_control.runs.bag_run import (
+    bag_parameters,
+    constraints_of,
+    run_of_bag,
+    topic_named,
+)
+from adaptive_blf_control.runs.margins import Margins, margins_along, published_margins
+from adaptive_blf_control.runs.summary import Run, state_along
 
 __all__ = ['Recording', 'Series', 'read_recording']
 
 T = TypeVar('T')
-SAFETY_MARGIN, PERFORMANCE_MARGIN = 'safety_margin', 'performance_margin'
 
 
 class Series(NamedTuple):
@@ -50,12 +56,14 @@ class Answered(NamedTuple):
     Attributes:
         t: Shape (N,) [s].
         q: Shape (N, n) [rad].
+        qd: Shape (N, n) [rad/s].
         e1: Shape (N, n) [rad].
         e2: Shape (N, n) [rad/s].
     """
 
     t: np.ndarray
     q: np.ndarray
+    qd: np.ndarray
     e1: np.ndarray
     e2: np.ndarray
 
@@ -78,7 +86,8 @@ class Recording:
         q: Positions [rad], (N, n).
         reference: y_d [rad], (N, n).
         e1: Tracking error [rad], (N, n).
-        margins: Distance to the nearer bound of either set [rad], (N, n), as published.
+        constraints: What counts as inside, as far as it can be made here, or None.
+        published: Margins of all constraints, as published.
         torque: Applied torque [N·m], (N, n); the commanded one where effort was not measured.
         theta_hat: Estimates, (N, m).
         rank: Rank of the history stack, (N,).
@@ -105,7 +114,8 @@ class Recording:
     q: Series | None = None
     reference: Series | None = None
     e1: Series | None = None
-    margins: Series | None = None
+    constraints: Constraints | None = None
+    published: tuple[Margins, ...] = ()
     torque: Series | None = None
     theta_hat: Series | None = None
     rank: Series | None = None
@@ -117,6 +127,17 @@ class Recording:
     errors: JointSeries | None = None
     commands_ns: np.ndarray | None = None
     drops: list[dict[str, str | int]] = field(default_factory=list)
+
+    @property
+    def margins(self) -> tuple[Margins, ...]:
+        """Margins from states and errors, for other constraints as they were published."""
+        answered, made = self.answered, self.constraints
+        if answered is None or made is None or self.performance is None:
+            return self.published
+        known = {part.name for part in made.parts}
+        run = state_along(answered.t, answered.q, answered.qd, answered.e1, self.performance)
+        return margins_along(made, run) + tuple(
+            each for each in self.published if each.constraint not in known)
 
 
 class _Tolerant:
@@ -194,6 +215,7 @@ def read_recording(path: Path | str) -> Recording:
         data['safety'] = _interval(reader, controller.safety, 'safety', len(joints))
         data['performance'] = _interval(reader, controller.performance, 'performance',
                                         len(joints))
+        data['constraints'] = reader.attempt('sets', lambda: constraints_of(controller))
     run = _run(reader)
     drops = drop_counters(m.data for m in bag.messages(('/diagnostics',)))
     return Recording(
@@ -241,8 +263,8 @@ def _answered(states: JointSeries | None,
                                                 return_indices=True)
     if stamps.size == 0:
         return None, int(states.stamp_ns[0])
-    return Answered(stamps, states.position[at_state], errors.position[at_error],
-                    errors.velocity[at_error]), int(stamps[0])
+    return Answered(stamps, states.position[at_state], states.velocity[at_state],
+                    errors.position[at_error], errors.velocity[at_error]), int(stamps[0])
 
 
 def _topics(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...],
@@ -263,7 +285,7 @@ def _topics(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...],
     for topic, name in ((HISTORY_RANK, 'rank'), (HISTORY_SIGMA_MIN, 'sigma_min')):
         if pair := reader.doubles(topic, f'{name} of the history stack'):
             data[name] = Series(clock.of_log(pair[0]), pair[1])
-    data.update(_barrier(reader, clock, joints))
+    data.update(_barrier(reader, clock))
     commands = reader.doubles(COMMANDS, 'commands')
     if commands is not None:
         data['commands_ns'] = commands[0]
@@ -275,17 +297,12 @@ def _topics(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...],
     return data
 
 
-def _barrier(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...]) -> dict[str, Series]:
+def _barrier(reader: _Tolerant, clock: _Clock) -> dict[str, Any]:
     barrier = reader.joints(BARRIER, 'barrier')
     if barrier is None:
         return {}
-    t, column = clock.of_stamp(barrier.stamp_ns), {n: i for i, n in enumerate(barrier.names)}
-    found = {}
-    if 'V' in column:
-        found['lyapunov'] = Series(t, barrier.position[:, column['V']])
-    wanted = [[f'{joint}.{what}' for joint in joints]
-              for what in (SAFETY_MARGIN, PERFORMANCE_MARGIN)]
-    if joints and all(name in column for row in wanted for name in row):
-        both = [barrier.position[:, [column[name] for name in row]] for row in wanted]
-        found['margins'] = Series(t, np.minimum(*both))
+    t, names = clock.of_stamp(barrier.stamp_ns), barrier.names
+    found: dict[str, Any] = {'published': published_margins(names, t, barrier.position)}
+    if 'V' in names:
+        found['lyapunov'] = Series(t, barrier.position[:, names.index('V')])
     return found

@@ -16,7 +16,7 @@ from adaptive_blf_control.control.guarantee import (
     mass_range,
 )
 from adaptive_blf_control.control.law import errors
-from adaptive_blf_control.control.laws import AblfLaw
+from adaptive_blf_control.control.laws.ablf import AblfLaw
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import truth_of
 
@@ -24,7 +24,7 @@ __all__ = ['RunGuarantee', 'guarantee_of_trace']
 
 
 class RunGuarantee(NamedTuple):
-    """What was guaranteed at the start and anew at every change of θ*, and whether it was kept.
+    """What was guaranteed at the start and again at every change of θ*, and whether it was kept.
 
     Attributes:
         starts: Times of the guarantees [s].

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import functools
 import os
@@ -20,7 +20,8 @@ from adaptive_blf_control.configuration.parameter_file import (
     load_yaml,
     node_settings,
 )
-from adaptive_blf_control.control.laws import Law
+from adaptive_blf_control.control.constraints import Constraint
+from adaptive_blf_control.control.laws.protocol import Law
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
@@ -74,7 +75,7 @@ class Simulation(Trace):
 
     @property
     def kept(self) -> bool:
-        """Whether every joint stayed strictly inside both of its sets at every sample."""
+        """Whether every constraint was strictly kept at every sample."""
         return bool(self._summary['set_violations'] == 0)
 
     @functools.cached_property
@@ -112,6 +113,7 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
              duration: float | None = None, *, plant: Plant | None = None,
              law: Law | type[Law] | str | None = None,
              update_law: UpdateLaw | type[UpdateLaw] | str | None = None,
+             constraints: Sequence[Constraint | type[Constraint] | str] = (),
              observer: Callable[[Sample], None] | None = None, **changes: Any) -> Simulation:
     """Run a scenario in lockstep without ROS: the same objects that run in the nodes.
 
@@ -122,6 +124,7 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
         plant: What is driven in place of the simulated arm.
         law: A control law, or a class of laws, in place of the scenario's; see `Controller`.
         update_law: An update law, or a class of them, likewise; see `Identifier`.
+        constraints: What else counts as inside, beside the scenario's; see `Controller`.
         observer: Called with every sample.
         changes: Parameters of ``controller``, ``identifier`` and ``arm_driver``, by name or as
             YAML nests them: ``controller={'k2': [30.0, 5.0]}`` and ``**{'controller.k2': 5.0}``;
@@ -138,7 +141,8 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
     """
     if isinstance(scenario, ClosedLoop):
         for name, value in (
-                ('plant', plant), ('law', law), ('update_law', update_law), *changes.items()):
+                ('plant', plant), ('law', law), ('update_law', update_law),
+                ('constraints', constraints or None), *changes.items()):
             if value is not None:
                 raise ParameterError(name, value, 'nothing: the loop has been joined by hand')
         loop, length = scenario, duration_of({}, duration)
@@ -149,7 +153,7 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
         data = apply_changes(data, changes)
         if plant is not None:
             require('plant', plant, plant, REQUIRED)
-        loop = build_closed_loop(data, OwnParts(arm, plant, law, update_law))
+        loop = build_closed_loop(data, OwnParts(arm, plant, law, update_law, constraints))
         length = duration_of(data, duration)
     loop.warm_up()
     return Simulation(**vars(loop.run(length, observer)), loop=loop)

@@ -8,11 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.control.sets import JointInterval
+from adaptive_blf_control.control.constraints import Constraints, MotionState
+from adaptive_blf_control.control.sets import Bounds, JointInterval
+from adaptive_blf_control.runs.margins import (
+    closest_by_unit,
+    least_per_joint,
+    margin_figures,
+    Margins,
+    margins_along,
+    violated_at,
+)
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import Truth, truth_of
 
-__all__ = ['SETTLED', 'Run', 'run_of_trace', 'settling_time', 'summarise', 'table']
+__all__ = ['SETTLED', 'Run', 'listed', 'margins_of_run', 'run_of_trace', 'settling_time',
+           'state_along', 'summarise', 'table']
 
 SETTLED = 0.01  # part of ‖θ*‖ under which ‖θ̃‖ counts as settled
 
@@ -26,22 +36,26 @@ class Run:
         parameters: Parameter names, length m.
         t: Sample times of q and e1, shape (N,) [s].
         q: Positions, shape (N, n) [rad].
+        qd: Velocities, shape (N, n) [rad/s].
         e1: Tracking errors, shape (N, n) [rad].
         t_theta: Times of the estimates, shape (K,) [s].
         theta_hat: Estimates, shape (K, m).
         rank: Rank of the history stack at the end.
         sigma_min: σ_min of the history stack at the end.
         safety: Safety set (7).
-        performance: Performance set (8).
-        q_unanswered: Positions the controller gave no answer to, shape (K, n) [rad]; they count
-            for the safety set.
+        performance: Performance set (8), as wide as it gets.
+        constraints: What counts as inside.
         truth: (t, θ*) from t [s] on, in ascending order from 0, where θ* is known.
+        unanswered: States the controller gave no answer to, with e1 unknown (NaN); they count
+            where a constraint needs no e1.
+        published: Margins of constraints that are not known here, as the controller sent them.
     """
 
     joints: tuple[str, ...]
     parameters: tuple[str, ...]
     t: np.ndarray
     q: np.ndarray
+    qd: np.ndarray
     e1: np.ndarray
     t_theta: np.ndarray
     theta_hat: np.ndarray
@@ -49,8 +63,10 @@ class Run:
     sigma_min: float
     safety: JointInterval
     performance: JointInterval
+    constraints: Constraints
     truth: Truth | None = None
-    q_unanswered: np.ndarray | None = None
+    unanswered: MotionState | None = None
+    published: tuple[Margins, ...] = ()
 
     def theta_true(self, t: np.ndarray) -> np.ndarray:
         """Return θ* at the times ``t`` (K,) [s], shape (K, m); NaN where it is not known."""
@@ -62,10 +78,32 @@ class Run:
 
 def run_of_trace(loop: ClosedLoop, trace: Trace) -> Run:
     """Return a trace of the closed loop as a run to summarise."""
-    return Run(loop.arm.joints, loop.arm.parameters, trace.t, trace.q, trace.e1, trace.t,
-               trace.theta_hat, int(trace.rank[-1]), float(trace.sigma_min[-1]),
+    return Run(loop.arm.joints, loop.arm.parameters, trace.t, trace.q, trace.qd, trace.e1,
+               trace.t, trace.theta_hat, int(trace.rank[-1]), float(trace.sigma_min[-1]),
                loop.controller.safety, loop.controller.performance,
-               truth_of(loop.plant, loop.arm.parameters))
+               loop.controller.constraints, truth_of(loop.plant, loop.arm.parameters))
+
+
+def state_along(t: np.ndarray, q: np.ndarray, qd: np.ndarray, e1: np.ndarray,
+                performance: JointInterval) -> MotionState:
+    """Return a run as the constraints see it, the performance set as wide as it gets."""
+    rest = np.zeros_like(performance.lower)
+    return MotionState(t, q, qd, e1, Bounds(performance.lower, performance.upper, rest, rest))
+
+
+def margins_of_run(run: Run) -> tuple[Margins, ...]:
+    """Return the margins of all constraints along a run."""
+    states = state_along(run.t, run.q, run.qd, run.e1, run.performance)
+    return margins_along(run.constraints, states) + run.published
+
+
+def _violations(run: Run, margins: tuple[Margins, ...]) -> int:
+    """Number of samples that are not inside, those without an answer included."""
+    count = int(np.count_nonzero(violated_at(run.t, margins)))
+    if run.unanswered is not None and run.unanswered.q.size:
+        beyond = (run.constraints.margins_along(run.unanswered) <= 0.0).any(axis=1)
+        count += int(np.count_nonzero(beyond | ~np.isfinite(run.unanswered.q).all(axis=1)))
+    return count
 
 
 def settling_time(t: np.ndarray, error: np.ndarray, threshold: float) -> float | None:
@@ -90,22 +128,22 @@ def _settling_times(run: Run, truth: Truth, error: np.ndarray) -> list[float | N
 def summarise(run: Run) -> dict[str, Any]:
     """Return the figures of a run; per-joint values are lists in the order of the joints.
 
-    ``set_violations`` counts samples in which some joint is not strictly inside both sets,
-    ``min_margin`` is the smallest distance to either set's bound per joint [rad].
+    ``set_violations`` counts samples in which some constraint is not strictly kept, ``margins``
+    has the closest approach of each, ``min_margin`` is the smallest distance to a bound of either
+    set per joint [rad].
     """
-    margin = np.minimum(run.safety.margin(run.q), run.performance.margin(run.e1))
-    unanswered = np.empty((0, len(run.joints))) if run.q_unanswered is None else run.q_unanswered
-    outside = int(np.count_nonzero(~(run.safety.margin(unanswered) > 0.0).all(axis=1)))
+    margins = margins_of_run(run)
     last = run.t >= run.t[0] + 0.75 * (run.t[-1] - run.t[0])
     figures: dict[str, Any] = {
         'joints': list(run.joints),
         'duration_s': float(run.t[-1] - run.t[0]),
         'samples': int(run.t.size),
-        'set_violations': int(np.count_nonzero(~(margin > 0.0).all(axis=1))) + outside,
+        'set_violations': _violations(run, margins),
         'max_abs_error': np.abs(run.e1).max(axis=0).tolist(),
         'rms_error': np.sqrt(np.mean(run.e1 ** 2, axis=0)).tolist(),
         'rms_error_last_quarter': np.sqrt(np.mean(run.e1[last] ** 2, axis=0)).tolist(),
-        'min_margin': margin.min(axis=0).tolist(),
+        'min_margin': least_per_joint(run.joints, margins),
+        'margins': margin_figures(margins),
         'theta_hat': dict(zip(run.parameters, run.theta_hat[-1].tolist())),
         'theta_error_norm': None,
         'theta_true_norm': None,
@@ -124,11 +162,17 @@ def summarise(run: Run) -> dict[str, Any]:
     return figures
 
 
+def listed(words: list[str]) -> str:
+    """Return words as a sentence lists them: a, b and c."""
+    return ' and '.join(filter(None, [', '.join(words[:-1]), words[-1]])) if words else 'no'
+
+
 def table(figures: dict[str, Any], run: Run) -> str:
     """Return the figures as a short table a person reads."""
     kept = figures['set_violations'] == 0
     lines = [
-        f'safety and performance sets: {"KEPT" if kept else "LEFT"}'
+        f'{listed([each["constraint"] for each in figures["margins"]])} sets: '
+        + ('KEPT' if kept else 'LEFT')
         + ('' if kept else f' in {figures["set_violations"]} of {figures["samples"]} samples')
         + f'  ({figures["duration_s"]:.1f} s, {figures["samples"]} samples)',
         '',
@@ -141,6 +185,9 @@ def table(figures: dict[str, Any], run: Run) -> str:
             f'{joint:<18}{figures["max_abs_error"][i]:>14.5f}{figures["rms_error"][i]:>12.2e}'
             f'{figures["rms_error_last_quarter"][i]:>14.2e}{bound:>20}'
             f'{figures["min_margin"][i]:>14.4f}')
+    lines += [f'{each["constraint"]:<21}least margin {each["margin"]:.4g} {each["unit"]}, '
+              f'{each["body"]} at {each["t"]:.2f} s'
+              for each in closest_by_unit(figures['margins']) if each['unit'] != 'rad']
     lines.append('')
     if run.truth:
         settled = figures['theta_settling_times_s']

@@ -8,10 +8,10 @@ was held over the interval that ends now), then the arm moves on under the new t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,8 +34,7 @@ def sample_time(k: int, period: float) -> float:
     return round(k * period * 1e9) * 1e-9
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """One sample of the loop: the measured state and what the nodes answer to it.
 
     Attributes:
@@ -138,30 +137,39 @@ class ClosedLoop:
             duration: Length of the run [s]; the sample at its end is included.
             observer: Called with every sample, e.g. to write a bag.
         """
-        steps = int(round(duration / self.period)) + 1
-        n, m = self.arm.n, self.arm.m
-        q, qd, e1, torque = (np.empty((steps, n)) for _ in range(4))
-        theta_hat = np.empty((steps, m))
+        steps, plant = self._steps(duration), self.plant
+        q, qd, e1, torque = (np.empty((steps, self.arm.n)) for _ in range(4))
+        t, theta_hat = np.empty(steps), np.empty((steps, self.arm.m))
         rank, sigma_min = np.empty(steps, dtype=int), np.empty(steps)
-        plant, controller, identifier = self.plant, self.controller, self.identifier
-        theta, term = self._initial_estimate, np.zeros(m)
         begin = time.perf_counter()  # duration of the computation, not a time of the logic
-        for k in range(steps):
+        for k, sample in enumerate(self.samples(duration)):
+            q[k], qd[k], e1[k] = plant.q, plant.qd, plant.q - sample.output.reference.position
+            t[k], torque[k], theta_hat[k] = sample.t, sample.output.torque, sample.theta_hat
+            rank[k], sigma_min[k] = sample.rank, sample.sigma_min
+            if observer is not None:
+                observer(sample)
+        wall = time.perf_counter() - begin
+        return Trace(t, q, qd, e1, torque, theta_hat, rank, sigma_min, wall)
+
+    def samples(self, duration: float) -> Iterator[Sample]:
+        """Run for ``duration`` [s] of arm time, the sample at its end included; store nothing.
+
+        Yields:
+            Each sample, before the plant moves on.
+        """
+        plant, controller, identifier = self.plant, self.controller, self.identifier
+        theta, term = self._initial_estimate, np.zeros(self.arm.m)
+        for k in range(self._steps(duration)):
             t = sample_time(k, self.period)
             measured = plant.measure(plant.torque, self.period if k else 0.0)
-            output = controller.update(t, measured.q, measured.qd, theta)
+            output = controller.update(t, measured.q, measured.qd, theta, measured.torque)
             estimate = identifier.update(t, *measured, term)
             term = output.adaptation_term
             stack = identifier.stack
-            q[k], torque[k], theta_hat[k] = plant.q, output.torque, estimate
-            qd[k], e1[k] = plant.qd, plant.q - output.reference.position
-            rank[k], sigma_min[k] = stack.rank, stack.sigma_min
-            if observer is not None:
-                observer(Sample(t, measured, output, theta, estimate, stack.rank,
-                                stack.sigma_min))
+            yield Sample(t, measured, output, theta, estimate, stack.rank, stack.sigma_min)
             theta = theta if self._known else estimate
             plant.apply(output.torque)
             plant.advance(self.period)
-        wall = time.perf_counter() - begin
-        times = np.array([sample_time(k, self.period) for k in range(steps)])
-        return Trace(times, q, qd, e1, torque, theta_hat, rank, sigma_min, wall)
+
+    def _steps(self, duration: float) -> int:
+        return int(round(duration / self.period)) + 1

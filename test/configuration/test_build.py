@@ -8,7 +8,6 @@ import pytest
 
 from adaptive_blf_control.configuration.build import (
     build_arm,
-    build_controller,
     build_identifier,
     build_plant,
     initial_theta,
@@ -19,6 +18,7 @@ from adaptive_blf_control.configuration.parameter_file import (
     load_yaml,
     node_settings,
 )
+from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.errors import ArmError, BlfError, ParameterError, SetViolation
 
 START = np.array([0.0, 2.0])
@@ -36,7 +36,7 @@ def values(repository):
 def test_controller_has_the_gains_sets_and_reference_of_the_file(values):
     given = values('controller', 'controller.k1=[40.0, 30.0]', 'controller.k2=[25.0]',
                    'controller.coupling=pseudoinverse', 'controller.torque_limit=[70.0, 60.0]')
-    controller = build_controller(given, build_arm(given), START)
+    controller = Controller(build_arm(given), given, start=START)
     np.testing.assert_array_equal(controller.settings.k1, [40.0, 30.0])
     np.testing.assert_array_equal(controller.settings.k2, [25.0, 25.0])
     np.testing.assert_array_equal(controller.settings.torque_limit, [70.0, 60.0])
@@ -55,7 +55,7 @@ def test_joints_with_fewer_sinusoids_are_filled_up_with_nothing(values):
                    'controller.reference.joint2.frequency=[1.0, 2.0, 3.0]',
                    'controller.reference.joint2.phase=[0.0, 0.1, 0.2]',
                    'controller.reference.joint2.offset=0.25')
-    reference = build_controller(given, build_arm(given), None).reference
+    reference = Controller(build_arm(given), given).reference
     expected = 0.25 + np.sin(0.7) + 0.5 * np.sin(1.5) + 0.25 * np.sin(2.3)
     np.testing.assert_allclose(reference.at(0.7).position, [np.sin(0.35), expected])
 
@@ -63,13 +63,13 @@ def test_joints_with_fewer_sinusoids_are_filled_up_with_nothing(values):
 def test_sinusoids_of_different_lengths_are_refused(values):
     given = values('controller', 'controller.reference.joint2.phase=[0.0, 0.1]')
     with pytest.raises(ParameterError, match=r'controller\.reference\.joint2.*same length'):
-        build_controller(given, build_arm(given), START)
+        Controller(build_arm(given), given, start=START)
 
 
 def test_smooth_start_begins_in_the_measured_posture(values):
     given = values('controller', 'controller.reference.smooth_start=2.0')
     start = np.array([0.7, 1.2])
-    reference = build_controller(given, build_arm(given), start).reference
+    reference = Controller(build_arm(given), given, start=start).reference
     np.testing.assert_array_equal(reference.at(0.0).position, start)
     np.testing.assert_allclose(reference.at(2.5).position, [np.sin(1.25), 2 * np.cos(1.25)])
 
@@ -77,13 +77,13 @@ def test_smooth_start_begins_in_the_measured_posture(values):
 def test_a_start_outside_a_set_is_refused(values):
     given = values('controller')
     with pytest.raises(SetViolation, match="'joint2': start error"):
-        build_controller(given, build_arm(given), np.array([0.0, 1.7]))
+        Controller(build_arm(given), given, start=np.array([0.0, 1.7]))
 
 
 def test_sets_are_checked_without_a_start(values):
     given = values('controller', 'controller.safety.upper=[1.1, 2.2]')
     with pytest.raises(SetViolation, match="'joint1'.*pokes out of the safety set above"):
-        build_controller(given, build_arm(given), None)
+        Controller(build_arm(given), given)
 
 
 def test_identifier_has_the_gains_of_the_file(values):

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from adaptive_blf_control.control.laws import LawAnswer
+from adaptive_blf_control import LawAnswer
 
 
 class Spring:

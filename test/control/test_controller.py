@@ -79,7 +79,7 @@ def lyapunov_rate(law: Controller, theta: np.ndarray, t: float, q: np.ndarray,
         s4 = slope(t + step, state + step * s3)
         end = state + step / 6 * (s1 + 2 * s2 + 2 * s3 + s4)
         output = first_answer(law, t + step, end[:2], end[2:], theta)
-        return law.lyapunov(end[:2], output, THETA)
+        return law.lyapunov(output, THETA)
 
     state, h = np.concatenate([q, qd]), 1e-5
     return (value(h) - value(-h)) / (2 * h)
@@ -133,7 +133,7 @@ def test_lyapunov_function_is_barrier_plus_kinetic_energy_of_e2():
         c2 = np.cos(q[1])
         mass = np.array([[p1 + 2 * p3 * c2, p2 + p3 * c2], [p2 + p3 * c2, p2]])
         expected = 0.5 * np.sum(e1 ** 2 / (b ** 2 - e1 ** 2)) + 0.5 * e2 @ mass @ e2
-        assert law.lyapunov(q, output, THETA) == pytest.approx(expected, rel=1e-12)
+        assert law.lyapunov(output, THETA) == pytest.approx(expected, rel=1e-12)
 
 
 def test_output_is_consistent_with_itself():
@@ -267,7 +267,7 @@ def test_a_smooth_start_is_possible_anywhere_inside_the_safety_set(start):
     law.check_start(posture)
     output = law.update(0.0, posture, np.zeros(2), THETA)
     assert not output.e1.any()
-    margins = law.margins(posture, output)
+    margins = law.margins(output)
     np.testing.assert_allclose(margins[:2], law.safety.margin(posture))
     np.testing.assert_allclose(margins[2:], np.minimum(margins[:2], -LOWER), atol=1e-15)
 
@@ -285,7 +285,7 @@ def test_margins_are_those_of_the_bounds_in_use_at_the_sample():
     for t, upper in ((0.0, 0.05), (1.0, 0.125), (2.0, 0.2), (9.0, 0.2)):
         position = law.reference.at(t).position + np.array([0.01, -0.02])
         output = first_answer(law, t, position, np.zeros(2), THETA)
-        np.testing.assert_allclose(law.margins(position, output)[2:],
+        np.testing.assert_allclose(law.margins(output)[2:],
                                    [min(upper - 0.01, 0.18), 0.15])
         assert output.bound[0] == pytest.approx(upper)
 
@@ -455,3 +455,15 @@ def test_a_blend_time_that_is_none_is_named(blend):
     law = controller(widen=1.0)
     with pytest.raises(ParameterError, match='blend_time'):
         law.retune(0.0, TASK.at(0.0).position, reference=OTHER, blend_time=blend)
+
+
+@pytest.mark.parametrize(('settings', 'message'), [
+    ({'safety.lower': [1.0], 'safety.upper': [1.0]},
+     r"'controller\.safety\.lower' is \[1\.0\].*below controller\.safety\.upper = \[1\.0\] rad"),
+    ({'safety.lower': [0.0, 2.0], 'safety.upper': [1.0]}, r'controller\.safety\.lower'),
+    ({'performance.lower': [0.0]}, r"'controller\.performance\.lower'.*lower < 0 < upper"),
+    ({'performance.upper': [-0.1]}, r"'controller\.performance\.upper'.*lower < 0 < upper"),
+    ({'constraints': ['', 'velocity']}, "module:name each, not 'velocity'")])
+def test_settings_that_do_not_fit_each_other_are_refused_when_they_are_made(settings, message):
+    with pytest.raises(ParameterError, match=message):
+        ControllerSettings().replace(**settings)

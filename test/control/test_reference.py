@@ -9,10 +9,10 @@ import pytest
 from adaptive_blf_control.control.reference import (
     Crossfade,
     DEEPEST,
+    from_time,
     full_range,
     Posture,
     Reference,
-    settled,
     SmoothStart,
     SumOfSinusoids,
 )
@@ -150,7 +150,7 @@ def test_a_crossfade_leaves_one_reference_and_joins_the_other_with_two_derivativ
 @pytest.mark.parametrize('reference', REFERENCES.values(), ids=REFERENCES)
 @pytest.mark.parametrize('now', [0.0, 0.5, 1.0, 2.0, 2.5, 3.5, 4.0])
 def test_what_is_settled_equals_the_reference_from_then_on(reference: Reference, now):
-    rest = settled(reference, now)
+    rest = from_time(reference, now)
     for t in np.linspace(now, 6.0, 41):
         np.testing.assert_array_equal(rest.at(t), reference.at(t))
 
@@ -160,19 +160,19 @@ def test_a_crossfade_that_is_over_keeps_no_old_reference_alive():
     for k in range(1000):
         after = SumOfSinusoids(np.array([0.1, 0.01 * k]), np.ones((2, 1)), np.ones((2, 1)),
                                np.ones((2, 1)))
-        reference = Crossfade(settled(reference, 3.0 * k), after, 3.0 * k, T)
+        reference = Crossfade(from_time(reference, 3.0 * k), after, 3.0 * k, T)
         if k:
             assert isinstance(reference.before, SumOfSinusoids)
-    assert settled(reference, 3.0 * k + T) is after
+    assert from_time(reference, 3.0 * k + T) is after
 
 
 def test_no_more_changes_than_can_be_followed_are_under_way_at_once():
     reference: Reference = sinusoids()
     for k in range(DEEPEST):
-        reference = Crossfade(settled(reference, 0.01 * k), sinusoids(), 0.01 * k, T)
+        reference = Crossfade(from_time(reference, 0.01 * k), sinusoids(), 0.01 * k, T)
     reference.at(1.0)
     with pytest.raises(ParameterError, match=f'{DEEPEST + 1} changes within their blend time'):
-        Crossfade(settled(reference, 1.0), sinusoids(), 1.0, T)
+        Crossfade(from_time(reference, 1.0), sinusoids(), 1.0, T)
 
 
 def test_full_range_leaves_out_only_the_posture_of_a_smooth_start():

@@ -9,7 +9,6 @@ import pytest
 from adaptive_blf_control.control.reference import SmoothStart, SumOfSinusoids
 from adaptive_blf_control.control.sets import (
     check_performance_inside_safety,
-    check_start,
     GrowingBounds,
     JointInterval,
 )
@@ -58,22 +57,6 @@ def test_performance_set_has_to_contain_zero_error(lower, upper):
     performance = JointInterval(np.array([-0.1, lower]), np.array([0.1, upper]))
     with pytest.raises(ParameterError, match='lower < 0 < upper'):
         check_performance_inside_safety(SAFETY, performance, RANGE, JOINTS)
-
-
-def test_a_start_inside_both_sets_is_accepted():
-    check_start(SAFETY, PERFORMANCE, np.array([1.19, -2.16]), np.array([0.19, -0.16]), JOINTS)
-
-
-@pytest.mark.parametrize('q', [[0.0, 2.2], [0.0, 2.3], [0.0, -2.17], [0.0, float('nan')]])
-def test_a_start_position_on_or_beyond_the_safety_bound_is_refused(q):
-    with pytest.raises(SetViolation, match="'joint2': start position outside the safety set"):
-        check_start(SAFETY, PERFORMANCE, np.array(q), np.zeros(2), JOINTS)
-
-
-@pytest.mark.parametrize('error', [[0.2, 0.0], [-0.17, 0.0], [float('nan'), 0.0]])
-def test_a_start_error_on_or_beyond_the_performance_bound_is_refused(error):
-    with pytest.raises(SetViolation, match="'joint1': start error outside the performance set"):
-        check_start(SAFETY, PERFORMANCE, np.zeros(2), np.array(error), JOINTS)
 
 
 def test_margin_is_the_distance_to_the_nearer_bound():

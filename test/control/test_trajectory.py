@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.control.reference import (
+    from_time,
     full_range,
     ReferencePoint,
-    settled,
     SumOfSinusoids,
 )
 from adaptive_blf_control.control.trajectory import (
@@ -75,18 +75,18 @@ def test_a_joined_reference_that_has_begun_forgets_what_was_before() -> None:
     first = JoinedReference(before, 3.0, PointReference(TIMES, POINTS))
     second = JoinedReference(first, 6.0, PointReference(TIMES, POINTS))
     for now in (2.0, 3.0, 4.0, 6.0):
-        rest = settled(second, now)
+        rest = from_time(second, now)
         for t in np.linspace(now, 9.0, 29):
             np.testing.assert_array_equal(rest.at(t), second.at(t))
-    assert isinstance(settled(first, 3.0), DelayedReference)
-    assert isinstance(settled(second, 6.0), DelayedReference)
+    assert isinstance(from_time(first, 3.0), DelayedReference)
+    assert isinstance(from_time(second, 6.0), DelayedReference)
 
 
 def test_full_range_of_a_joined_reference_counts_the_first_one_until_it_is_left() -> None:
     before = SumOfSinusoids(np.zeros(2), np.full((2, 1), 9.0), np.ones((2, 1)), np.zeros((2, 1)))
     way = JoinedReference(before, 3.0, PointReference(TIMES, POINTS))
     np.testing.assert_array_equal(full_range(way), before.range())
-    np.testing.assert_array_equal(full_range(settled(way, 3.0)), way.range())
+    np.testing.assert_array_equal(full_range(from_time(way, 3.0)), way.range())
 
 
 @pytest.mark.parametrize(('times', 'points', 'what'), [

@@ -18,9 +18,10 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.configuration.build import build_controller
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.barrier import barrier
+from adaptive_blf_control.control.controller import Controller
+from adaptive_blf_control.control.way import way_through
 from adaptive_blf_control.errors import ParameterError, SetViolation
 from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.topics import (
@@ -35,7 +36,6 @@ from adaptive_blf_control.messages.topics import (
 )
 from adaptive_blf_control.nodes import controller as controller_module
 from adaptive_blf_control.nodes.controller import ControllerNode
-from adaptive_blf_control.nodes.joint_trajectory import reference_through
 
 TASK = {
     'k1': [1000.0, 800.0], 'k2': [60.0, 8.0], 'torque_limit': [200.0, 100.0],
@@ -75,7 +75,7 @@ class _Rig:
                 (COMMANDS, Float64MultiArray), (ADAPTATION_TERM, JointState),
                 (REFERENCE, JointState), (TRACKING_ERROR, JointState), (BARRIER, JointState))}
         heard = {f'{namespace}/{topic}' for topic in self.sent}
-        wait_until(lambda: self.node._someone_drives() and all(
+        wait_until(lambda: self.node.commands.someone_drives() and all(
             publisher.get_subscription_count() for publisher in self.node._data_publishers
             if publisher.topic_name in heard), what='the match')
         self._answers = 0
@@ -118,11 +118,13 @@ class _Rig:
     def ignores(self, state: JointState | bytes, reason: str) -> None:
         """Check that a message is dropped for ``reason``, unanswered, and leaves no trace."""
         node, data = self.node, state if isinstance(state, bytes) else serialize_message(state)
-        before = (node.output, node.theta, node._last_ns, node._heard_at, node.statistics.samples)
+        before = (node.output, node.theta, node.motion.gate.last_ns, node.heard_at,
+                  node.statistics.samples)
         drops = dict(node.drops)
         node.on_joint_states(data, {})
         assert node.drops == {**drops, reason: drops.get(reason, 0) + 1}
-        after = (node.output, node.theta, node._last_ns, node._heard_at, node.statistics.samples)
+        after = (node.output, node.theta, node.motion.gate.last_ns, node.heard_at,
+                  node.statistics.samples)
         assert all(a is b or a == b for a, b in zip(before, after))
 
 
@@ -138,7 +140,7 @@ def _settings(rig_, **changed) -> ControllerNodeSettings:
 
 def test_the_torque_is_that_of_the_law_for_the_state_and_the_time_since_the_start(rig) -> None:
     rig = rig(state_timeout=1.0)
-    law = build_controller(_settings(rig), TwoLinkArm(), np.array(Q))
+    law = Controller(TwoLinkArm(), _settings(rig), start=np.array(Q))
     theta = np.array(TASK['initial_estimate'])
     for ms, q, qd in ((0.0, Q, QD), (1.0, [0.02, 1.97], QD), (250.0, [0.1, 1.99], [0.5, -0.3])):
         expected = law.update(ms * 1e-3, np.array(q), np.array(qd), theta)
@@ -220,7 +222,7 @@ def test_one_wild_stamp_is_dropped_and_a_clock_that_stays_ahead_is_followed(rig)
     rig.ignores(_state(9000.0), 'stamp jumps ahead')
     rig.answer(_state(9001.0))
     rig.ignores(_state(8000.0), 'joint state out of order')
-    assert rig.node.output.reference.position[0] == pytest.approx(Q[0])  # begins anew from there
+    assert rig.node.output.reference.position[0] == pytest.approx(Q[0])  # begins again from there
 
 
 def test_a_stamp_that_no_message_can_hold_is_dropped(rig) -> None:
@@ -261,7 +263,7 @@ def test_no_bytes_on_any_topic_give_a_non_finite_torque(rig) -> None:
         strategies.binary(max_size=120) | corrupted(estimate) | estimates)
     def any_bytes(joint_state: bytes, theta_hat: bytes) -> None:
         node.on_theta_hat(theta_hat, {})
-        node._last_ns = None  # every stamp is a new one
+        node.motion.gate.last_ns = None  # every stamp is a new one
         with np.errstate(all='ignore'):
             node.on_joint_states(joint_state, {})
         assert np.isfinite(node.output.torque).all()
@@ -277,7 +279,7 @@ def test_no_bytes_on_any_topic_give_a_non_finite_torque(rig) -> None:
 
 def test_without_an_estimate_the_controller_goes_on_with_the_first_one(rig) -> None:
     rig = rig()
-    law = build_controller(_settings(rig), TwoLinkArm(), np.array(Q))
+    law = Controller(TwoLinkArm(), _settings(rig), start=np.array(Q))
     for k in range(20):
         np.testing.assert_allclose(
             rig.answer(_state(k)),
@@ -295,7 +297,7 @@ def test_an_estimate_acts_from_the_next_state_on_matched_by_name(graph, wait_unt
         after = plain.answer(_state(ms)), other.answer(_state(ms))
     np.testing.assert_array_equal(*before)
     np.testing.assert_array_equal(*after)
-    law = build_controller(_settings(plain), TwoLinkArm(), np.array(Q))
+    law = Controller(TwoLinkArm(), _settings(plain), start=np.array(Q))
     np.testing.assert_allclose(
         after[0], law.update(2e-3, np.array(Q), np.array(QD), theta).torque, rtol=1e-9)
 
@@ -313,18 +315,18 @@ def test_an_estimate_that_cannot_be_used_leaves_the_last_one(rig) -> None:
     assert rig.node.drops == {'non-finite estimate': 2, 'unusable estimate': 3}
 
 
-@pytest.mark.parametrize(('limit', 'believed', 'absurd', 'named'), [
+@pytest.mark.parametrize(('limit', 'believed', 'beyond', 'named'), [
     ([1000.0], [999.0] * 5, [1000.5, 0.0, 0.0, 0.0, 0.0], f'{PARAMETERS[0]} = 1000 '),
     ([10.0, 1.0, 1.0, 10.0, 10.0], [9.0, 0.9, -0.9, 9.0, 9.0], [9.0, 0.9, -1.1, 9.0, 9.0],
      f'{PARAMETERS[2]} = -1.1 is beyond estimate_limit 1:'),
 ])
 def test_an_estimate_beyond_the_limit_is_refused_and_the_last_good_one_kept(
-        rig, capfd, limit, believed, absurd, named) -> None:
+        rig, capfd, limit, believed, beyond, named) -> None:
     rig = rig(estimate_limit=limit)
     rig.node.on_theta_hat(_estimate(believed), {})
-    rig.node.on_theta_hat(_estimate(absurd), {})
+    rig.node.on_theta_hat(_estimate(beyond), {})
     np.testing.assert_array_equal(rig.node.theta, believed)
-    assert rig.node.drops == {'absurd estimate': 1}
+    assert rig.node.drops == {'estimate beyond its limit': 1}
     assert named in capfd.readouterr().err
     assert named in rig.node.last_fault
 
@@ -338,7 +340,7 @@ def test_with_known_parameters_nothing_is_learned(rig) -> None:
     theta = [3.473, 0.196, 0.242, 5.3, 1.1]
     rig = rig(model='known', known_parameters=theta)
     assert rig.node.count_subscribers(THETA_HAT) == 0
-    law = build_controller(_settings(rig), TwoLinkArm(), np.array(Q))
+    law = Controller(TwoLinkArm(), _settings(rig), start=np.array(Q))
     np.testing.assert_allclose(
         rig.answer(_state(0.0)),
         law.update(0.0, np.array(Q), np.array(QD), np.array(theta)).torque, rtol=1e-9)
@@ -359,7 +361,7 @@ def test_a_start_outside_the_safety_set_ends_the_node_without_any_torque(
         runner.join()
     assert error.value.value == pytest.approx(value)
     assert error.value.bound == pytest.approx(bound)
-    assert rig.node._commands is None
+    assert not rig.node.commands.claimed
     assert rig.torques == []
 
 
@@ -384,33 +386,12 @@ def test_a_process_whose_arm_starts_outside_a_set_says_so_and_fails(
     assert commands == []
 
 
-@pytest.mark.parametrize('q', [[0.3, 2.0], [0.0, 1.5], [-1.1, 0.1]])
-def test_without_a_smooth_start_a_posture_off_the_performance_set_is_joined_all_the_same(
-        rig, q) -> None:
-    rig = rig(reference__resume_time=2.0, state_timeout=10.0)
-    rig.answer(_state(0.0, q, [0.0, 0.0]))
-    np.testing.assert_allclose(rig.node.output.e1, 0.0, atol=1e-12)
-    reference = rig.node._controller.reference
-    wanted = build_controller(rig.node.settings, rig.node.arm, None).reference
-    np.testing.assert_allclose(reference.at(0.0).position, q, atol=1e-12)
-    assert not np.allclose(reference.at(1.9).position, wanted.at(1.9).position, atol=1e-6)
-    np.testing.assert_allclose(reference.at(2.0).position, wanted.at(2.0).position, atol=1e-12)
-
-
-def test_without_a_smooth_start_a_posture_near_the_reference_keeps_its_error(rig) -> None:
-    rig = rig(reference__resume_time=2.0)
-    rig.answer(_state(0.0, [0.1, 2.05], [0.0, 0.0]))
-    wanted = build_controller(rig.node.settings, rig.node.arm, None).reference.at(0.0)
-    np.testing.assert_allclose(rig.node.output.e1, [0.1, 2.05] - wanted.position, atol=1e-12)
-    assert np.abs(rig.node.output.e1).min() > 0.01
-
-
 def test_a_smooth_start_may_begin_anywhere_inside_the_safety_set_and_nowhere_else(rig) -> None:
     rig = rig(reference__smooth_start=1.0)
-    assert rig.node._someone_drives()
+    assert rig.node.commands.someone_drives()
     with pytest.raises(SetViolation, match="'joint2': start position outside the safety set: 2.3"):
         rig.node.on_joint_states(serialize_message(_state(0.0, [0.0, 2.3])), {})
-    assert (rig.node.active, rig.node._commands, rig.torques) == (False, None, [])
+    assert (rig.node.active, rig.node.commands.claimed, rig.torques) == (False, False, [])
 
 
 def test_a_performance_set_that_pokes_out_of_the_safety_set_is_refused(graph) -> None:
@@ -508,7 +489,7 @@ def test_of_a_backlog_only_the_newest_state_is_answered(rig, wait_until) -> None
     wait_until(lambda: len(echo) == 9)
     rig.node.spin_data(1.0)
     assert rig.node.statistics.samples == 2
-    assert rig.node._last_ns == 10**12 + 8_000_000
+    assert rig.node.motion.gate.last_ns == 10**12 + 8_000_000
     assert rig.node.superseded == 8
     wait_until(lambda: len(rig.torques) == 2)
 
@@ -517,7 +498,7 @@ def test_gains_set_while_running_act_on_the_next_state(rig) -> None:
     rig = rig()
     rig.answer(_state(0.0))
     assert rig.node.set_parameters([Parameter('k2', value=[90.0, 3.0])])[0].successful
-    law = build_controller(_settings(rig, k2=[90.0, 3.0]), TwoLinkArm(), np.array(Q))
+    law = Controller(TwoLinkArm(), _settings(rig, k2=[90.0, 3.0]), start=np.array(Q))
     np.testing.assert_allclose(
         rig.answer(_state(1.0)),
         law.update(1e-3, np.array(Q), np.array(QD), np.array(TASK['initial_estimate'])).torque,
@@ -534,32 +515,6 @@ def test_one_reason_for_drops_does_not_silence_another(rig, capfd) -> None:
     assert "non-finite joint state: joint 'joint1': nan rad, 0.4 rad/s (1 so far)" in log
 
 
-@pytest.mark.parametrize('ms', [3000.0, 50.0, -5e5], ids=[
-    'long after', 'within the timeout', 'a clock that was set back'])
-def test_after_lost_states_the_motion_begins_anew_from_where_the_arm_is(rig, ms) -> None:
-    rig = rig()
-    rig.answer(_state(0.0))
-    rig.node._lost = 'joint states lost'  # what the watchdog sets
-    posture = [-0.6, 0.4]
-    torque = rig.answer(_state(ms, posture, [0.0, 0.0]))
-    np.testing.assert_allclose(rig.node.output.reference.position, posture, atol=1e-12)
-    np.testing.assert_allclose(rig.node.output.e1, 0.0, atol=1e-12)
-    assert np.abs(torque).max() < 1.0
-    assert not rig.node._lost
-    rig.answer(_state(ms + 1.0, posture, [0.0, 0.0]))  # and goes on, on the clock it began on
-    rig.ignores(_state(ms - 1.0, posture, [0.0, 0.0]), 'joint state out of order')
-    assert list(rig.node.drops) == ['joint state out of order']
-
-
-def test_after_lost_states_a_source_that_repeats_its_last_one_begins_nothing(rig) -> None:
-    rig = rig()
-    rig.answer(_state(0.0))
-    rig.node._lost = 'joint states lost'  # what the watchdog sets
-    rig.ignores(_state(0.0), 'joint state out of order')
-    assert rig.node._lost
-    rig.answer(_state(1.0))
-
-
 def test_of_several_states_that_wait_the_newest_usable_one_is_answered(rig) -> None:
     rig = rig()
     rig.answer(_state(0.0))
@@ -568,60 +523,26 @@ def test_of_several_states_that_wait_the_newest_usable_one_is_answered(rig) -> N
     assert rig.node.on_joint_states(serialize_message(_state(2.0)), {}) is True
 
 
-def test_a_trajectory_that_was_followed_is_not_given_up_for_the_reference_after_lost_states(
-        rig) -> None:
-    rig = rig(state_timeout=10.0)
-    rig.answer(_state(0.0))
-    rig.node.on_joint_trajectory(_trajectory([1.0, -0.5]))
-    assert rig.node.drops == {}
-    rig.node._lost = 'joint states lost'  # what the watchdog sets
-    posture = [-0.6, 0.4]
-    rig.answer(_state(1000.0, posture, [0.0, 0.0]))
-    for t in (0.0, 1.5, 20.0):  # the motion begins anew where the arm is, and holds it
-        point = rig.node._controller.reference.at(t)
-        np.testing.assert_allclose(point.position, posture, atol=1e-12)
-        np.testing.assert_allclose(point.velocity, 0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize('changed', ['performance.upper', 'reference.joint1.amplitude'])
-def test_a_trajectory_is_dropped_where_the_motion_changed_while_it_was_computed(
-        rig, monkeypatch, changed) -> None:
-    rig = rig(state_timeout=10.0)
-    rig.answer(_state(0.0))
-    node = rig.node
-    value = [0.19] if changed == 'performance.upper' else [0.9]
-
-    def slow(message, controller, t):
-        way = reference_through(message, controller, t)
-        assert node.set_parameters([Parameter(changed, value=value)])[0].successful
-        return way
-
-    monkeypatch.setattr(controller_module, 'reference_through', slow)
-    node.on_joint_trajectory(_trajectory([1.0, -0.5]))
-    assert node.drops == {'unusable trajectory': 1}
-    assert not node._planned
-
-
 def test_a_trajectory_that_took_long_to_compute_begins_later(rig, monkeypatch) -> None:
     rig = rig(state_timeout=10.0)
     rig.answer(_state(0.0))
     begins = []
 
-    def slow(message, controller, t):
+    def slow(points, controller, t):
         begins.append(t)
         if len(begins) == 1:
             rig.answer(_state(200.0))  # past the moment that was meant
-        return reference_through(message, controller, t)
+        return way_through(points, controller, t)
 
-    monkeypatch.setattr(controller_module, 'reference_through', slow)
+    monkeypatch.setattr(controller_module, 'way_through', slow)
     rig.node.on_joint_trajectory(_trajectory([1.0, -0.5]))
     np.testing.assert_allclose(begins, [0.1, 0.6])
     assert rig.node.drops == {}
-    np.testing.assert_allclose(rig.node._controller.reference.at(2.0).position, [-0.5, 1.0])
+    np.testing.assert_allclose(rig.node.motion.controller.reference.at(2.0).position, [-0.5, 1.0])
 
 
 @pytest.mark.parametrize('of_our_kind', [True, False])
-def test_a_controller_gives_way_to_another_that_appears_at_its_start_not_to_whoever_shouts(
+def test_a_controller_gives_way_to_another_that_appears_at_its_start_not_to_any_other_sender(
         rig, wait_until, of_our_kind) -> None:
     rig = rig(state_timeout=60.0)
     rig.answer(_state(0.0))
@@ -630,8 +551,7 @@ def test_a_controller_gives_way_to_another_that_appears_at_its_start_not_to_whoe
         others.append(rig.peer.create_publisher(JointState, ADAPTATION_TERM, 10))
     wait_until(lambda: all(rig.node.count_publishers(publisher.topic_name) == 2
                            for publisher in others))
-    rig.node._claimed_at, rig.node._looked_at = time.monotonic(), 0.0
-    rig.node.idle()
+    rig.node.look_around(rig.node.commands.claimed_at)
     assert rig.node.active is not of_our_kind
     assert ('gives way' in rig.node.last_fault) is of_our_kind
     if of_our_kind:
@@ -646,16 +566,14 @@ def test_where_nobody_listens_any_longer_the_torque_counts_as_lost(
     if recorded:  # which moves no arm
         recorder = graph.add(Node('recorder', context=graph.context))
         recorder.create_subscription(Float64MultiArray, COMMANDS, lambda _: None, 10)
-    rig.node._looked_at = 0.0
-    rig.node.idle()
-    assert not rig.node._lost
+    rig.node.look_around(time.monotonic())
+    assert not rig.node.motion.lost
     for subscription in list(rig.peer.subscriptions):
         rig.peer.destroy_subscription(subscription)
-    wait_until(lambda: rig.node._commands.get_subscription_count() == int(recorded)
-               and not rig.node._someone_drives())
-    rig.node._looked_at = 0.0
-    rig.node.idle()
-    assert rig.node._lost
+    wait_until(lambda: rig.node.count_subscribers(COMMANDS) == int(recorded)
+               and not rig.node.commands.someone_drives())
+    rig.node.look_around(time.monotonic())
+    assert rig.node.motion.lost
     assert 'nobody listens' in rig.node.last_fault
     assert rig.node.status()[:2] == (DiagnosticStatus.ERROR, 'nobody listens: zero torque')
 
@@ -681,15 +599,6 @@ def test_a_clock_that_is_set_back_while_states_come_is_followed_once_they_count_
     assert sum(not torque.any() for torque in rig.torques) == 1
 
 
-def test_a_motion_is_not_resumed_from_outside_the_safety_set(rig) -> None:
-    rig = rig()
-    rig.answer(_state(0.0))
-    rig.node._lost = 'joint states lost'
-    with pytest.raises(SetViolation, match="'joint2'"):
-        rig.node.on_joint_states(serialize_message(_state(3000.0, [0.0, 2.3])), {})
-    assert len(rig.torques) == 1
-
-
 def test_the_torque_rises_no_faster_than_its_limit_the_first_interval_counting_1_ms(rig) -> None:
     rig = rig(torque_rate_limit=[10000.0, 2000.0], k2=[5000.0, 5000.0])
     rate = np.array([10000.0, 2000.0])
@@ -713,8 +622,8 @@ def test_on_violation_stop_brings_the_torque_to_zero_over_the_ramp_and_deactivat
     np.testing.assert_allclose(ramp, np.outer(np.linspace(1.0, 0.0, 51), ramp[0]), atol=1e-9)
     times = [info['source_timestamp'] for _, info in rig.sent[COMMANDS]]
     assert times[-1] - times[1] >= 0.045e9
-    assert (rig.node.active, rig.node._commands, rig.node.wants_activation) == (
-        False, None, False)
+    assert (rig.node.active, rig.node.commands.claimed, rig.node.wants_activation) == (
+        False, False, False)
     wait_until(lambda: rig.node.count_publishers(COMMANDS) == 0, what='the topic given back')
     rig.node.on_joint_states(serialize_message(_state(2.0)), {})
     assert rig.node.statistics.samples == 2
@@ -735,20 +644,13 @@ def test_a_set_that_was_left_for_one_sample_stays_in_the_diagnostics(rig) -> Non
     assert "'joint1' has left its performance set: 0.24" in rig.node.last_fault
 
 
-def test_a_gain_set_while_the_motion_has_not_begun_is_used_from_its_first_sample(rig) -> None:
-    rig = rig()
-    [result] = rig.node.set_parameters([Parameter('torque_limit', value=[1e-3, 1e-3])])
-    assert result.successful, result.reason
-    assert np.abs(rig.answer(_state(0.0))).max() <= 1e-3
-
-
 def test_a_recorder_that_listens_does_not_begin_the_motion(graph, wait_until) -> None:
     node = graph.make(ControllerNode, **TASK)
     recorder = graph.add(Node('recorder', context=graph.context))
     recorder.create_subscription(Float64MultiArray, COMMANDS, lambda _: None, 10)
     wait_until(lambda: node.get_subscriptions_info_by_topic(COMMANDS))
     node.on_joint_states(serialize_message(_state(0.0)), {})
-    assert (node.output, node.active, node._commands) == (None, False, None)
+    assert (node.output, node.active, node.commands.claimed) == (None, False, False)
 
 
 def test_theorem_2_is_stated_at_the_start_from_bounds(rig, wait_until) -> None:
@@ -779,9 +681,9 @@ def test_a_trajectory_replaces_the_reference_smoothly_and_by_joint_name(rig) -> 
     rig = rig(state_timeout=10.0)
     rig.answer(_state(0.0))
     rig.node.on_joint_trajectory(_trajectory([1.0, -0.5]))
-    before = rig.node._controller.reference.at(0.1)
+    before = rig.node.motion.controller.reference.at(0.1)
     rig.answer(_state(50.0))
-    for part, want in zip(rig.node._controller.reference.at(0.1), before):
+    for part, want in zip(rig.node.motion.controller.reference.at(0.1), before):
         np.testing.assert_allclose(part, want, atol=1e-12)
     rig.answer(_state(1100.0, [-0.5, 1.0], [0.0, 0.0]))
     np.testing.assert_allclose(rig.node.output.reference.position, [-0.5, 1.0])
@@ -800,10 +702,10 @@ def _from_where_it_is(start, *goals) -> JointTrajectory:
 def test_a_first_point_at_0_s_is_checked_and_not_gone_through(rig) -> None:
     rig = rig(state_timeout=10.0)
     rig.answer(_state(0.0))
-    wanted = rig.node._controller.reference.at(0.1).position
+    wanted = rig.node.motion.controller.reference.at(0.1).position
     rig.node.on_joint_trajectory(_from_where_it_is(wanted[::-1] + 0.1, [1.0, -0.5]))
     assert rig.node.drops == {}
-    reference = rig.node._controller.reference
+    reference = rig.node.motion.controller.reference
     np.testing.assert_allclose(reference.at(0.1).position, wanted, atol=1e-12)
     np.testing.assert_allclose(reference.at(1.1).position, [-0.5, 1.0], atol=1e-12)
 
@@ -821,9 +723,22 @@ def test_a_first_point_at_0_s_is_checked_and_not_gone_through(rig) -> None:
 def test_a_trajectory_that_cannot_be_followed_is_dropped_whole(rig, capfd, message, what) -> None:
     rig = rig()
     rig.answer(_state(0.0))
-    reference = rig.node._controller.reference
+    reference = rig.node.motion.controller.reference
     rig.node.on_joint_trajectory(message)
     assert rig.node.drops == {'unusable trajectory': 1}
     assert what in capfd.readouterr().err
     rig.answer(_state(1.0))
-    assert rig.node._controller.reference is reference
+    assert rig.node.motion.controller.reference is reference
+
+
+def test_settings_beyond_the_limits_of_the_arm_are_a_warning_with_numbers(
+        graph, tmp_path, pair_urdf, capfd) -> None:
+    urdf = tmp_path / 'pair.urdf'
+    urdf.write_text(pair_urdf, encoding='utf-8')
+    graph.make(ControllerNode, arm='urdf', urdf=str(urdf), joints=['shoulder', 'elbow'],
+               safety__lower=[-1.9, -2.1], safety__upper=[2.0, 2.0], torque_limit=[60.0, 40.0])
+    log = capfd.readouterr().err
+    assert ("joint 'elbow': the safety set -2.1 .. 2 rad goes beyond the limits of the arm, "
+            '-2 .. 2 rad') in log
+    assert "joint 'shoulder': torque_limit 60 N·m is above the limit of the arm, 50 N·m" in log
+    assert log.count('of the arm') == 2

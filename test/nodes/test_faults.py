@@ -41,7 +41,8 @@ from adaptive_blf_control.messages.topics import (
     TRACKING_ERROR,
 )
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
-from adaptive_blf_control.nodes.controller import ControllerNode, GIVE_WAY
+from adaptive_blf_control.nodes.command_topic import GIVE_WAY
+from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from patience import PATIENCE
 
@@ -130,7 +131,7 @@ def arm(graph, wait_until) -> Callable[..., _Arm]:
     return lambda **parameters: _Arm(graph, wait_until, **parameters)
 
 
-def test_after_a_clock_that_jumps_back_the_torque_is_zero_and_the_motion_begins_anew(
+def test_after_a_clock_that_jumps_back_the_torque_is_zero_and_the_motion_begins_again(
         arm, wait_until) -> None:
     arm = arm(reference__joint2__offset=0.4)
     arm.begin([0.0, 0.4])
@@ -141,11 +142,11 @@ def test_after_a_clock_that_jumps_back_the_torque_is_zero_and_the_motion_begins_
     arm.stamp_ns -= 3600 * 10**9
     sent = len(arm.commands)
 
-    def begins_anew() -> bool:
+    def begins_again() -> bool:
         arm.publish(posture)
         return len(arm.commands) > sent + 3
 
-    wait_until(begins_anew, what='an answer on the new clock')
+    wait_until(begins_again, what='an answer on the new clock')
     torques = _torques(arm.commands)[sent:]
     assert not torques[0].any()  # the watchdog's, before anything on the new clock
     assert np.abs(torques[1]).max() < 1.0
@@ -158,7 +159,7 @@ def test_after_a_clock_that_jumps_back_the_torque_is_zero_and_the_motion_begins_
     np.testing.assert_allclose(first.position, 0.0, atol=1e-12)
 
 
-def test_after_a_clock_that_jumps_ahead_the_motion_begins_anew_with_the_second_state(
+def test_after_a_clock_that_jumps_ahead_the_motion_begins_again_with_the_second_state(
         arm, wait_until) -> None:
     arm = arm(state_timeout=5.0)
     arm.begin([0.0, 0.0])
@@ -180,7 +181,7 @@ def test_after_a_clock_that_jumps_ahead_the_motion_begins_anew_with_the_second_s
     np.testing.assert_allclose(begun[0].position, 0.0, atol=1e-12)
 
 
-def test_a_motion_that_cannot_begin_anew_ends_with_a_zero_torque(arm, wait_until) -> None:
+def test_a_motion_that_cannot_begin_again_ends_with_a_zero_torque(arm, wait_until) -> None:
     arm = arm(state_timeout=5.0)
     arm.begin([0.0, 0.0])
     assert arm.step([0.02, 0.1]).any()
@@ -229,7 +230,7 @@ def test_with_stop_a_set_that_is_left_deactivates_the_controller_at_zero_torque(
 
     def heard() -> bool:
         arm.publish([0.0, 0.0])
-        return arm.node._q[0] == 0.0
+        return arm.node.motion.q[0] == 0.0
 
     wait_until(heard, what='a state while inactive')
     assert len(arm.commands) == sent
@@ -270,8 +271,9 @@ def loop(graph, wait_until) -> Iterator[tuple]:
 
 def test_a_publisher_that_shouts_commands_is_refused_and_named(loop, wait_until) -> None:
     driver, controller, peer, states, diagnostics = loop
-    wait_until(lambda: driver._source._number > 300 and
-               time.monotonic() - controller._claimed_at > GIVE_WAY, what='the arm is taken')
+    wait_until(lambda: driver._source._number > 300
+               and time.monotonic() - controller.commands.claimed_at > GIVE_WAY,
+               what='the arm is taken')
     stranger = peer.create_publisher(Float64MultiArray, COMMANDS, 100)
     wait_until(lambda: stranger.get_subscription_count() == 1)
     begin, sent = len(states), itertools.count(1)
@@ -293,7 +295,7 @@ def test_a_publisher_that_shouts_commands_is_refused_and_named(loop, wait_until)
     assert controller.active
 
 
-def test_an_absurd_estimate_does_not_reach_the_torque(loop, wait_until) -> None:
+def test_an_estimate_beyond_its_limit_does_not_reach_the_torque(loop, wait_until) -> None:
     driver, controller, peer, states, _ = loop
     estimates = peer.create_publisher(JointState, THETA_HAT, 100)
     wait_until(lambda: estimates.get_subscription_count() == 1)
@@ -305,7 +307,7 @@ def test_an_absurd_estimate_does_not_reach_the_torque(loop, wait_until) -> None:
     begin = len(states)
     wait_until(lambda: len(states) > begin + 20)
     assert controller.theta is kept
-    assert {'absurd estimate', 'non-finite estimate'} == set(controller.drops)
+    assert {'estimate beyond its limit', 'non-finite estimate'} == set(controller.drops)
 
 
 class _Counts(NamedTuple):

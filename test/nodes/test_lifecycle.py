@@ -106,7 +106,7 @@ class Cell:
 
     def knows_the_arm(self) -> None:
         """Wait until the controller has heard a state."""
-        self._wait_until(lambda: self.controller._heard_at is not None)
+        self._wait_until(lambda: self.controller.heard_at is not None)
 
     def is_released(self) -> None:
         """Wait until the driver follows commands."""
@@ -271,7 +271,7 @@ def test_activation_needs_a_state_inside_the_safety_set_and_the_topic_for_itself
     fault = cell.controller.last_fault
     assert all(told in fault for told in ("'joint2'", '-2.3', '-2.17')), fault
     cell.driver.plant.q = np.array([0.5, -2.0])
-    wait_until(lambda: cell.controller._q[1] == -2.0)
+    wait_until(lambda: cell.controller.motion.q[1] == -2.0)
     intruder = graph.add(Node('intruder', context=graph.context))
     other = intruder.create_publisher(Float64MultiArray, f'/{COMMANDS}', 1)
     wait_until(lambda: cell.controller.count_publishers(COMMANDS) == 1)

@@ -144,11 +144,11 @@ def _gains(node: ControllerNode) -> tuple[list[float], list[float]]:
 
 
 def _controller_uses(node: ControllerNode) -> dict[str, Any]:
-    controller, settings = node._controller, node._controller.settings
+    controller, settings = node.motion.controller, node.motion.controller.settings
     uses = {
         'k1': settings.k1, 'k2': settings.k2, 'coupling': settings.coupling,
         'torque_limit': settings.torque_limit, 'torque_rate_limit': settings.torque_rate_limit,
-        'estimate_limit': node._estimate_limit,
+        'estimate_limit': node.estimates.limit,
         'safety.lower': controller.safety.lower, 'safety.upper': controller.safety.upper,
         'performance.lower': node.output.bounds.lower,
         'performance.upper': node.output.bounds.upper,
@@ -158,7 +158,7 @@ def _controller_uses(node: ControllerNode) -> dict[str, Any]:
                   for name in ('offset', 'amplitude', 'frequency', 'phase')]
         offset, *terms = values
         law = SumOfSinusoids(offset.reshape(1), *(x.reshape(1, -1) for x in terms))
-        t = (node._last_ns - node._start_ns) * 1e-9
+        t = node.motion.t
         follows = np.allclose([x[i] for x in node.output.reference], np.array(law.at(t))[:, 0],
                               rtol=1e-12)
         uses.update({f'reference.{joint}.{name}': value if follows else None for name, value in
@@ -220,7 +220,7 @@ class _Live:
         """Let time pass, send a state, by default beside the reference; return the answer."""
         node = self.node
         self.t += by if node.statistics.samples else 0.0
-        controller = getattr(node, '_controller', None)
+        controller = node.motion.controller if hasattr(node, 'motion') else None
         if q is None:
             q = ERROR if controller is None else controller.reference.at(self.t).position + ERROR
         samples, message = node.statistics.samples, _state(self.t, q, qd)
@@ -385,8 +385,8 @@ def test_of_single_requests_each_is_judged_alone_of_an_atomic_one_all_together(
     assert _gains(live.node) == ([50.0], [10.0, 4.0])
     assert live.set({'k1': [60.0], 'k2': [5.0]}).successful
     assert _gains(live.node) == ([60.0], [5.0])
-    np.testing.assert_array_equal(live.node._controller.settings.k1, [60.0, 60.0])
-    np.testing.assert_array_equal(live.node._controller.settings.k2, [5.0, 5.0])
+    np.testing.assert_array_equal(live.node.motion.controller.settings.k1, [60.0, 60.0])
+    np.testing.assert_array_equal(live.node.motion.controller.settings.k2, [5.0, 5.0])
 
 
 def test_what_belongs_together_has_to_come_in_one_request(lives) -> None:
@@ -436,22 +436,22 @@ def test_a_refused_request_says_why_and_changes_nothing_not_even_the_torque(
                     for namespace in ('/asked', '/other'))
     for live in (asked, other):
         live.step()
-        at = live.node._controller.reference.at(live.t + 1e-3).position
+        at = live.node.motion.controller.reference.at(live.t + 1e-3).position
         live.step(q=at + np.array(beside))
     node = asked.node
-    law = node._controller
+    law = node.motion.controller
     before = (node.settings.values(), law.settings, law.safety, law.performance, law.reference,
-              node._estimate_limit, node.theta)
+              node.estimates.limit, node.theta)
     k1 = {'k1': [70.0]}
     result = asked.set({**k1, **request_})
     assert not result.successful
     for word in words:
         assert word in result.reason, result.reason
     after = (node.settings.values(), law.settings, law.safety, law.performance, law.reference,
-             node._estimate_limit, node.theta)
+             node.estimates.limit, node.theta)
     assert before[0] == after[0]
     assert all(a is b for a, b in zip(before[1:], after[1:]))
-    assert node._controller is law
+    assert node.motion.controller is law
     for name, value in {**k1, **request_}.items():
         assert node.get_parameter(name).value != value
     for _ in range(3):
@@ -484,12 +484,12 @@ def test_before_the_motion_sets_may_change_and_count_from_its_first_sample(
 def test_a_reference_set_while_running_is_faded_to_without_a_jump(controller) -> None:
     live = controller(reference__resume_time=0.5)
     live.step(1.0)
-    old, t = live.node._controller.reference, live.t
+    old, t = live.node.motion.controller.reference, live.t
     assert live.set({'reference.joint1.offset': 0.4, 'reference.joint2.amplitude': [0.5],
                      'reference.joint2.frequency': [0.2]}).successful
     new = SumOfSinusoids(np.array([0.4, 0.0]), np.array([[0.3], [0.5]]), np.array([[0.5], [0.2]]),
                          np.zeros((2, 1)))
-    np.testing.assert_allclose(live.node._controller.reference.at(t), old.at(t), atol=1e-12)
+    np.testing.assert_allclose(live.node.motion.controller.reference.at(t), old.at(t), atol=1e-12)
     points = [np.array(old.at(t))]
     while live.t < t + 0.6:
         points.append(np.array(live.step(5e-3).reference))
@@ -534,7 +534,7 @@ def test_an_estimate_limit_set_by_service_holds_for_the_next_estimate(controller
     message = JointState(name=list(TwoLinkArm().parameters), position=theta.tolist())
     assert live.set({'estimate_limit': [7.0]}).successful
     live.node.on_theta_hat(serialize_message(message), {})
-    assert live.drops == {'absurd estimate': 1}
+    assert live.drops == {'estimate beyond its limit': 1}
     assert live.set({'estimate_limit': [8.0]}).successful
     live.node.on_theta_hat(serialize_message(message), {})
     np.testing.assert_array_equal(live.node.theta, theta)
@@ -542,7 +542,7 @@ def test_an_estimate_limit_set_by_service_holds_for_the_next_estimate(controller
 
 def test_on_violation_set_by_service_acts_on_the_next_violation(controller, wait_until) -> None:
     live = controller(ramp_time=0.0)
-    outside = live.node._controller.reference.at(live.t + 1e-3).position + [0.2, 0.0]
+    outside = live.node.motion.controller.reference.at(live.t + 1e-3).position + [0.2, 0.0]
     live.step(q=outside)
     assert live.node.active
     assert live.set({'on_violation': 'stop'}).successful
@@ -566,7 +566,7 @@ def test_a_guarantee_asked_for_while_running_is_stated_with_the_next_motion(
     live.step()
     assert not heard
     with live.node.between_samples:
-        live.node._lost = 'joint states lost'  # what the watchdog sets
+        live.node.motion.lose('joint states lost')  # as the watchdog does
     live.step()
     wait_until(lambda: heard, what='the guarantee')
     message = deserialize_message(heard[0][0], JointState)

@@ -14,6 +14,7 @@ import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.configuration.parameter_file import load_yaml, node_values
+from adaptive_blf_control.control.constraints import MarginName
 from adaptive_blf_control.messages.controller_codecs import barrier_names
 from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
@@ -42,7 +43,9 @@ def named(repository: Path) -> dict[str, tuple[list[str], tuple[str, ...]]]:
     return {
         JOINT_STATES: (joints, STATE), REFERENCE: (joints, STATE),
         TRACKING_ERROR: (joints, STATE[:2]), THETA_HAT: (parameters, STATE[:1]),
-        ADAPTATION_TERM: (parameters, STATE[:1]), BARRIER: (barrier_names(joints), STATE[:1])}
+        ADAPTATION_TERM: (parameters, STATE[:1]), BARRIER: (barrier_names(
+            [MarginName(joint, what) for what in ('safety', 'performance') for joint in joints]),
+            STATE[:1])}
 
 
 def test_the_types_behind_the_series_are_those_of_the_topic_table(named) -> None:

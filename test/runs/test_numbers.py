@@ -4,18 +4,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import importlib
 import json
 from pathlib import Path
 import struct
+import sys
 
 import numpy as np
 import pytest
 
+from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
+from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.messages.cdr_cursor import encode_string
 from adaptive_blf_control.messages.diagnostics_reader import drop_counters
+from adaptive_blf_control.runs.bag_observer import BagObserver
 from adaptive_blf_control.runs.lyapunov import guarantee_of_recording
 from adaptive_blf_control.runs.numbers import figures, verdict
 from adaptive_blf_control.runs.recording import read_recording
+from adaptive_blf_control.runs.summary import run_of_trace, summarise, table
 from adaptive_blf_control.tools.report import main
 
 MakeBag = Callable[..., Path]
@@ -77,6 +84,62 @@ def test_a_run_that_leaves_its_set_is_called_so(other_bag: Path) -> None:
     kind, head, sentences = verdict(numbers)
     assert (kind, head) == ('bad', 'Sets left')
     assert '0.05 rad from the performance bound, joint1 at 0.00 s' in ' '.join(sentences)
+
+
+VELOCITY = 'foreign_constraints:VelocityLimit'
+
+
+@pytest.mark.parametrize('how', ['named', 'named, and not here any longer', 'passed in'])
+def test_a_constraint_of_a_stranger_is_in_the_numbers_of_its_bag(
+        repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str) -> None:
+    data = load_yaml(repository / 'config' / 'two_link.yaml')
+    with monkeypatch.context() as context:
+        context.syspath_prepend(str(repository / 'test' / 'control'))
+        foreign = importlib.import_module('foreign_constraints')
+        if how != 'passed in':
+            data = apply_settings(data, [f'controller.constraints=["{VELOCITY}"]'])
+        loop = build_closed_loop(data)
+        if how == 'passed in':
+            law = loop.controller
+            loop.controller = Controller(
+                law.arm, law.settings, law.safety, law.performance, law.reference,
+                constraints=[foreign.VelocityLimit(law.arm, law.settings)])
+        with BagObserver(tmp_path / 'bag', loop, data) as observer:
+            trace = loop.run(1.0, observer)
+        expected = 2.0 - np.abs(trace.qd).max(axis=0)
+        summary = summarise(run_of_trace(loop, trace))
+        if how == 'named':
+            numbers = _figures(tmp_path / 'bag')
+    if how != 'named':
+        monkeypatch.delitem(sys.modules, 'foreign_constraints')
+        numbers = _figures(tmp_path / 'bag')
+    for figures_ in (summary, numbers):
+        [velocity] = [each for each in figures_['margins'] if each['constraint'] == 'velocity']
+        assert velocity['unit'] == 'rad/s'
+        assert list(velocity['least'].values()) == pytest.approx(expected, abs=1e-9)
+        assert velocity['margin'] == pytest.approx(expected.min(), abs=1e-9)
+        assert figures_['set_violations'] == 0
+    sentences = ' '.join(verdict(numbers)[2])
+    assert 'inside its safety, performance and velocity set' in sentences
+    assert f'{expected.min():.4g} rad/s from the velocity bound, {velocity["body"]}' in sentences
+    assert f'velocity             least margin {expected.min():.4g} rad/s' in table(
+        summary, run_of_trace(loop, trace))
+
+
+def test_a_violation_that_was_only_published_counts(
+        repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(repository / 'test' / 'control'))
+    foreign = importlib.import_module('foreign_constraints')
+    monkeypatch.setattr(foreign.VelocityLimit, 'limit', 0.4)  # reached at times
+    data = load_yaml(repository / 'config' / 'two_link.yaml')
+    loop = build_closed_loop(apply_settings(data, [
+        f'controller.constraints=["{VELOCITY}"]', 'arm_driver.initial_velocity=[0.0, 0.0]']))
+    with BagObserver(tmp_path / 'bag', loop, data) as observer:
+        trace = loop.run(1.0, observer)
+    left = summarise(run_of_trace(loop, trace))['set_violations']
+    assert left == np.count_nonzero((np.abs(trace.qd) >= 0.4).any(axis=1)) > 0
+    # One message in ten samples: at least one sample of the ten was outside.
+    assert left / 10 <= _figures(tmp_path / 'bag')['set_violations'] <= left
 
 
 def test_gaps_and_missed_periods_are_counted(make_bag: MakeBag, tmp_path: Path) -> None:

@@ -9,6 +9,8 @@ import json
 import numpy as np
 import pytest
 
+from adaptive_blf_control.control.constraints import Constraints
+from adaptive_blf_control.control.set_constraints import PerformanceConstraint, SafetyConstraint
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.runs.summary import Run, settling_time, summarise, table
 
@@ -22,9 +24,13 @@ def run() -> Run:
     e1[1], e1[7] = [0.1, -0.15], [0.02, 0.0]
     q = e1 + [0.5, -0.5]
     theta = TRUE + np.outer([3.0, 1.0, 0.04, 0.06, 0.03, 0.02, 0.01, 0.01, 0.01], [1.0, 0.0])
-    return Run(('joint1', 'joint2'), ('p1', 'p2'), t, q, e1, t, theta, 2, 0.125,
-               JointInterval(np.full(2, -1.0), np.full(2, 1.0)),
-               JointInterval(np.full(2, -0.17), np.full(2, 0.2)), ((0.0, TRUE),))
+    joints = ('joint1', 'joint2')
+    safety = JointInterval(np.full(2, -1.0), np.full(2, 1.0))
+    performance = JointInterval(np.full(2, -0.17), np.full(2, 0.2))
+    return Run(joints, ('p1', 'p2'), t, q, np.zeros((9, 2)), e1, t, theta, 2, 0.125, safety,
+               performance, Constraints([SafetyConstraint(joints, safety),
+                                         PerformanceConstraint(joints)], joints),
+               ((0.0, TRUE),))
 
 
 def test_figures_are_those_of_the_arrays(run):

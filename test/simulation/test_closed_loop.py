@@ -76,7 +76,7 @@ def test_lyapunov_function_falls_along_a_sampled_run_with_the_known_model(build)
     values: list[float] = []
 
     def observer(sample: Sample) -> None:
-        values.append(loop.controller.lyapunov(sample.measured.q, sample.output, loop.arm.nominal))
+        values.append(loop.controller.lyapunov(sample.output, loop.arm.nominal))
 
     loop.run(2.0, observer)
     assert np.all(np.diff(values)[:500] < 0.0)
@@ -107,8 +107,7 @@ def test_a_motion_begins_at_the_edge_of_the_safety_set_and_keeps_both_sets(build
     loop = build('controller.reference.smooth_start=2.0', f'arm_driver.initial_position={start}',
                  'arm_driver.initial_velocity=[0.0]', config=config)
     margins: list[np.ndarray] = []
-    loop.run(3.0, lambda sample: margins.append(
-        loop.controller.margins(sample.measured.q, sample.output)))
+    loop.run(3.0, lambda sample: margins.append(loop.controller.margins(sample.output)))
     assert np.min(margins) > 0.9 * nearest
     assert np.min(margins[-1]) > 0.01
 

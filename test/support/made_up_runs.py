@@ -14,6 +14,7 @@ from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.configuration.build import build_arm
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings, PARAMETERS_KEY
+from adaptive_blf_control.control.constraints import MarginName
 from adaptive_blf_control.messages.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
 from adaptive_blf_control.messages.controller_codecs import barrier_names
 from adaptive_blf_control.messages.joint_state import JointStateCodec
@@ -63,7 +64,9 @@ def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: fl
               REFERENCE: JointStateCodec(model.joints),
               TRACKING_ERROR: JointStateCodec(model.joints, fields=('position', 'velocity')),
               THETA_HAT: JointStateCodec(model.parameters, fields=('position',)),
-              BARRIER: JointStateCodec(barrier_names(model.joints), fields=('position',))}
+              BARRIER: JointStateCodec(
+                  barrier_names([MarginName(joint, what) for what in ('safety', 'performance')
+                                 for joint in model.joints]), fields=('position',))}
     torque = Float64MultiArrayCodec(model.n)
     for topic, type_name in TOPICS.items():
         if topic in topics and topic != '/diagnostics':

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The arm's own limits, those of a URDF, against what the controller is set to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.control.settings import (
+    ControllerSettings,
+    ReferenceSettings,
+    SinusoidSettings,
+)
+
+__all__ = ['limit_warnings']
+
+
+def limit_warnings(arm: Arm, settings: ControllerSettings) -> Iterator[str]:
+    """Yield a sentence for each joint whose own limits the settings go beyond.
+
+    Safety set against positions, torque limit against efforts, and the largest velocity that the
+    sinusoids can reach against velocities. An arm without such limits is not compared.
+
+    Args:
+        arm: Its ``position_lower``, ``position_upper`` [rad], ``velocity_limit`` [rad/s] and
+            ``torque_limit`` [N·m] count, each of shape (n,), where it has them.
+        settings: Of the controller.
+    """
+    settings = settings.resolved(joints=arm.n)
+    lower, upper, velocity, effort = (
+        np.broadcast_to(getattr(arm, name, free), arm.n) for name, free in (
+            ('position_lower', -np.inf), ('position_upper', np.inf), ('velocity_limit', np.inf),
+            ('torque_limit', np.inf)))
+    safety, speed = settings.safety, _speed(settings.reference, arm.joints)
+    for i, joint in enumerate(arm.joints):
+        if safety.lower[i] < lower[i] or safety.upper[i] > upper[i]:
+            yield (f'joint {joint!r}: the safety set {safety.lower[i]:.6g} .. '
+                   f'{safety.upper[i]:.6g} rad goes beyond the limits of the arm, '
+                   f'{lower[i]:.6g} .. {upper[i]:.6g} rad')
+        if speed[i] > velocity[i]:
+            yield (f'joint {joint!r}: the reference may reach {speed[i]:.4g} rad/s, the limit of '
+                   f'the arm is {velocity[i]:.4g} rad/s')
+        if settings.torque_limit[i] > effort[i]:
+            yield (f'joint {joint!r}: torque_limit {settings.torque_limit[i]:.4g} N·m is above '
+                   f'the limit of the arm, {effort[i]:.4g} N·m')
+
+
+def _speed(reference: ReferenceSettings, joints: tuple[str, ...]) -> np.ndarray:
+    """Return Σ |amplitude · frequency| of each joint, never exceeded, shape (n,) [rad/s]."""
+    each = (reference.of_joint.get(joint, SinusoidSettings()) for joint in joints)
+    return np.array([float(np.sum(np.abs(one.amplitude * one.frequency))) for one in each])

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The safety set (7) and the performance set (8) as constraints, and those a parameter names."""
+
+from __future__ import annotations
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.control.constraints import Bounded, Constraint, MotionState
+from adaptive_blf_control.control.sets import JointInterval
+from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.parameters.plugin import load_plugin, made
+
+__all__ = ['PerformanceConstraint', 'SafetyConstraint', 'made_constraint']
+
+_ATTRIBUTES = ('name', 'quantity', 'unit', 'recovery', 'bodies', 'bounded')
+
+
+class SafetyConstraint:
+    """q inside the safety set (7)."""
+
+    name, quantity, unit = 'safety', 'position', 'rad'
+    whole_runs = True
+    recovery = 'move the arm back by hand, or widen controller.safety'
+
+    def __init__(self, joints: tuple[str, ...], interval: JointInterval) -> None:
+        """Take the names of the joints and the set."""
+        self.bodies = joints
+        self._interval = interval
+
+    def bounded(self, state: MotionState) -> Bounded:
+        """Return the positions with the bounds of the set."""
+        return Bounded(state.q, self._interval.lower, self._interval.upper)
+
+
+class PerformanceConstraint:
+    """e1 inside the performance set (8), as wide as it is at that time."""
+
+    name, quantity, unit = 'performance', 'error', 'rad'
+    whole_runs = True
+    recovery = 'begin the motion with a smooth start, which joins the reference from the posture'
+
+    def __init__(self, joints: tuple[str, ...]) -> None:
+        """Take the names of the joints."""
+        self.bodies = joints
+
+    def bounded(self, state: MotionState) -> Bounded:
+        """Return the errors with the bounds in use."""
+        return Bounded(state.e1, state.bounds.lower, state.bounds.upper)
+
+
+def made_constraint(arm: Arm, settings: ControllerSettings,
+                    given: Constraint | type[Constraint] | str) -> Constraint:
+    """Return a constraint as it is, or what a class or ``module:name`` makes of both arguments.
+
+    Raises:
+        ParameterError: it cannot be imported or made, or lacks what a `Constraint` has.
+    """
+    part = load_plugin('controller.constraints', given) if isinstance(given, str) else given
+    constraint: Constraint = made('controller.constraints', given, part, _ATTRIBUTES, arm,
+                                  settings)
+    return constraint

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controller's command topic: claimed, used, brought to zero and given back."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from std_msgs.msg import Float64MultiArray
+
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
+from adaptive_blf_control.control.ramp import ramp_down, RAMP_STEP
+from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
+from adaptive_blf_control.messages.topics import ADAPTATION_TERM, COMMANDS
+from adaptive_blf_control.runtime.data_node import DataNode
+
+__all__ = ['CommandTopic', 'GIVE_WAY']
+
+# Discovery may show another sender of commands only a while after this one has begun.
+GIVE_WAY = 3.0  # s
+LINGER = Duration(seconds=0.1)  # sent is not delivered yet
+
+
+class CommandTopic:
+    """Torques for the arm, from one controller at a time.
+
+    Attributes:
+        claimed_at: When it was claimed, by the monotonic clock [s].
+        pushes: Whether the torque sent last was another than the zero at the end.
+    """
+
+    def __init__(self, node: DataNode[ControllerNodeSettings], n: int) -> None:
+        """Look at the topic of ``node`` for ``n`` joints without claiming it."""
+        self.claimed_at = 0.0
+        self.pushes = False
+        self._node = node
+        self._codec = Float64MultiArrayCodec(n)
+        self._n = n
+        self._publisher: Publisher | None = None
+
+    @property
+    def claimed(self) -> bool:
+        """Whether this node sends commands."""
+        return self._publisher is not None
+
+    def claim(self) -> None:
+        """Begin to send; BlfError where another node does."""
+        node = self._node
+        others = [f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                  for info in node.get_publishers_info_by_topic(COMMANDS)]
+        if others:
+            raise BlfError(f'{node.resolve_topic_name(COMMANDS)}: {", ".join(others)} sends '
+                           f'commands already: one controller at a time')
+        self._publisher = node.data_publisher(Float64MultiArray, COMMANDS)
+        self.claimed_at = time.monotonic()
+
+    def release(self) -> None:
+        """Give the topic back."""
+        if self._publisher is not None:
+            self._node.end_data_publisher(self._publisher)
+            self._publisher = None
+
+    def someone_drives(self) -> bool:
+        """Whether an arm listens to the commands; a recorder of ours does not move one."""
+        return any(info.node_name != 'recorder'
+                   for info in self._node.get_subscriptions_info_by_topic(COMMANDS))
+
+    @property
+    def heard(self) -> bool:
+        """Whether what is sent now reaches an arm."""
+        return (self._publisher is not None and self._publisher.get_subscription_count() > 0
+                and self.someone_drives())
+
+    @property
+    def shared(self) -> bool:
+        """Whether another node sends commands, too."""
+        return self._node.count_publishers(COMMANDS) > 1
+
+    def has_to_give_way(self, now: float) -> bool:
+        """Whether another controller began at the same moment as this one.
+
+        Only to a node like this one, which looks before it begins: not to any other sender.
+
+        Args:
+            now: By the monotonic clock [s].
+        """
+        return (now - self.claimed_at < GIVE_WAY and self.shared
+                and self._node.count_publishers(ADAPTATION_TERM) > 1)
+
+    def send(self, torque: np.ndarray) -> None:
+        """Send a torque, shape (n,) [N·m]."""
+        if self._publisher is not None:
+            self.pushes = True
+            self._publisher.publish(self._codec.encode(torque))
+
+    def send_zero(self) -> None:
+        """Send the zero torque, where there is still somebody to send it to."""
+        if self._publisher is not None and self._node.context.ok():
+            self._publisher.publish(self._codec.encode(np.zeros(self._n)))
+            self.pushes = False
+
+    def ramp_down(self, torque: np.ndarray, ramp_time: float, rate_limit: np.ndarray) -> None:
+        """Bring the torque to zero and wait until that was delivered; see `ramp.ramp_down`."""
+        if not self.pushes or self._publisher is None:
+            return
+        if not self._node.lockstep:
+            for step in ramp_down(torque, ramp_time, rate_limit):
+                self.send(step)
+                time.sleep(RAMP_STEP)
+        self.send_zero()
+        self._publisher.wait_for_all_acked(LINGER)
