@@ -80,6 +80,7 @@ NEW: dict[str, dict[str, Any]] = {
         'reference.smooth_start': 1.0, 'reference.resume_time': 1.5, 'guarantee.mode': 'bound',
         'guarantee.theta_error': 5.0, 'guarantee.smallest_gamma': 0.5,
         'guarantee.mass': [0.2, 5.0], 'state_timeout': 30.0, 'monitor_decimation': 3,
+        'slotine_li.gamma': [100.0],
     },
     'recorder': {},
 }
@@ -149,6 +150,7 @@ def _controller_uses(node: ControllerNode) -> dict[str, Any]:
         'k1': settings.k1, 'k2': settings.k2, 'coupling': settings.coupling,
         'torque_limit': settings.torque_limit, 'torque_rate_limit': settings.torque_rate_limit,
         'estimate_limit': node.estimates.limit,
+        'slotine_li.gamma': settings.slotine_li.gamma,
         'safety.lower': controller.safety.lower, 'safety.upper': controller.safety.upper,
         'performance.lower': node.output.bounds.lower,
         'performance.upper': node.output.bounds.upper,
