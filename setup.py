@@ -35,6 +35,8 @@ setup(
         'urdf': ['pin>=3.3'],
         # numba's linear algebra calls the BLAS that scipy carries.
         'fast': ['numba>=0.59', 'scipy>=1.11'],
+        # One wheel; 4.0 is split into packages.
+        'mujoco': ['mujoco>=3.3,<3.4'],
         'plot': ['matplotlib>=3.6', 'plotly>=6.0'],
         'test': [
             'pytest>=7.4',

@@ -62,6 +62,7 @@ class UrdfArm:
         velocity_limit: Shape (n,) [rad/s]; infinite where the URDF gives none or zero.
         position_lower: Shape (n,) [rad]; minus infinity for a continuous joint.
         position_upper: Shape (n,) [rad]; infinity for a continuous joint.
+        xml: Text of the URDF.
         model: Pinocchio model of the sub-chain (joints in the tree's order).
         chain: The same arm as arrays, what compiled functions take.
     """
@@ -99,7 +100,8 @@ class UrdfArm:
             MissingExtra: If Pinocchio is not installed.
         """
         self._pin = load_pinocchio()
-        model, self.joints = reduced_model(read_urdf(source, package_dirs), joints)
+        self.xml = read_urdf(source, package_dirs)
+        model, self.joints = reduced_model(self.xml, joints)
         self._shape = (len(self.joints),)
         if dimensions(gravity) != 1:
             raise ParameterError('gravity', gravity, 'three finite numbers')

@@ -29,7 +29,7 @@ from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.plugin import load_plugin, made
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 from adaptive_blf_control.simulation.plant import Epoch, Plant, REQUIRED, SimulatedArm
-from adaptive_blf_control.simulation.schedule import Change, Schedule
+from adaptive_blf_control.simulation.schedule import changes_of, Schedule
 from adaptive_blf_control.simulation.sensors import Sensors
 
 __all__ = ['OwnParts', 'build_arm', 'build_closed_loop', 'build_identifier', 'build_plant',
@@ -106,19 +106,27 @@ def build_plant(settings: DriverSettings, arm: Arm) -> Plant:
     """
     if settings.plant == 'builtin':
         return build_simulated_arm(settings, arm)
+    if settings.plant == 'mujoco':
+        from adaptive_blf_control.simulation.mujoco.plant import MujocoPlant
+        return MujocoPlant(settings, _with_all_friction(settings, arm), settings.gravity)
     plant: Plant = made('arm_driver.plant', settings.plant, load_plugin(
         'arm_driver.plant', settings.plant), REQUIRED, settings.resolved(joints=arm.n), arm)
     return plant
 
 
+def _with_all_friction(settings: DriverSettings, arm: Arm) -> Arm:
+    """Return the driver's arm with every friction that a node may learn."""
+    if settings.arm != 'urdf':
+        return arm
+    kinds = {name: True for name, value in settings.friction.values().items()
+             if isinstance(value, bool)}
+    return build_arm(settings.replace(friction=kinds), getattr(arm, 'xml', None))
+
+
 def build_simulated_arm(settings: DriverSettings, arm: Arm) -> SimulatedArm:
     """Build the simulated arm of the driver."""
-    columns = (settings.schedule.time, settings.schedule.parameter, settings.schedule.value)
-    if len({len(column) for column in columns}) != 1:
-        raise ParameterError('arm_driver.schedule', [len(column) for column in columns],
-                             'time, parameter and value of the same length')
-    changes = [Change(float(t), name, float(value)) for t, name, value in zip(*columns) if name]
-    schedule = Schedule(true_theta(settings, arm), arm.parameters, changes,
+    schedule = Schedule(true_theta(settings, arm), arm.parameters,
+                        changes_of(settings.schedule),
                         arm.payload_direction, settings.payload)
     epochs = [Epoch(t, arm.dynamics(theta), dict(zip(arm.parameters, theta.tolist())))
               for t, theta in schedule.epochs]

@@ -38,6 +38,7 @@ MODULES = {
     'scipy': Declared('scipy', 'python3-scipy'),
     'matplotlib': Declared('matplotlib', 'python3-matplotlib'),
     'plotly': Declared('plotly', None),  # rosdep has no key for it
+    'mujoco': Declared('mujoco', None),  # likewise
     **{name: Declared(ROS[0], name)
        for name in ('rclpy', 'rcl_interfaces', 'rosgraph_msgs', 'builtin_interfaces',
                     'lifecycle_msgs')},

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From parameters to a MuJoCo model: arm, friction, rotors, loads, obstacle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.simulation.mujoco.arm_model import ArmModel, compiled, load_body
+from adaptive_blf_control.simulation.mujoco.library import load_mujoco
+from adaptive_blf_control.simulation.mujoco.source import arm_spec
+from adaptive_blf_control.simulation.mujoco.surroundings import (
+    add_obstacle,
+    Surroundings,
+    touching_geoms,
+)
+from adaptive_blf_control.simulation.mujoco.targets import payload_links, TIP
+from adaptive_blf_control.simulation.mujoco.tip import Place, tip_of
+from adaptive_blf_control.simulation.rotation import rotation
+from adaptive_blf_control.simulation.schedule import Change, changes_of, PAYLOAD
+from adaptive_blf_control.simulation.settings import PlantSettings
+
+__all__ = ['Scene']
+
+
+class Scene:
+    """A compiled model, and what the schedule may change in it.
+
+    Attributes:
+        arm_model: The arm, with its loads.
+        surroundings: Forces and the obstacle.
+        changes: The schedule, the payload of the start included.
+        links: Names of the bodies that it may load or push.
+        geoms: Names of the geoms that it may let be touched.
+    """
+
+    def __init__(self, settings: PlantSettings, arm: Arm,
+                 gravity: Sequence[float] | np.ndarray) -> None:
+        """Build it; see `MujocoPlant`."""
+        source = settings.mujoco.model or _own_urdf(arm)
+        spec = arm_spec(source, arm.joints)
+        _set_options(spec, settings, gravity)
+        bare = ArmModel(compiled(spec, arm.joints), arm.joints, {})
+        tip = tip_of(arm, bare, settings.mujoco.tolerance, source)
+        self.links = [bare.model.body(i).name for i in range(1, bare.model.nbody)]
+        self.geoms = touching_geoms(bare.model)
+        start = [Change(0.0, PAYLOAD, settings.payload)] if settings.payload > 0.0 else []
+        self.changes = start + changes_of(settings.schedule)
+        loads = _add_loads(spec, self.changes, self.links, tip)
+        contact = settings.mujoco.contact
+        touching = Place(contact.link, np.zeros(3)) if contact.link else tip
+        if touching.body not in self.links:
+            raise ParameterError('arm_driver.mujoco.contact.link', touching.body,
+                                 f'one of {", ".join(self.links)}')
+        add_obstacle(spec, contact, *touching)
+        model = compiled(spec, arm.joints)
+        self.arm_model = ArmModel(model, arm.joints, loads)
+        _set_friction(self.arm_model, settings)
+        self.surroundings = Surroundings(model, contact)
+
+
+def _own_urdf(arm: Arm) -> str:
+    if not isinstance(arm, UrdfArm):
+        raise ParameterError('arm_driver.mujoco.model', '',
+                             'a URDF or an MJCF: only an arm from a URDF has one of its own')
+    return arm.xml
+
+
+def _set_options(spec: Any, settings: PlantSettings,
+                 gravity: Sequence[float] | np.ndarray) -> None:
+    mujoco = load_mujoco()
+    option, disable = spec.option, mujoco.mjtDisableBit
+    option.gravity = rotation(settings.mounting).T @ np.asarray(gravity, dtype=float)
+    option.timestep = settings.mujoco.step
+    option.integrator = {'implicitfast': mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+                         'rk4': mujoco.mjtIntegrator.mjINT_RK4}[settings.mujoco.integrator]
+    # An obstacle moves to where it appears: what is compiled for its first place is not used.
+    # A simulation that diverges is an error, not a start from the beginning.
+    option.disableflags |= (disable.mjDSBL_ACTUATION | disable.mjDSBL_MIDPHASE
+                            | disable.mjDSBL_AUTORESET)
+
+
+def _add_loads(spec: Any, changes: Sequence[Change], links: Sequence[str],
+               tip: Place) -> dict[str, str]:
+    """Add a body for each load of the schedule; return their names by link."""
+    loads = {TIP: 'load at the tip'}
+    load_body(spec, tip.body, loads[TIP], tip.position)
+    for link in payload_links(changes):
+        if link in links:  # others are refused where the schedule is read
+            loads[link] = f'load on {link}'
+            load_body(spec, link, loads[link], np.zeros(3))
+    return loads
+
+
+def _set_friction(model: ArmModel, settings: PlantSettings) -> None:
+    """Set what is given; where nothing is, the model's own values stay."""
+    friction, fields = settings.true_friction, model.model
+    for values, field in ((friction.viscous, fields.dof_damping),
+                          (friction.coulomb, fields.dof_frictionloss),
+                          (settings.rotor_inertia, fields.dof_armature)):
+        if np.any(values):
+            field[model.velocity] = values
+    model.offset[:] = friction.offset
