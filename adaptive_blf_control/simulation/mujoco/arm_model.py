@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.errors import ArmError, ParameterError
+from adaptive_blf_control.simulation.mujoco.inertia import principal_axes
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.targets import CENTRE, MASS, Target, TimedChange
 from adaptive_blf_control.simulation.schedule import PAYLOAD
@@ -127,17 +128,15 @@ class ArmModel:
 
     def _set_load(self, link: str) -> None:
         model, body = self.model, self._bodies[link]
-        moments, axes = np.linalg.eigh(self._inertias[link])
+        moments, attitude = principal_axes(self._inertias[link])
         if moments[0] < 0.0:
             raise ParameterError('arm_driver.schedule.value', self._inertias[link].tolist(),
                                  f'an inertia of the payload on {link} with no negative moment')
-        if np.linalg.det(axes) < 0.0:
-            axes[:, 0] *= -1.0
         model.body_mass[body] = self._masses[link]
         # An inertia belongs to a mass: what is put down takes it along.
         model.body_inertia[body] = moments if self._masses[link] > 0.0 else 0.0
         model.body_ipos[body] = self._centres[link]
-        self._mujoco.mju_mat2Quat(model.body_iquat[body], axes.reshape(-1))
+        model.body_iquat[body] = attitude
         model.body_sameframe[body] = 0  # compiled as if its centre never moved
         self._mujoco.mj_setConst(model, self._scratch)
 

@@ -16,6 +16,7 @@ from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 __all__ = ['Difference', 'check_kinematics', 'largest_difference']
 
 _POSTURES = 20
+_FIRST = 1e6  # weight of the first axis where the bases are laid over one another
 
 
 class Difference(NamedTuple):
@@ -38,8 +39,8 @@ def largest_difference(arm: UrdfArm, model: ArmModel) -> Difference:
     """Compare the joint axes at random postures.
 
     Each axis is a line: its direction u and, of a revolute joint, its moment p × u about the
-    origin. The model may stand anywhere, but not turned: the translation that fits best is left
-    out.
+    origin. The model may stand anywhere, but not turned: it is moved so that the first axes
+    coincide, and along them as fits best.
     """
     random = np.random.default_rng(0)
     postures = random.uniform(-np.pi, np.pi, (_POSTURES, arm.n))
@@ -48,8 +49,11 @@ def largest_difference(arm: UrdfArm, model: ArmModel) -> Difference:
     directions, moments = theirs[..., :3], theirs[..., 3:] - ours[..., 3:]
     turning = directions * model.turns[:, None]
     # With a base at b the moments differ by b × u = −[u]× b.
+    weights = np.ones(moments.shape)
+    weights[:, int(np.argmin(model.velocity))] = _FIRST
     rows = np.array([-_cross_matrix(u) for u in turning.reshape(-1, 3)]).reshape(-1, 3)
-    base = np.linalg.lstsq(rows, moments.reshape(-1), rcond=None)[0]
+    base = np.linalg.lstsq(weights.reshape(-1, 1) * rows, (weights * moments).reshape(-1),
+                           rcond=None)[0]
     distances = np.linalg.norm(moments - np.cross(base, turning), axis=-1)
     angles = np.linalg.norm(np.cross(ours[..., :3], directions), axis=-1)
     angles = np.arctan2(angles, np.sum(ours[..., :3] * directions, axis=-1))
@@ -73,7 +77,7 @@ def check_kinematics(arm: UrdfArm, model: ArmModel, tolerance: float, source: st
 def _axes_of_urdf(arm: UrdfArm, q: np.ndarray) -> np.ndarray:
     """Return direction and moment of each joint axis in the root frame, shape (n, 6)."""
     pin, data, order = load_pinocchio(), arm.model.createData(), JointOrder(arm.model, arm.joints)
-    jacobian = pin.computeJointJacobians(arm.model, data, order.position(q))
+    jacobian = pin.computeJointJacobians(arm.model, data, order.position(q)).reshape(6, arm.n)
     columns = jacobian[:, order.rows].T  # velocity of the point at the origin, then rotation
     turns = np.linalg.norm(columns[:, 3:], axis=1, keepdims=True) > 0.5
     return np.where(turns, np.hstack([columns[:, 3:], columns[:, :3]]),

@@ -43,10 +43,11 @@ class Scene:
                  gravity: Sequence[float] | np.ndarray) -> None:
         """Build it; see `MujocoPlant`."""
         source = settings.mujoco.model or _own_urdf(arm)
+        name = 'XML text' if source.lstrip().startswith('<') else source
         spec = arm_spec(source, arm.joints)
         _set_options(spec, settings, gravity)
         bare = ArmModel(compiled(spec, arm.joints), arm.joints, {})
-        tip = tip_of(arm, bare, settings.mujoco.tolerance, source)
+        tip = tip_of(arm, bare, settings.mujoco.tolerance, name)
         self.links = [bare.model.body(i).name for i in range(1, bare.model.nbody)]
         self.geoms = touching_geoms(bare.model)
         start = [Change(0.0, PAYLOAD, settings.payload)] if settings.payload > 0.0 else []

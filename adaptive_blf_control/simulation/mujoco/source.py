@@ -19,6 +19,7 @@ from adaptive_blf_control.arms.urdf_source import (
     urdf_joints,
 )
 from adaptive_blf_control.errors import ArmError, ParameterError
+from adaptive_blf_control.simulation.mujoco.inertia import set_inertias
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 
 __all__ = ['arm_spec']
@@ -51,7 +52,9 @@ def arm_spec(source: str, joints: Sequence[str]) -> Any:
     try:
         if root.tag == 'robot':
             select_joints(urdf_joints(text), list(joints))
-            return mujoco.MjSpec.from_string(_without_geometry(root, joints))
+            spec = mujoco.MjSpec.from_string(_without_geometry(root, joints))
+            set_inertias(spec, root)
+            return spec
         path = _path(source)
         spec = mujoco.MjSpec.from_string(text) if path is None else (
             mujoco.MjSpec.from_file(str(path)))  # which finds what the file includes
@@ -60,6 +63,7 @@ def arm_spec(source: str, joints: Sequence[str]) -> Any:
             raise
         raise ArmError(f'MuJoCo cannot read the model: {error}') from error
     _keep_joints(mujoco, spec, joints, source)
+    set_inertias(spec, None)
     return spec
 
 
