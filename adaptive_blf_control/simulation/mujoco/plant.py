@@ -33,6 +33,7 @@ class MujocoPlant(Plant):
     Attributes:
         t: Time since the start [s].
         arm_model: The arm as it is now.
+        data: The ``mujoco.MjData``, to look at.
     """
 
     def __init__(self, settings: PlantSettings, arm: Arm,
@@ -56,9 +57,9 @@ class MujocoPlant(Plant):
         scene = Scene(settings, arm, gravity)
         self.arm_model, self._surroundings = scene.arm_model, scene.surroundings
         changes = timed_changes(scene.changes, arm.joints, scene.links, scene.geoms)
-        self._data = self._mujoco.MjData(self.arm_model.model)
-        self._data.qpos[self.arm_model.position] = settings.initial_position
-        self._data.qvel[self.arm_model.velocity] = settings.initial_velocity
+        self.data = self._mujoco.MjData(self.arm_model.model)
+        self.data.qpos[self.arm_model.position] = settings.initial_position
+        self.data.qvel[self.arm_model.velocity] = settings.initial_velocity
         self._arm, self._changes, self._done = arm, changes, 0
         self._epochs = _epochs(self.arm_model, changes)
         self._fits: dict[tuple[str, ...], list[TruthFit]] = {}
@@ -72,12 +73,12 @@ class MujocoPlant(Plant):
     @property
     def q(self) -> np.ndarray:  # type: ignore[override]
         """True positions, shape (n,) [rad]."""
-        return np.asarray(self._data.qpos[self.arm_model.position])
+        return np.asarray(self.data.qpos[self.arm_model.position])
 
     @property
     def qd(self) -> np.ndarray:  # type: ignore[override]
         """True velocities, shape (n,) [rad/s]."""
-        return np.asarray(self._data.qvel[self.arm_model.velocity])
+        return np.asarray(self.data.qvel[self.arm_model.velocity])
 
     @property
     def torque(self) -> np.ndarray:  # type: ignore[override]
@@ -127,7 +128,7 @@ class MujocoPlant(Plant):
     def brake(self) -> None:
         """Hold the arm where it is, without torque."""
         self._drive.stop()
-        self._data.qvel[:] = self._data.qacc_warmstart[:] = 0.0
+        self.data.qvel[:] = self.data.qacc_warmstart[:] = 0.0
 
     def inverse_dynamics(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray,
                          t: float | None = None) -> np.ndarray:
@@ -167,11 +168,11 @@ class MujocoPlant(Plant):
         self.arm_model.set(change for change in due if change.target.of_the_arm)
         for change in due:
             if not change.target.of_the_arm:
-                self._surroundings.set(self._data, change.target, change.value)
+                self._surroundings.set(self.data, change.target, change.value)
 
     def _move(self, until: float) -> None:
         """Move on under one torque, in equal steps."""
-        model, data, outside = self.arm_model, self._data, self._surroundings
+        model, data, outside = self.arm_model, self.data, self._surroundings
         steps = max(math.ceil((until - self.t) / self._settings.mujoco.step - 1e-6), 1)
         step = model.model.opt.timestep = (until - self.t) / steps
         held = self._drive.torque - model.offset

@@ -28,6 +28,10 @@ from adaptive_blf_control.simulation.settings import PlantSettings
 __all__ = ['Scene']
 
 
+_STICTION_TIME = 0.001  # s
+_STICTION_IMPEDANCE = 0.9999  # the largest there is
+
+
 class Scene:
     """A compiled model, and what the schedule may change in it.
 
@@ -107,3 +111,5 @@ def _set_friction(model: ArmModel, settings: PlantSettings) -> None:
         if np.any(values):
             field[model.velocity] = values
     model.offset[:] = friction.offset
+    # Dry friction that holds: by default MuJoCo's creeps at several hundredths of a rad/s.
+    fields.dof_solref[:, 0], fields.dof_solimp[:, :2] = _STICTION_TIME, _STICTION_IMPEDANCE

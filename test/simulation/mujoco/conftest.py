@@ -16,7 +16,7 @@ JOINTS = [f'panda_joint{i}' for i in range(1, 8)]
 POSTURE = [0.0, -0.3, 0.0, -1.9, 0.0, 1.9, 0.5]
 
 # A rod of 1 kg on each of two joints, a locked finger, and a table; MuJoCo computes the inertias.
-MJCF = '''<mujoco><worldbody><geom name="table" type="box" size="1 1 .1" pos="0 0 -.6"/>
+MJCF = """<mujoco><worldbody><geom name="table" type="box" size="1 1 .1" pos="0 0 -.6"/>
 <body name="upper"><joint name="shoulder" axis="0 1 0" damping="0.3"/>
 <geom type="capsule" size=".02" fromto="0 0 0 .5 0 0" mass="1"/>
 <body name="lower" pos=".5 0 0"><joint name="elbow" axis="0 1 0" damping="0.2" armature="0.01"/>
@@ -24,16 +24,16 @@ MJCF = '''<mujoco><worldbody><geom name="table" type="box" size="1 1 .1" pos="0 
 <body name="hand" pos=".4 0 0"><joint name="finger" type="slide" axis="0 1 0"/>
 <geom size=".03" mass=".2"/></body></body></body></worldbody>
 <actuator><motor joint="finger"/></actuator>
-<keyframe><key name="home" qpos="0 0 0"/></keyframe></mujoco>'''
+<keyframe><key name="home" qpos="0 0 0"/></keyframe></mujoco>"""
 # The same kinematics with the masses of nobody.
-URDF = '''<robot name="two"><link name="base"/><link name="a"><inertial><mass value="2"/>
+URDF = """<robot name="two"><link name="base"/><link name="a"><inertial><mass value="2"/>
 <origin xyz=".2 0 0"/><inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".1"/></inertial>
 </link><link name="b"><inertial><mass value="1"/><origin xyz=".1 0 0"/>
 <inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".1"/></inertial></link>
 <joint name="shoulder" type="continuous"><parent link="base"/><child link="a"/>
 <origin xyz="0 0 1"/><axis xyz="0 1 0"/></joint>
 <joint name="elbow" type="continuous"><parent link="a"/><child link="b"/>
-<origin xyz="{length} 0 0"/><axis xyz="0 1 0"/></joint></robot>'''
+<origin xyz="{length} 0 0"/><axis xyz="0 1 0"/></joint></robot>"""
 
 
 @pytest.fixture(scope='session')
@@ -53,6 +53,12 @@ def panda_settings() -> PlantSettings:
     """Return the Panda at rest in a usual posture."""
     return PlantSettings(initial_position=POSTURE,
                          torque_limit=[87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0])
+
+
+@pytest.fixture
+def mjcf() -> str:
+    """Return the MJCF of the two links."""
+    return MJCF
 
 
 @pytest.fixture

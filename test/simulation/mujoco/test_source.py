@@ -11,11 +11,11 @@ from adaptive_blf_control.simulation.mujoco import library
 from adaptive_blf_control.simulation.mujoco.plant import MujocoPlant
 from adaptive_blf_control.simulation.mujoco.source import arm_spec
 
-LINK = '''<robot name="r"><link name="base"/><link name="a"><inertial><mass value="2"/>
+LINK = """<robot name="r"><link name="base"/><link name="a"><inertial><mass value="2"/>
 <origin xyz=".2 0 0" rpy="0.3 0.5 -0.7"/>
 <inertia ixx=".1" ixy="0.01" ixz="0" iyy=".12" iyz="0.02" izz=".15"/></inertial></link>
 <joint name="j" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
-</joint></robot>'''
+</joint></robot>"""
 INERTIA = np.array([[0.1, 0.01, 0.0], [0.01, 0.12, 0.02], [0.0, 0.02, 0.15]])
 
 
