@@ -15,9 +15,12 @@ from adaptive_blf_control.control.law import limited
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.simulation.sensors import Measurement, Sensors
 from adaptive_blf_control.simulation.settings import SensorSettings
+from adaptive_blf_control.simulation.truth_fit import TruthFit
 
-__all__ = ['Epoch', 'HasTruth', 'Plant', 'REQUIRED', 'SimulatedArm', 'Truth', 'known_truth',
-           'truth_of']
+__all__ = ['Epoch', 'HasFit', 'HasInverseDynamics', 'HasTruth', 'Plant', 'REQUIRED',
+           'SimulatedArm', 'Truth', 'known_truth', 'truth_of', 'unexpressed_by']
+
+_EXACT = 1e-6  # part of a torque under which a fit of theta* counts as exact
 
 
 class Epoch(NamedTuple):
@@ -87,6 +90,37 @@ class HasTruth(Protocol):
     def truth(self, parameters: Sequence[str]) -> Truth:
         """Return (t, θ*) over time in the order of ``parameters``, for monitors only."""
         ...
+
+
+@runtime_checkable
+class HasInverseDynamics(Protocol):
+    """A plant that tells the torque of a motion, whatever its parameters are."""
+
+    def inverse_dynamics(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray,
+                         t: float | None = None) -> np.ndarray:
+        """Return τ of a motion (q, q̇, q̈) at time ``t`` [s], now where None, shape (n,) [N·m]."""
+        ...
+
+
+@runtime_checkable
+class HasFit(Protocol):
+    """A plant whose θ* is a fit to its inverse dynamics."""
+
+    def fits(self, parameters: Sequence[str]) -> Sequence[TruthFit]:
+        """Return the fit of each epoch of :meth:`HasTruth.truth`."""
+        ...
+
+
+def unexpressed_by(plant: Plant, parameters: Sequence[str]) -> np.ndarray | None:
+    """Return the part of each joint's torque that no θ expresses, at worst over time.
+
+    Returns:
+        Shape (n,); None where θ* is exact or not known.
+    """
+    if not isinstance(plant, HasFit):
+        return None
+    worst = np.max([fit.unexpressed for fit in plant.fits(parameters)], axis=0)
+    return worst if np.any(worst > _EXACT) else None
 
 
 def truth_of(plant: Plant, parameters: Sequence[str]) -> Truth | None:
