@@ -11,13 +11,13 @@ from adaptive_blf_control.parameters import settings as declare
 from adaptive_blf_control.parameters.settings import group, parameter, Settings
 from adaptive_blf_control.simulation.mujoco.settings import MujocoSettings
 
-__all__ = ['DriveSettings', 'PlantSettings', 'ScheduleSettings', 'SensorSettings',
+__all__ = ['ActuatorSettings', 'PlantSettings', 'ScheduleSettings', 'SensorSettings',
            'TrueFrictionSettings']
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TrueFrictionSettings(Settings, where='arm_driver.true_friction'):
-    """True friction of a URDF arm."""
+    """True friction and rotor inertia of a URDF arm."""
 
     viscous: np.ndarray = parameter(
         [0.0], 'True viscous coefficients of a URDF arm.', 'N*m*s/rad', 0.0, length='joints')
@@ -25,6 +25,9 @@ class TrueFrictionSettings(Settings, where='arm_driver.true_friction'):
         [0.0], 'True Coulomb torques of a URDF arm.', 'N*m', 0.0, length='joints')
     offset: np.ndarray = parameter(
         [0.0], 'True constant torques of a URDF arm.', 'N*m', length='joints')
+    rotor_inertia: np.ndarray = parameter(
+        [0.0], 'True rotor inertias of a URDF arm, seen from the joints.', 'kg*m^2', 0.0,
+        length='joints')
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -63,7 +66,7 @@ class SensorSettings(Settings, where='arm_driver.sensors'):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class DriveSettings(Settings, where='arm_driver.drive'):
+class ActuatorSettings(Settings, where='arm_driver.actuator'):
     """How a command becomes a torque (plant: mujoco)."""
 
     delay: float = parameter(
@@ -71,7 +74,7 @@ class DriveSettings(Settings, where='arm_driver.drive'):
     jitter: float = parameter(
         0.0, 'Largest further delay of a command, uniformly distributed.', 's', 0.0, 1.0)
     gain_error: np.ndarray = parameter(
-        [0.0], 'Part by which the torque that acts is larger than the drives take it to be.',
+        [0.0], 'Part by which the torque that acts is larger than the one commanded and measured.',
         '', -0.5, 0.5, length='joints')
     torque_bias: np.ndarray = parameter(
         [0.0], 'Constant error of the measured torque.', 'N*m', length='joints')
@@ -114,14 +117,11 @@ class PlantSettings(Settings, where='arm_driver'):
         [200.0], 'Torque at which the simulated drives saturate.',
         'N*m', 0.0, exclusive=True, length='joints', live=True)
     true_friction: TrueFrictionSettings = group(TrueFrictionSettings)
-    rotor_inertia: np.ndarray = parameter(
-        [0.0], 'Inertia of each rotor as the joint feels it (plant: mujoco).',
-        'kg*m^2', 0.0, length='joints')
     mounting: np.ndarray = parameter(
         [0.0, 0.0, 0.0],
         'Roll, pitch, yaw of the base against the frame that gravity is given in (plant: mujoco).',
         'rad', length=3)
-    drive: DriveSettings = group(DriveSettings)
+    actuator: ActuatorSettings = group(ActuatorSettings)
     mujoco: MujocoSettings = group(MujocoSettings)
     schedule: ScheduleSettings = group(ScheduleSettings)
     sensors: SensorSettings = group(SensorSettings)

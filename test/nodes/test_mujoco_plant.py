@@ -19,7 +19,7 @@ pytest.importorskip('mujoco', reason='MuJoCo is not installed: the extra mujoco'
 JOINTS = ['shoulder', 'elbow']
 SWING = {f'reference.{joint}.{name}': [value] for joint in JOINTS
          for name, value in (('amplitude', 0.3), ('frequency', 1.5), ('phase', 0.0))}
-DRIVER = {'plant': 'mujoco', 'drive.delay': 0.002, 'torque_limit': [100.0],
+DRIVER = {'plant': 'mujoco', 'actuator.delay': 0.002, 'torque_limit': [100.0],
           'true_friction.viscous': [2.0],
           'schedule.time': [0.5], 'schedule.parameter': ['payload.lower'],
           'schedule.value': [0.5]}

@@ -10,7 +10,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.errors import ArmError, ParameterError
-from adaptive_blf_control.simulation.drive import Drive
+from adaptive_blf_control.simulation.actuator import Actuators
 from adaptive_blf_control.simulation.mujoco.arm_model import ArmModel
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.scene import Scene
@@ -26,7 +26,7 @@ ROUNDING = 1e-9  # s that summed intervals may differ from the time of a change
 
 
 class MujocoPlant(Plant):
-    """An arm that MuJoCo moves, with drives that are late and sensors as everywhere.
+    """An arm that MuJoCo moves, with actuators that are late and sensors as everywhere.
 
     Its inverse dynamics is MuJoCo's; θ* is what fits that best.
 
@@ -63,10 +63,9 @@ class MujocoPlant(Plant):
         self._arm, self._changes, self._done = arm, changes, 0
         self._epochs = _epochs(self.arm_model, changes)
         self._fits: dict[tuple[str, ...], list[TruthFit]] = {}
-        self._drive = Drive(settings.drive, settings.torque_limit)
+        self._actuators = Actuators(settings.actuator, settings.torque_limit)
         self._settings = settings
         self._sensors = Sensors(settings.sensors)
-        self._impulse, self._since = np.zeros(arm.n), 0.0  # ∫ τ dt since the last sample
         self.t = 0.0
         self._make_due_changes()
 
@@ -83,7 +82,7 @@ class MujocoPlant(Plant):
     @property
     def torque(self) -> np.ndarray:  # type: ignore[override]
         """Torque that acts now, shape (n,) [N·m]."""
-        return self._drive.torque
+        return self._actuators.torque
 
     @property
     def touched(self) -> tuple[tuple[float, float], ...]:
@@ -93,14 +92,11 @@ class MujocoPlant(Plant):
     def measure(self, torque: np.ndarray, dt: float) -> Measurement:
         """Take a sample; see `Plant`.
 
-        The torque is the drives' own: its mean since the last sample, or that of now with
-        ``drive.effort: instant``, in both cases without the error of their gain.
+        The torque is what the actuators measure, see `Actuators.sample`, except for an interval
+        of 0 s: before the first motion there is none.
         """
-        drive = self._settings.drive
-        if dt > 0.0:
-            mean = self._impulse / self._since if self._since > 0.0 else self._drive.effort
-            torque = (mean if drive.effort == 'mean' else self._drive.effort) + drive.torque_bias
-        self._impulse, self._since = np.zeros_like(self._impulse), 0.0
+        measured = self._actuators.sample()
+        torque = measured if dt > 0.0 else torque
         return self._sensors.measure(self.q, self.qd, torque, dt)
 
     def measured_position(self) -> np.ndarray:
@@ -108,8 +104,8 @@ class MujocoPlant(Plant):
         return self._sensors.position(self.q)
 
     def apply(self, torque: np.ndarray) -> None:
-        """Command a torque, shape (n,) [N·m]; it acts after the delay of the drives."""
-        self._drive.command(self.t, torque)
+        """Command a torque, shape (n,) [N·m]; it acts after the delay of the actuators."""
+        self._actuators.command(self.t, torque)
 
     def advance(self, dt: float) -> None:
         """Move on by ``dt`` [s], exactly to each change and each command that comes to act.
@@ -120,14 +116,14 @@ class MujocoPlant(Plant):
         end = self.t + dt
         while self.t < end - ROUNDING:
             self._make_due_changes()
-            self._drive.advance_to(self.t + ROUNDING)
-            self._move(min(end, self._next_change, self._drive.next_switch))
+            self._actuators.advance_to(self.t + ROUNDING)
+            self._move(min(end, self._next_change, self._actuators.next_switch))
         self._make_due_changes()
-        self._drive.advance_to(self.t + ROUNDING)
+        self._actuators.advance_to(self.t + ROUNDING)
 
     def brake(self) -> None:
         """Hold the arm where it is, without torque."""
-        self._drive.stop()
+        self._actuators.stop()
         self.data.qvel[:] = self.data.qacc_warmstart[:] = 0.0
 
     def inverse_dynamics(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray,
@@ -175,7 +171,7 @@ class MujocoPlant(Plant):
         model, data, outside = self.arm_model, self.data, self._surroundings
         steps = max(math.ceil((until - self.t) / self._settings.mujoco.step - 1e-6), 1)
         step = model.model.opt.timestep = (until - self.t) / steps
-        held = self._drive.torque - model.offset
+        held = self._actuators.torque - model.offset
         data.qfrc_applied[model.velocity] = held
         if outside.act:
             for k in range(steps):
@@ -186,8 +182,7 @@ class MujocoPlant(Plant):
             self._mujoco.mj_step(model.model, data, steps)
         if not np.all(np.isfinite(data.qvel)):
             raise ArmError(f'MuJoCo diverges at {self.t:.4f} s with the torque {held.tolist()}')
-        self._impulse = self._impulse + (until - self.t) * self._drive.effort
-        self._since += until - self.t
+        self._actuators.act(until - self.t)
         self.t = until
 
 

@@ -107,7 +107,7 @@ def _set_friction(model: ArmModel, settings: PlantSettings) -> None:
     friction, fields = settings.true_friction, model.model
     for values, field in ((friction.viscous, fields.dof_damping),
                           (friction.coulomb, fields.dof_frictionloss),
-                          (settings.rotor_inertia, fields.dof_armature)):
+                          (friction.rotor_inertia, fields.dof_armature)):
         if np.any(values):
             field[model.velocity] = values
     model.offset[:] = friction.offset

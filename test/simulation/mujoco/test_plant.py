@@ -61,7 +61,7 @@ def test_energy_is_lost_to_damping_alone(made, mjcf):
 
 
 def test_a_delay_in_seconds_is_exact_between_samples_and_steps(made):
-    plant = made(drive={'delay': 0.00137})
+    plant = made(actuator={'delay': 0.00137})
     plant.apply(np.array([3.0, 0.0]))
     plant.advance(0.001)
     assert not plant.torque.any()
@@ -73,7 +73,7 @@ def test_a_delay_in_seconds_is_exact_between_samples_and_steps(made):
 
 def test_effort_is_the_mean_or_what_acts_now_without_the_error_of_the_gain(made):
     for effort, expected in (('mean', 1.5), ('instant', 2.0)):
-        plant = made(drive={'effort': effort, 'gain_error': [0.5], 'torque_bias': [0.25]})
+        plant = made(actuator={'effort': effort, 'gain_error': [0.5], 'torque_bias': [0.25]})
         plant.apply(np.array([1.0, 0.0]))
         plant.advance(0.001)
         plant.apply(np.array([2.0, 0.0]))
@@ -102,7 +102,7 @@ def test_the_drives_saturate(made):
 
 
 def test_the_brakes_hold_without_torque(made):
-    plant = made(initial_velocity=[1.0, 1.0], drive={'delay': 0.01})
+    plant = made(initial_velocity=[1.0, 1.0], actuator={'delay': 0.01})
     plant.apply(np.ones(2))
     plant.brake()
     assert not plant.qd.any()
@@ -233,7 +233,7 @@ def test_settings_that_cannot_be_are_refused_by_name(made, settings, message):
 
 def test_theta_is_what_fits_the_inverse_dynamics_best(made, mjcf, two_links):
     text = mjcf.replace(' armature="0.01"', '')
-    plant = made(mujoco={'model': text}, rotor_inertia=[0.3, 0.0],
+    plant = made(mujoco={'model': text}, true_friction={'rotor_inertia': [0.3, 0.0]},
                  **scheduled((1.0, 'payload', 1.0)))
     (begin, theta), (change, loaded) = truth_of(plant, two_links.parameters)
     assert (begin, change) == (0.0, 1.0)
@@ -247,9 +247,10 @@ def test_theta_is_what_fits_the_inverse_dynamics_best(made, mjcf, two_links):
 def test_the_rotor_of_the_first_joint_is_an_inertia_and_that_of_others_is_not(panda,
                                                                             panda_settings):
     """A rotor does not turn with the links before it: base parameters cannot say so."""
-    rotors = np.zeros(7)
-    rotors[0] = 0.1
-    fit, = MujocoPlant(panda_settings.replace(rotor_inertia=rotors), panda).fits(panda.parameters)
-    assert fit.residual.max() < 1e-9
-    fit, = MujocoPlant(panda_settings.replace(rotor_inertia=[0.1]), panda).fits(panda.parameters)
-    assert np.all(fit.residual[2:] > 0.1)
+    def fitted(rotor_inertia):
+        settings = panda_settings.replace(true_friction={'rotor_inertia': rotor_inertia})
+        fit, = MujocoPlant(settings, panda).fits(panda.parameters)
+        return fit
+
+    assert fitted([0.1, *[0.0] * 6]).residual.max() < 1e-9
+    assert np.all(fitted([0.1]).residual[2:] > 0.1)

@@ -48,7 +48,7 @@ def test_learning_is_judged_by_the_torque_that_mujoco_needs(scenario):
 
 def test_what_no_parameter_expresses_is_said_in_the_summary(scenario):
     run = simulate(scenario, 0.2, arm_driver={
-        'plant': 'mujoco', 'rotor_inertia': [0.0, 0.2], 'true_friction': {'coulomb': [1.0]}})
+        'plant': 'mujoco', 'true_friction': {'rotor_inertia': [0.0, 0.2], 'coulomb': [1.0]}})
     assert run.figures['guarantee'] is None
     assert 'is not about this plant: no theta expresses' in repr(run)
 

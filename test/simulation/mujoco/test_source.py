@@ -49,8 +49,8 @@ def test_armature_and_damping_of_an_mjcf_stay_unless_others_are_given(two_links,
     model = MujocoPlant(two_link_settings, two_links).arm_model.model
     assert model.dof_damping.tolist() == [0.3, 0.2]
     assert model.dof_armature.tolist() == [0.0, 0.01]
-    changed = two_link_settings.replace(rotor_inertia=[0.5, 0.1],
-                                        true_friction={'viscous': [1.0]})
+    changed = two_link_settings.replace(true_friction={'viscous': [1.0],
+                                                       'rotor_inertia': [0.5, 0.1]})
     model = MujocoPlant(changed, two_links).arm_model.model
     assert model.dof_damping.tolist() == [1.0, 1.0]
     assert model.dof_armature.tolist() == [0.5, 0.1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The drives of a simulated arm: a command is limited, acts later, and with a wrong gain."""
+"""The actuators of a simulated arm: a command is limited, acts later, and with a wrong gain."""
 
 from __future__ import annotations
 
@@ -9,39 +9,37 @@ import math
 import numpy as np
 
 from adaptive_blf_control.control.law import limited
-from adaptive_blf_control.simulation.settings import DriveSettings
+from adaptive_blf_control.simulation.settings import ActuatorSettings
 
-__all__ = ['Drive']
+__all__ = ['Actuators']
 
 
-class Drive:
+class Actuators:
     """Commands on their way to the joints, in the order in which they were given.
 
     A command of time t acts from t + delay + jitter·u on, u drawn uniformly from [0, 1) for each
-    command; one that would overtake an older one acts together with it.
-
-    Attributes:
-        effort: Torque that the drives take to act now, shape (n,) [N·m].
+    command; one that would overtake an older one acts together with it. What acts is
+    (1 + gain_error) times what the actuators take it to be, and measure.
     """
 
-    def __init__(self, settings: DriveSettings, torque_limit: np.ndarray) -> None:
+    def __init__(self, settings: ActuatorSettings, torque_limit: np.ndarray) -> None:
         """Start without torque.
 
         Args:
-            settings: Delay, jitter and gain error, the latter of shape (n,).
-            torque_limit: Where the drives saturate, shape (n,) [N·m].
+            settings: Delay, errors and what is measured, arrays of shape (n,).
+            torque_limit: Where the actuators saturate, shape (n,) [N·m].
         """
         self._settings = settings
         self._limit = torque_limit.copy()  # the limit is compiled for arrays that may be written
-        self._gain = 1.0 + settings.gain_error
         self._random = np.random.default_rng(settings.seed)
         self._under_way: deque[tuple[float, np.ndarray]] = deque()
-        self.effort = np.zeros(self._limit.size)
+        self._commanded = np.zeros(self._limit.size)  # what acts, but for the gain [N·m]
+        self._impulse, self._span = np.zeros(self._limit.size), 0.0  # since the last sample
 
     @property
     def torque(self) -> np.ndarray:
         """Torque that acts now, shape (n,) [N·m]."""
-        return np.asarray(self._gain * self.effort)
+        return np.asarray((1.0 + self._settings.gain_error) * self._commanded)
 
     @property
     def next_switch(self) -> float:
@@ -56,15 +54,29 @@ class Drive:
         if self._under_way:
             at = max(at, self._under_way[-1][0])
         self._under_way.append((at, limited(torque, self._limit)))
-        if at <= t:
-            self.advance_to(t)
+        self.advance_to(t)
 
     def advance_to(self, t: float) -> None:
         """Let act what is due at ``t`` [s]."""
         while self._under_way and self._under_way[0][0] <= t:
-            self.effort = self._under_way.popleft()[1]
+            self._commanded = self._under_way.popleft()[1]
+
+    def act(self, dt: float) -> None:
+        """Note that the present torque has acted for ``dt`` [s]."""
+        self._impulse = self._impulse + dt * self._commanded
+        self._span += dt
+
+    def sample(self) -> np.ndarray:
+        """Return the torque that is measured of the time since the last sample, (n,) [N·m].
+
+        Its mean, or with ``effort: instant`` that of now; without the error of the gain.
+        """
+        mean = self._span > 0.0 and self._settings.effort == 'mean'
+        measured = self._impulse / self._span if mean else self._commanded
+        self._impulse, self._span = np.zeros_like(self._impulse), 0.0
+        return np.asarray(measured + self._settings.torque_bias)
 
     def stop(self) -> None:
         """Drop every command, without torque from now on."""
         self._under_way.clear()
-        self.effort = np.zeros_like(self.effort)
+        self._commanded = np.zeros_like(self._commanded)
