@@ -10,7 +10,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.errors import ArmError, ParameterError
-from adaptive_blf_control.simulation.actuator import Actuators
+from adaptive_blf_control.simulation.actuators import Actuators
 from adaptive_blf_control.simulation.mujoco.arm_model import ArmModel
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.scene import Scene

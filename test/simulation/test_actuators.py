@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from adaptive_blf_control.simulation.actuator import Actuators
+from adaptive_blf_control.simulation.actuators import Actuators
 from adaptive_blf_control.simulation.settings import ActuatorSettings
 
 LIMIT = np.array([5.0, 1.0])
