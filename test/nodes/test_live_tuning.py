@@ -25,6 +25,7 @@ from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
 from adaptive_blf_control.parameters.table import per_joint
+from adaptive_blf_control.simulation.sensors import Encoder, PerfectSensor
 from patience import PATIENCE
 
 KINDS = {'arm_driver': ArmDriver, 'identifier': IdentifierNode, 'controller': ControllerNode,
@@ -99,12 +100,14 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
     plant, arm = node.plant, ThreeLinkArm()
     first, *later = plant.epochs
     theta = np.array([first.parameters[name] for name in arm.parameters])
-    sensors = plant._sensors.settings
+    sensors = plant.settings.sensors
+    model = {PerfectSensor: 'perfect', Encoder: 'encoder'}[type(
+        getattr(plant.sensor, 'sensor', plant.sensor))]
     changed = [name for name in arm.parameters
                if later[0].parameters[name] != first.parameters[name]]
     payload = node.settings.payload
     return {
-        'rate': 1e9 / node.period_ns, 'payload': payload if np.allclose(
+        'rate': 1e9 / node.grid.period_ns, 'payload': payload if np.allclose(
             theta, node.settings.true_parameters + payload * arm.payload_direction,
             rtol=1e-15) else None,
         'true_parameters': theta - payload * arm.payload_direction,
@@ -114,12 +117,13 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
             later[0].parameters[changed[0]] if len(changed) == 1 else
             (later[0].parameters[changed[0]] - theta[arm.parameters.index(changed[0])])
             / arm.payload_direction[arm.parameters.index(changed[0])]],
-        'sensors.model': sensors.model,
+        'sensors.model': model,
         'sensors.encoder_counts': sensors.encoder_counts,
         'sensors.gear_ratio': sensors.gear_ratio,
         'sensors.velocity_time_constant': sensors.velocity_time_constant,
         'sensors.torque_noise': sensors.torque_noise, 'sensors.seed': sensors.seed,
-        'dead_time': plant._dead_time, 'substeps': plant._substeps,
+        'dead_time': len(plant._under_way) + 1 if plant._under_way else plant.settings.dead_time,
+        'substeps': plant.settings.substeps,
         'torque_limit': plant.torque_limit,
     }
 
@@ -676,15 +680,16 @@ def test_a_driver_that_refuses_goes_on_as_it_was(driver, wait_until, values, wor
     live.send(2.0, -1.0)
     wait_until(lambda: live.node.started)
     node, before = live.node, live.node.settings.values()
-    in_use = (node.plant.epochs, node.plant.torque_limit, node.plant._sensors, node.period_ns)
+    in_use = (node.plant.epochs, node.plant.torque_limit, node.plant.sensor,
+              node.grid.period_ns)
     result = live.set({'dead_time': 5, **values})
     assert not result.successful
     for word in words:
         assert word in result.reason, result.reason
     assert node.settings.values() == before
-    assert in_use == (node.plant.epochs, node.plant.torque_limit, node.plant._sensors,
-                      node.period_ns)
-    assert node.plant._dead_time == 0
+    assert in_use == (node.plant.epochs, node.plant.torque_limit, node.plant.sensor,
+                      node.grid.period_ns)
+    assert node.plant.settings.dead_time == 0
     np.testing.assert_array_equal(node.plant.torque, [2.0, -1.0])
 
 
@@ -700,7 +705,7 @@ def test_damping_set_by_service_is_what_the_drives_do_without_commands(driver,
                                                                        wait_until) -> None:
     live = driver(rate=100.0, initial_velocity=[1.0, -1.0])
     live.send(0.0, 0.0)
-    wait_until(lambda: live.node.timed_out)
+    wait_until(lambda: live.node.drives.timed_out)
     assert live.set({'timeout_action': 'damping', 'damping': [0.5, 0.25]}).successful
     wait_until(lambda: np.any(live.messages[-1].effort))
     count = len(live.messages)
@@ -713,7 +718,7 @@ def test_an_action_that_changes_while_commands_are_missing_is_taken_at_once(
         driver, wait_until) -> None:
     live = driver(rate=100.0, initial_velocity=[1.0, -1.0], timeout_action='damping')
     live.send(0.0, 0.0)
-    wait_until(lambda: live.node.timed_out, what='damping')
+    wait_until(lambda: live.node.drives.timed_out, what='damping')
     for action in ('zero', 'damping'):
         assert live.set({'timeout_action': action}).successful
         count = len(live.messages) + 2
