@@ -141,7 +141,7 @@ class ArmDriver(SteppedDriver):
             lambda: self._command_input.get_publisher_count() == 1)
         if refusal is not None:
             if refusal.fault:
-                self.last_fault = f'{refusal.reason} refused'
+                self.last_fault = 'commands of a second publisher refused'
             self.drop(refusal.reason, refusal.detail)
         elif self._lockstep is not None:
             self.commands.heard_ns = now

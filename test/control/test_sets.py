@@ -52,6 +52,11 @@ def test_a_reference_that_pokes_out_names_joint_and_numbers(side, joint, moved, 
         assert word in str(caught.value)
 
 
+def test_a_tenth_of_a_milliradian_outside_the_safety_set_is_refused():
+    with pytest.raises(SetViolation):
+        check_performance_inside_safety(SAFETY, PERFORMANCE, (RANGE[0], RANGE[1] + 1e-4), JOINTS)
+
+
 @pytest.mark.parametrize(('lower', 'upper'), [(0.0, 0.2), (-0.1, 0.0), (0.1, 0.2), (-0.2, -0.1)])
 def test_performance_set_has_to_contain_zero_error(lower, upper):
     performance = JointInterval(np.array([-0.1, lower]), np.array([0.1, upper]))

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import time
+
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.nodes import arm_driver
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.runtime import data_node
+from patience import PATIENCE
 
 THETA = [3.473, 0.196, 0.242, 5.3, 1.1]
 DYNAMICS = TwoLinkArm().dynamics(np.array(THETA))
@@ -346,6 +349,36 @@ def test_deactivated_the_torque_goes_to_zero_over_the_ramp_and_the_brakes_hold(b
     np.testing.assert_array_equal(later.position, held.position)
     np.testing.assert_array_equal(later.velocity, 0.0)
     assert np.isnan(later.effort).all()
+
+
+def test_after_cleanup_during_a_ramp_the_brakes_hold_and_nothing_is_measured(
+        by_hand, wait_until) -> None:
+    driver, state_at, command_at, states = by_hand
+    state_at(0.0)
+    command_at(0.0, 10.0, -4.0)
+    state_at(10.0)
+    driver.trigger_deactivate()
+    state_at(20.0)
+    assert driver.started
+    driver.trigger_cleanup()
+    assert not driver.started
+    driver.trigger_configure()
+    driver.trigger_activate()
+    driver.start_clock()
+    count = len(states)
+    driver.catch_up(arm_driver.time.monotonic_ns())
+    wait_until(lambda: len(states) > count, what='a state')
+    assert not driver.started
+    assert driver.status()[1] == 'brakes on, waiting for a command'
+    assert (list(states[-1].position), list(states[-1].velocity)) == ([0.1, 2.0], [0.5, -0.3])
+    assert np.isnan(states[-1].effort).all()
+
+
+def test_stamps_are_those_of_the_system_clock(rig, graph, wait_until) -> None:
+    driver, states, _ = rig(rate=100.0)
+    graph.run(driver)
+    wait_until(lambda: len(states))
+    assert abs(_stamp(states[0]) - time.time_ns()) < PATIENCE * 1e9
 
 
 def test_the_drives_saturate(by_hand) -> None:
