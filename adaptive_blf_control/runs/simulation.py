@@ -140,7 +140,8 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
     Raises:
         ParameterError: a parameter is not known or cannot be used, or a part lacks what its
             protocol asks for.
-        SetViolation: the start is outside a set, or the sets do not keep (9).
+        SetViolation: the start is outside a set, or the performance set exceeds the
+            safety set (9).
         ArmError: the arm cannot be built.
     """
     if isinstance(scenario, ClosedLoop):

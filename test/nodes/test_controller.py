@@ -395,8 +395,8 @@ def test_a_smooth_start_may_begin_anywhere_inside_the_safety_set_and_nowhere_els
     assert (rig.node.active, rig.node.commands.claimed, rig.torques) == (False, False, [])
 
 
-def test_a_performance_set_that_pokes_out_of_the_safety_set_is_refused(graph) -> None:
-    with pytest.raises(SetViolation, match="joint 'joint2': .*pokes out.*above: 2.25 .* 2.2 rad"):
+def test_a_performance_set_that_exceeds_the_safety_set_is_refused(graph) -> None:
+    with pytest.raises(SetViolation, match="joint 'joint2': .*exceeds.*above: 2.25 .* 2.2 rad"):
         graph.make(ControllerNode, **{**TASK, 'performance__upper': [0.2, 0.25]})
     with pytest.raises(SetViolation, match="joint 'joint1': .*below: -1.18 .* -1.17 rad"):
         graph.make(ControllerNode, **{**TASK, 'performance__lower': [-0.18, -0.17]})

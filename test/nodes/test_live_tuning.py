@@ -417,11 +417,11 @@ REFUSED = [  # q beside the reference, the request, what the reason has to hold
     (ERROR, {'performance.upper': [0.04, 0.15]}, ["'joint1'", 'present error', '0.05', '0.04']),
     (ERROR, {'performance.lower': [-0.15, -0.055]}, ["'joint2'", 'error', '-0.06', '-0.055']),
     (ERROR, {'performance.upper': [0.05, 0.15]}, ["'joint1'", '0.05 rad against 0.05 rad']),
-    (ERROR, {'performance.upper': [3.0]}, ["'joint1'", 'pokes out', '3.3 rad against 3.14 rad']),
+    (ERROR, {'performance.upper': [3.0]}, ["'joint1'", 'exceeds', '3.3 rad against 3.14 rad']),
     (ERROR, {'performance.upper': [-0.1]}, ['performance', '-0.1', 'lower < 0 < upper']),
     ([1.0, 0.0], {'safety.upper': [0.9, 3.14]}, ["'joint1'", 'present position', '0.9']),
     ([0.0, -1.0], {'safety.lower': [-3.14, -0.9]}, ["'joint2'", 'present position', '-0.9']),
-    (ERROR, {'safety.upper': [0.4]}, ["'joint1'", 'pokes out', '0.45 rad against 0.4 rad']),
+    (ERROR, {'safety.upper': [0.4]}, ["'joint1'", 'exceeds', '0.45 rad against 0.4 rad']),
     (ERROR, {'safety.upper': [-4.0]}, ['safety.lower', '-4.0']),
     (ERROR, {'reference.joint2.amplitude': [3.1]}, ["'joint2'", '-3.25 rad against -3.14 rad']),
     (ERROR, {'reference.joint1.amplitude': [0.1, 0.1]}, ['joint1', 'same length']),
@@ -483,7 +483,7 @@ def test_before_the_motion_sets_may_change_and_count_from_its_first_sample(
     live = _Live(graph, wait_until, 'controller', **TASK)
     assert live.set({'performance.upper': [0.055]}).successful
     result = live.set({'performance.upper': [4.0]})
-    assert 'pokes out' in result.reason
+    assert 'exceeds' in result.reason
     np.testing.assert_array_equal(live.step().bounds.upper, [0.055, 0.055])
 
 
