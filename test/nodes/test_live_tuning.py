@@ -18,6 +18,7 @@ from std_msgs.msg import Float64MultiArray
 from adaptive_blf_control.arms.three_link import ThreeLinkArm
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.configuration.node_settings import TABLES
+from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.reference import SumOfSinusoids
 from adaptive_blf_control.messages.topics import COMMANDS, GUARANTEE, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
@@ -578,7 +579,8 @@ def test_a_guarantee_asked_for_while_running_is_stated_with_the_next_motion(
     message = deserialize_message(heard[0][0], JointState)
     output = live.node.output
     value = dict(zip(message.name, message.position))['V0']
-    assert value >= 0.5 * 5.0 * output.e2 @ output.e2 + 0.5 * 0.5**2
+    assert value == pytest.approx(barrier(output.e1, output.bound)
+                                  + 0.5 * 5.0 * output.e2 @ output.e2 + 0.5 * 0.5**2)
 
 
 def _stamps(live: _Live) -> list[int]:
