@@ -175,15 +175,12 @@ class SimulatedArm:
 
     def advance(self, dt: float) -> None:
         """Move on by ``dt`` [s] under the held torque; changes act from the next advance on."""
-        self._enter_epoch()
-        self.q, self.qd = self.epochs[self._epoch].dynamics.advance(
-            self.q, self.qd, self.torque, dt, self.settings.substeps)
-        self.t += dt
-
-    def _enter_epoch(self) -> None:
         following = self._epoch + 1
         while following < len(self.epochs) and self.t >= self.epochs[following].t - ROUNDING:
             self._epoch, following = following, following + 1
+        self.q, self.qd = self.epochs[self._epoch].dynamics.advance(
+            self.q, self.qd, self.torque, dt, self.settings.substeps)
+        self.t += dt
 
     def retune(self, settings: PlantSettings) -> None:
         """Take another payload, limit, sensor or dead time; state and time stay.
@@ -204,7 +201,6 @@ class SimulatedArm:
             self.sensor = made_sensor(settings.sensors, self._arm, self._given_sensor)
         if epochs is not self.epochs:
             self.epochs, self._epoch = epochs, 0
-            self._enter_epoch()
         under_way = self._under_way
         self._take(settings)
         if settings.dead_time == before.dead_time:
