@@ -32,7 +32,8 @@ from adaptive_blf_control.messages.topics import (
 )
 from adaptive_blf_control.runs.margins import Margins, published_margins
 from adaptive_blf_control.runs.summary import Run, state_along
-from adaptive_blf_control.simulation.plant import Truth, truth_of
+from adaptive_blf_control.simulation.plant import truth_of
+from adaptive_blf_control.simulation.true_arm import epochs_truth, true_epochs, Truth
 
 __all__ = ['bag_parameters', 'constraints_of', 'rates', 'run_of_bag', 'topic_named']
 
@@ -139,7 +140,9 @@ def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> Tr
     if not any(key.endswith('/arm_driver') for key in data):
         return None
     driver = node_settings(data, DriverSettings)
-    if driver.plant not in ('builtin', 'mujoco'):
+    if driver.plant == 'builtin':
+        return epochs_truth(true_epochs(driver, build_arm(driver)), parameters)
+    if driver.plant != 'mujoco':
         return None
     try:
         return truth_of(build_plant(driver, build_arm(driver)), parameters)

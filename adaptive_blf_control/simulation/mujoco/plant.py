@@ -15,9 +15,10 @@ from adaptive_blf_control.simulation.mujoco.arm_model import ArmModel
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.scene import Scene
 from adaptive_blf_control.simulation.mujoco.targets import timed_changes, TimedChange
-from adaptive_blf_control.simulation.plant import Plant, Truth
-from adaptive_blf_control.simulation.sensors import Measurement, Sensors
+from adaptive_blf_control.simulation.plant import Plant
+from adaptive_blf_control.simulation.sensors import made_sensor, Measurement, Sensor
 from adaptive_blf_control.simulation.settings import PlantSettings
+from adaptive_blf_control.simulation.true_arm import Truth
 from adaptive_blf_control.simulation.truth_fit import fit_truth, TruthFit
 
 __all__ = ['MujocoPlant']
@@ -37,13 +38,15 @@ class MujocoPlant(Plant):
     """
 
     def __init__(self, settings: PlantSettings, arm: Arm,
-                 gravity: Sequence[float] | np.ndarray = (0.0, 0.0, -9.81)) -> None:
+                 gravity: Sequence[float] | np.ndarray = (0.0, 0.0, -9.81),
+                 sensor: Sensor | type[Sensor] | None = None) -> None:
         """Build the arm at its initial position, without torque.
 
         Args:
             settings: Those of the driver.
             arm: The arm, with every parameter that θ* may be asked for.
             gravity: In the base frame of an arm that is mounted upright, shape (3,) [m/s²].
+            sensor: In place of the sensor that the settings name.
 
         Raises:
             ParameterError: a value cannot be used, the schedule names what the model does not
@@ -65,7 +68,7 @@ class MujocoPlant(Plant):
         self._fits: dict[tuple[str, ...], list[TruthFit]] = {}
         self._actuators = Actuators(settings.actuator, settings.torque_limit)
         self._settings = settings
-        self._sensors = Sensors(settings.sensors)
+        self._sensor = made_sensor(settings.sensors, arm, sensor)
         self.t = 0.0
         self._make_due_changes()
 
@@ -97,11 +100,11 @@ class MujocoPlant(Plant):
         """
         measured = self._actuators.sample()
         torque = measured if dt > 0.0 else torque
-        return self._sensors.measure(self.q, self.qd, torque, dt)
+        return self._sensor.measure(self.q, self.qd, torque, dt)
 
     def measured_position(self) -> np.ndarray:
         """Return what the sensors show of q now, shape (n,) [rad]; it is no sample."""
-        return self._sensors.position(self.q)
+        return self._sensor.position(self.q)
 
     def apply(self, torque: np.ndarray) -> None:
         """Command a torque, shape (n,) [N·m]; it acts after the delay of the actuators."""
