@@ -20,6 +20,9 @@ class Actuators:
     A command of time t acts from t + delay + jitter·u on, u drawn uniformly from [0, 1) for each
     command; one that would overtake an older one acts together with it. What acts is
     (1 + gain_error) times what the actuators take it to be, and measure.
+
+    Attributes:
+        torque_limit: Where they saturate, shape (n,) [N·m].
     """
 
     def __init__(self, settings: ActuatorSettings, torque_limit: np.ndarray) -> None:
@@ -30,11 +33,12 @@ class Actuators:
             torque_limit: Where the actuators saturate, shape (n,) [N·m].
         """
         self._settings = settings
-        self._limit = torque_limit.copy()  # the limit is compiled for arrays that may be written
+        self.torque_limit = torque_limit.copy()  # what is compiled may write its arrays
         self._random = np.random.default_rng(settings.seed)
         self._under_way: deque[tuple[float, np.ndarray]] = deque()
-        self._commanded = np.zeros(self._limit.size)  # what acts, but for the gain [N·m]
-        self._impulse, self._span = np.zeros(self._limit.size), 0.0  # since the last sample
+        # What acts, but for the gain [N·m]. This compiles the limit before it is urgent.
+        self._commanded = limited(np.zeros(torque_limit.size), self.torque_limit)
+        self._impulse, self._span = np.zeros(torque_limit.size), 0.0  # since the last sample
 
     @property
     def torque(self) -> np.ndarray:
@@ -53,7 +57,7 @@ class Actuators:
         at = t + settings.delay + late
         if self._under_way:
             at = max(at, self._under_way[-1][0])
-        self._under_way.append((at, limited(torque, self._limit)))
+        self._under_way.append((at, limited(torque, self.torque_limit)))
         self.advance_to(t)
 
     def advance_to(self, t: float) -> None:

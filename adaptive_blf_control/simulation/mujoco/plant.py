@@ -9,12 +9,13 @@ import math
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.errors import ArmError, ParameterError
+from adaptive_blf_control.errors import ArmError
+from adaptive_blf_control.parameters.settings import changed_names
 from adaptive_blf_control.simulation.actuators import Actuators
 from adaptive_blf_control.simulation.mujoco.arm_model import ArmModel
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.scene import Scene
-from adaptive_blf_control.simulation.mujoco.targets import timed_changes, TimedChange
+from adaptive_blf_control.simulation.mujoco.targets import TimedChange
 from adaptive_blf_control.simulation.plant import Plant
 from adaptive_blf_control.simulation.sensors import made_sensor, Measurement, Sensor
 from adaptive_blf_control.simulation.settings import PlantSettings
@@ -24,6 +25,8 @@ from adaptive_blf_control.simulation.truth_fit import fit_truth, TruthFit
 __all__ = ['MujocoPlant']
 
 ROUNDING = 1e-9  # s that summed intervals may differ from the time of a change
+# First letters of the parameters that make the scene and can change while it runs.
+OF_THE_SCENE = ('true_model', 'true_parameters', 'payload', 'dead_time', 'schedule.')
 
 
 class MujocoPlant(Plant):
@@ -55,22 +58,46 @@ class MujocoPlant(Plant):
             MissingExtra: MuJoCo is not installed.
         """
         self._mujoco = load_mujoco()
-        settings = settings.resolved(joints=arm.n)
-        _refuse_true_parameters(settings)
-        scene = Scene(settings, arm, gravity)
-        self.arm_model, self._surroundings = scene.arm_model, scene.surroundings
-        changes = timed_changes(scene.changes, arm.joints, scene.links, scene.geoms)
-        self.data = self._mujoco.MjData(self.arm_model.model)
-        self.data.qpos[self.arm_model.position] = settings.initial_position
-        self.data.qvel[self.arm_model.velocity] = settings.initial_velocity
-        self._arm, self._changes, self._done = arm, changes, 0
-        self._epochs = _epochs(self.arm_model, changes)
-        self._fits: dict[tuple[str, ...], list[TruthFit]] = {}
-        self._actuators = Actuators(settings.actuator, settings.torque_limit)
-        self._settings = settings
-        self._sensor = made_sensor(settings.sensors, arm, sensor)
+        self._arm, self._gravity, self._given_sensor = arm, gravity, sensor
+        self._settings = settings = settings.resolved(joints=arm.n)
         self.t = 0.0
+        self._enter(Scene(settings, arm, gravity), settings.initial_position,
+                    settings.initial_velocity)
+        self._actuators = Actuators(settings.actuator, settings.torque_limit)
+        self._sensor = made_sensor(settings.sensors, arm, sensor)
+
+    def _enter(self, scene: Scene, q: np.ndarray, qd: np.ndarray) -> None:
+        """Go on in a scene from positions q and velocities q̇, shape (n,) [rad, rad/s]."""
+        self._changes, self._done = scene.changes, 0
+        self._epochs = _epochs(scene.arm_model, scene.changes)
+        self._fits: dict[tuple[str, ...], list[TruthFit]] = {}
+        self.arm_model, self._surroundings = scene.arm_model, scene.surroundings
+        self.data = self._mujoco.MjData(self.arm_model.model)
+        self.data.qpos[self.arm_model.position] = q
+        self.data.qvel[self.arm_model.velocity] = qd
         self._make_due_changes()
+
+    def retune(self, settings: PlantSettings) -> None:
+        """Take another payload, schedule, limit or sensor; state and time stay.
+
+        What does not change goes on as it is, commands under way as well.
+
+        Raises:
+            ParameterError: a value cannot be used; nothing has changed.
+        """
+        before, settings = self._settings, settings.resolved(joints=self._arm.n)
+        changed = changed_names(before, settings)
+        scene = None
+        if any(name.startswith(OF_THE_SCENE) for name in changed):
+            scene = Scene(settings, self._arm, self._gravity)
+        if settings.sensors != before.sensors:
+            self._sensor = made_sensor(settings.sensors, self._arm, self._given_sensor)
+        if scene is not None:
+            touched = self._surroundings.touched
+            self._enter(scene, self.q, self.qd)
+            self._surroundings.touched = touched
+        self._actuators.torque_limit = settings.torque_limit.copy()
+        self._settings = settings
 
     @property
     def q(self) -> np.ndarray:  # type: ignore[override]
@@ -187,12 +214,6 @@ class MujocoPlant(Plant):
             raise ArmError(f'MuJoCo diverges at {self.t:.4f} s with the torque {held.tolist()}')
         self._actuators.act(until - self.t)
         self.t = until
-
-
-def _refuse_true_parameters(settings: PlantSettings) -> None:
-    if settings.true_model != 'nominal' or np.any(settings.true_parameters):
-        raise ParameterError('arm_driver.true_model', settings.true_model,
-                             'nominal: the arm in MuJoCo is that of its model')
 
 
 def _epochs(model: ArmModel, changes: Iterable[TimedChange]) -> list[tuple[float, ArmModel]]:

@@ -17,9 +17,9 @@ from adaptive_blf_control.simulation.mujoco.source import arm_spec
 from adaptive_blf_control.simulation.mujoco.surroundings import (
     add_obstacle,
     Surroundings,
-    touching_geoms,
+    touchable_geoms,
 )
-from adaptive_blf_control.simulation.mujoco.targets import payload_links, TIP
+from adaptive_blf_control.simulation.mujoco.targets import payload_links, timed_changes, TIP
 from adaptive_blf_control.simulation.mujoco.tip import Place, tip_of
 from adaptive_blf_control.simulation.rotation import rotation
 from adaptive_blf_control.simulation.schedule import Change, changes_of, PAYLOAD
@@ -39,34 +39,42 @@ class Scene:
         arm_model: The arm, with its loads.
         surroundings: Forces and the obstacle.
         changes: The schedule, the payload of the start included.
-        links: Names of the bodies that it may load or push.
-        geoms: Names of the geoms that it may let be touched.
     """
 
     def __init__(self, settings: PlantSettings, arm: Arm,
                  gravity: Sequence[float] | np.ndarray) -> None:
         """Build it; see `MujocoPlant`."""
+        _refuse_what_is_not_of_the_model(settings)
         source = settings.mujoco.model or _own_urdf(arm)
         name = 'XML text' if source.lstrip().startswith('<') else source
         spec = arm_spec(source, arm.joints)
         _set_options(spec, settings, gravity)
         bare = ArmModel(compiled(spec, arm.joints), arm.joints, {})
         tip = tip_of(arm, bare, settings.mujoco.tolerance, name)
-        self.links = [bare.model.body(i).name for i in range(1, bare.model.nbody)]
-        self.geoms = touching_geoms(bare.model)
+        links = [bare.model.body(i).name for i in range(1, bare.model.nbody)]
         start = [Change(0.0, PAYLOAD, settings.payload)] if settings.payload > 0.0 else []
-        self.changes = start + changes_of(settings.schedule)
-        loads = _add_loads(spec, self.changes, self.links, tip)
+        changes = start + changes_of(settings.schedule)
+        self.changes = timed_changes(changes, arm.joints, links, touchable_geoms(bare.model))
+        loads = _add_loads(spec, payload_links(changes), tip)
         contact = settings.mujoco.contact
         touching = Place(contact.link, np.zeros(3)) if contact.link else tip
-        if touching.body not in self.links:
+        if touching.body not in links:
             raise ParameterError('arm_driver.mujoco.contact.link', touching.body,
-                                 f'one of {", ".join(self.links)}')
+                                 f'one of {", ".join(links)}')
         add_obstacle(spec, contact, *touching)
         model = compiled(spec, arm.joints)
         self.arm_model = ArmModel(model, arm.joints, loads)
         _set_friction(self.arm_model, settings)
         self.surroundings = Surroundings(model, contact)
+
+
+def _refuse_what_is_not_of_the_model(settings: PlantSettings) -> None:
+    if settings.true_model != 'nominal' or np.any(settings.true_parameters):
+        raise ParameterError('arm_driver.true_model', settings.true_model,
+                             'nominal: the arm in MuJoCo is that of its model')
+    if settings.dead_time:
+        raise ParameterError('arm_driver.dead_time', settings.dead_time,
+                             '0: the arm in MuJoCo has actuator.delay in seconds')
 
 
 def _own_urdf(arm: Arm) -> str:
@@ -90,15 +98,12 @@ def _set_options(spec: Any, settings: PlantSettings,
                             | disable.mjDSBL_AUTORESET)
 
 
-def _add_loads(spec: Any, changes: Sequence[Change], links: Sequence[str],
-               tip: Place) -> dict[str, str]:
-    """Add a body for each load of the schedule; return their names by link."""
-    loads = {TIP: 'load at the tip'}
+def _add_loads(spec: Any, links: Sequence[str], tip: Place) -> dict[str, str]:
+    """Add a body for a load at the tip and on each link; return their names by link."""
+    loads = {TIP: 'load at the tip', **{link: f'load on {link}' for link in links}}
     load_body(spec, tip.body, loads[TIP], tip.position)
-    for link in payload_links(changes):
-        if link in links:  # others are refused where the schedule is read
-            loads[link] = f'load on {link}'
-            load_body(spec, link, loads[link], np.zeros(3))
+    for link in links:
+        load_body(spec, link, loads[link], np.zeros(3))
     return loads
 
 

@@ -12,7 +12,7 @@ from adaptive_blf_control.simulation.mujoco.settings import ContactSettings
 from adaptive_blf_control.simulation.mujoco.targets import AXES, CONTACT, FORCE, Target
 from adaptive_blf_control.simulation.rotation import rotation
 
-__all__ = ['Surroundings', 'add_obstacle', 'touching_geoms']
+__all__ = ['Surroundings', 'add_obstacle', 'touchable_geoms']
 
 _OBSTACLE, _TOUCHING = 'obstacle of the schedule', 'sphere that touches'
 _AWAY = (0.0, 0.0, -100.0)  # m, where nothing touches it
@@ -37,8 +37,8 @@ def add_obstacle(spec: Any, settings: ContactSettings, link: str, position: np.n
     spec.worldbody.add_geom(name=_OBSTACLE, type=shape, pos=_AWAY, size=settings.size, **contact)
 
 
-def touching_geoms(model: Any) -> list[str]:
-    """Return the names of the geoms of the model itself."""
+def touchable_geoms(model: Any) -> list[str]:
+    """Return the names of the geoms that a model has of its own."""
     names = [model.geom(i).name for i in range(model.ngeom)]
     return [name for name in names if name and name not in (_OBSTACLE, _TOUCHING)]
 

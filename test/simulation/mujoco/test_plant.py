@@ -221,7 +221,37 @@ def test_changes_out_of_their_order_are_refused(made):
         made(**scheduled((2.0, 'payload', 1.0), (1.0, 'payload', 0.0)))
 
 
+def test_other_settings_are_taken_while_it_moves(made, two_link_settings):
+    plant = made(initial_velocity=[1.0, 0.5])
+    plant.apply(np.ones(2))
+    plant.advance(0.01)
+    q, qd = plant.q, plant.qd
+    plant.retune(two_link_settings.replace(
+        payload=2.0, torque_limit=[0.5], sensors={'model': 'encoder', 'encoder_counts': 4,
+                                                  'gear_ratio': 1.0}))
+    assert plant.q.tolist() == q.tolist()
+    assert plant.qd.tolist() == qd.tolist()
+    assert plant.t == pytest.approx(0.01)
+    assert plant.torque.tolist() == [1.0, 1.0]
+    assert plant.measured_position()[0] == 0.0
+    plant.apply(np.ones(2))
+    assert plant.torque.tolist() == [0.5, 0.5]
+    heavier = held(plant, [0.0, 0.0]) - held(made(), [0.0, 0.0])
+    np.testing.assert_allclose(heavier, [-9.81 * 2.0 * 0.5, 0.0])  # the URDF's tip is the elbow
+
+
+def test_a_schedule_that_cannot_be_taken_changes_nothing(made, two_link_settings):
+    plant = made()
+    model = plant.arm_model
+    with pytest.raises(ParameterError, match='payload.gripper'):
+        plant.retune(two_link_settings.replace(
+            sensors={'model': 'encoder'}, **scheduled((1.0, 'payload.gripper', 1.0))))
+    assert plant.arm_model is model
+    assert plant.measured_position()[0] == plant.q[0]
+
+
 @pytest.mark.parametrize(('settings', 'message'), [
+    ({'dead_time': 2}, 'actuator.delay in seconds'),
     ({'true_model': 'given', 'true_parameters': [1.0]}, 'nominal: the arm in MuJoCo'),
     ({'schedule': {'time': [1.0, 2.0]}}, 'of the same length'),
     ({'mujoco': {'contact': {'link': 'gripper'}}}, 'contact.link.*one of upper, lower, hand'),
