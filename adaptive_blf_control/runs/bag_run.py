@@ -32,6 +32,7 @@ from adaptive_blf_control.messages.topics import (
 )
 from adaptive_blf_control.runs.margins import Margins, published_margins
 from adaptive_blf_control.runs.summary import Run, state_along
+from adaptive_blf_control.simulation.actuated_arm import arm_alone
 from adaptive_blf_control.simulation.plant import truth_of
 from adaptive_blf_control.simulation.true_arm import epochs_truth, true_epochs, Truth
 
@@ -141,7 +142,7 @@ def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> Tr
         return None
     driver = node_settings(data, DriverSettings)
     if driver.plant == 'builtin':
-        return epochs_truth(true_epochs(driver, build_arm(driver)), parameters)
+        return epochs_truth(true_epochs(arm_alone(driver), build_arm(driver)), parameters)
     if driver.plant != 'mujoco':
         return None
     try:

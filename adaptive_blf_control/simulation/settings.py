@@ -69,7 +69,7 @@ class SensorSettings(Settings, where='arm_driver.sensors'):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ActuatorSettings(Settings, where='arm_driver.actuator'):
-    """How a command becomes a torque (plant: mujoco)."""
+    """How a command becomes a torque."""
 
     delay: float = parameter(
         0.0, 'Time after which a command acts.', 's', 0.0, 1.0)
@@ -121,7 +121,7 @@ class PlantSettings(Settings, where='arm_driver'):
     true_friction: TrueFrictionSettings = group(TrueFrictionSettings)
     mounting: np.ndarray = parameter(
         [0.0, 0.0, 0.0],
-        'Roll, pitch, yaw of the base against the frame that gravity is given in (plant: mujoco).',
+        'Roll, pitch, yaw of the base against the frame that gravity is given in (URDF arms).',
         'rad', length=3)
     actuator: ActuatorSettings = group(ActuatorSettings)
     mujoco: MujocoSettings = group(MujocoSettings)

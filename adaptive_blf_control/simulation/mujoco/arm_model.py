@@ -12,8 +12,8 @@ import numpy as np
 from adaptive_blf_control.errors import ArmError, ParameterError
 from adaptive_blf_control.simulation.mujoco.inertia import principal_axes
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
-from adaptive_blf_control.simulation.mujoco.targets import CENTRE, MASS, Target, TimedChange
 from adaptive_blf_control.simulation.schedule import PAYLOAD
+from adaptive_blf_control.simulation.targets import CENTRE, MASS, Target, TimedChange
 
 __all__ = ['ArmModel', 'compiled', 'load_body']
 

@@ -15,10 +15,10 @@ from adaptive_blf_control.simulation.actuators import Actuators
 from adaptive_blf_control.simulation.mujoco.arm_model import ArmModel
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.scene import Scene
-from adaptive_blf_control.simulation.mujoco.targets import TimedChange
 from adaptive_blf_control.simulation.plant import Plant
 from adaptive_blf_control.simulation.sensors import made_sensor, Measurement, Sensor
 from adaptive_blf_control.simulation.settings import PlantSettings
+from adaptive_blf_control.simulation.targets import TimedChange
 from adaptive_blf_control.simulation.true_arm import Truth
 from adaptive_blf_control.simulation.truth_fit import fit_truth, TruthFit
 

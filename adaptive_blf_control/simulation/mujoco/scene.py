@@ -19,11 +19,11 @@ from adaptive_blf_control.simulation.mujoco.surroundings import (
     Surroundings,
     touchable_geoms,
 )
-from adaptive_blf_control.simulation.mujoco.targets import payload_links, timed_changes, TIP
 from adaptive_blf_control.simulation.mujoco.tip import Place, tip_of
 from adaptive_blf_control.simulation.rotation import rotation
 from adaptive_blf_control.simulation.schedule import Change, changes_of, PAYLOAD
 from adaptive_blf_control.simulation.settings import PlantSettings
+from adaptive_blf_control.simulation.targets import payload_links, timed_changes, TIP
 
 __all__ = ['Scene']
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.settings import ContactSettings
-from adaptive_blf_control.simulation.mujoco.targets import AXES, CONTACT, FORCE, Target
 from adaptive_blf_control.simulation.rotation import rotation
+from adaptive_blf_control.simulation.targets import CONTACT, Target
+from adaptive_blf_control.simulation.wrenches import Wrenches
 
 __all__ = ['Surroundings', 'add_obstacle', 'touchable_geoms']
 
@@ -56,14 +57,14 @@ class Surroundings:
         self._model, self._settings = model, settings
         self._there: set[int] = set()  # geoms that can be touched now
         self._allow_contacts()
-        self._wrenches: dict[int, np.ndarray] = {}
+        self._wrenches = Wrenches()
         self.touched: list[tuple[float, float]] = []
         self._touching = False
 
     @property
     def act(self) -> bool:
         """Whether anything may act on the arm now."""
-        return bool(self._wrenches or self._there)
+        return bool(self._wrenches.by_link or self._there)
 
     def set(self, data: Any, target: Target, value: float) -> None:
         """Set a force or torque on a link, or let an obstacle appear or go; see `targets`.
@@ -80,19 +81,16 @@ class Surroundings:
             (self._there.add if value > 0.0 else self._there.discard)(geom)
             self._allow_contacts()
             return
-        body = self._model.body(target.name).id
-        wrench = self._wrenches.setdefault(body, np.zeros(6))
-        wrench[(0 if target.kind == FORCE else 3) + AXES.index(target.component)] = value
-        if not wrench.any():
-            del self._wrenches[body]
+        self._wrenches.set(target, value)
 
     def torque(self, data: Any) -> np.ndarray:
         """Return what the forces do to each degree of freedom in a state, shape (nv,) [N·m]."""
         result = np.zeros(self._model.nv)
-        if self._wrenches:
+        if self._wrenches.by_link:
             self._mujoco.mj_kinematics(self._model, data)
             self._mujoco.mj_comPos(self._model, data)
-        for body, wrench in self._wrenches.items():
+        for link, wrench in self._wrenches.by_link.items():
+            body = self._model.body(link).id
             self._mujoco.mj_applyFT(self._model, data, wrench[:3], wrench[3:], data.xpos[body],
                                     body, result)
         return result

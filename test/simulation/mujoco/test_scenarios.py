@@ -38,6 +38,24 @@ def test_two_plants_that_share_no_dynamics_move_alike(scenario):
     np.testing.assert_allclose(theirs.theta_hat, ours.theta_hat, atol=1e-6)
 
 
+def test_two_plants_agree_on_what_disturbs_them(scenario):
+    """Late and wrong actuators, a force, a payload that comes and goes, a tilted base."""
+    disturbed = apply_changes(scenario, {'arm_driver': {
+        'actuator': {'delay': 0.0023, 'jitter': 0.001, 'gain_error': [0.05],
+                     'torque_bias': [0.1]},
+        'mounting': [0.4, 0.3, 0.0],
+        'schedule': {'time': [0.3, 0.5, 0.8, 1.1],
+                     'parameter': ['force.lower.z', 'payload', 'payload', 'force.lower.z'],
+                     'value': [6.0, 0.5, 0.0, 0.0]}},
+        'controller': {'performance': {'lower': [-1.0], 'upper': [1.0]}, 'k1': [10.0]}})
+    ours = simulate(disturbed, 1.5, arm_driver={'substeps': 4})
+    theirs = simulate(disturbed, 1.5, arm_driver={'plant': 'mujoco',
+                                                  'mujoco': {'integrator': 'rk4'}})
+    assert np.ptp(ours.q, axis=0).min() > 0.1
+    np.testing.assert_allclose(theirs.q, ours.q, atol=1e-6)
+    np.testing.assert_allclose(theirs.torque, ours.torque, atol=1e-3)
+
+
 def test_learning_is_judged_by_the_torque_that_mujoco_needs(scenario):
     run = simulate(scenario, 4.0, arm_driver={'plant': 'mujoco'},
                    identifier={'kh': 1000.0, 'filter': {'time_constant': 0.02}})

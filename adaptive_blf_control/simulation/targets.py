@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the schedule of an arm in MuJoCo can change, by name.
+"""What a schedule can change, by name; of the built-in arm the forces, in MuJoCo all of it.
 
 =============================  ===================================================================
 payload                        kg, a point mass at the tip
@@ -15,7 +15,7 @@ contact, contact.GEOM          1 or 0: the obstacle, or a geom of the model, is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 import math
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.simulation.schedule import Change, PAYLOAD
 
 __all__ = ['AXES', 'CENTRE', 'CONTACT', 'FORCE', 'FRICTION', 'INERTIA', 'MASS', 'TIP', 'Target',
-           'TimedChange', 'payload_links', 'timed_changes']
+           'TimedChange', 'payload_links', 'pushes', 'timed_changes', 'timed_pushes']
 
 TIP = ''
 """The link of a payload that is asked for without one."""
@@ -67,6 +67,25 @@ def payload_links(changes: Sequence[Change]) -> list[str]:
     return list(dict.fromkeys(links))
 
 
+def pushes(name: str) -> bool:
+    """Return whether a change of that name is a force or a torque on a link."""
+    return name.partition('.')[0] in (FORCE, TORQUE)
+
+
+def timed_pushes(changes: Sequence[Change], links: Sequence[str]) -> tuple[TimedChange, ...]:
+    """Return the forces and torques of a schedule.
+
+    Args:
+        changes: In the order of their times; others than forces and torques are left out.
+        links: Names of the links.
+
+    Raises:
+        ParameterError: times out of order, a link that is not known, a value that is not finite.
+    """
+    return _timed(filter(lambda change: pushes(change.name), changes),
+                  lambda text: _push(text, links))
+
+
 def timed_changes(changes: Sequence[Change], joints: Sequence[str], links: Sequence[str],
                   geoms: Sequence[str]) -> tuple[TimedChange, ...]:
     """Return a schedule's changes with what they set.
@@ -80,15 +99,30 @@ def timed_changes(changes: Sequence[Change], joints: Sequence[str], links: Seque
     Raises:
         ParameterError: times out of order, a name that is not known, a value that cannot be.
     """
+    return _timed(changes, lambda text: _target(text, joints, links, geoms))
+
+
+def _timed(changes: Iterable[Change], target_of: Callable[[str], Target],
+           ) -> tuple[TimedChange, ...]:
     result: list[TimedChange] = []
     for change in changes:
         last = result[-1].t if result else 0.0
         if not (math.isfinite(change.t) and change.t >= last):
             raise ParameterError('arm_driver.schedule.time', change.t,
                                  f'a time not before the one before it, {last:g} s')
-        target = _target(change.name, joints, links, geoms)
+        target = target_of(change.name)
         result.append(TimedChange(change.t, target, _value(change, target)))
     return tuple(result)
+
+
+def _push(text: str, links: Sequence[str]) -> Target:
+    link, component = _linked(text, AXES)
+    if link in links and component:
+        return Target(text.partition('.')[0], link, component)
+    raise ParameterError(
+        'arm_driver.schedule.parameter', text,
+        'force.LINK.x|y|z or torque.LINK.x|y|z with a link of '
+        f'{", ".join(links) or "an arm from a URDF: this one has none"}')
 
 
 def _target(text: str, joints: Sequence[str], links: Sequence[str],
@@ -105,10 +139,8 @@ def _target(text: str, joints: Sequence[str], links: Sequence[str],
         link, component = _linked(text, (*CENTRE, *INERTIA))
         if link in links:
             return Target(PAYLOAD, link, component or MASS)
-    if kind in (FORCE, TORQUE):
-        link, component = _linked(text, AXES)
-        if link in links and component:
-            return Target(kind, link, component)
+    if pushes(text):
+        return _push(text, links)
     raise ParameterError(
         'arm_driver.schedule.parameter', text,
         'payload, payload.LINK[.x|y|z|ixx|...|izz], force.LINK.x|y|z, torque.LINK.x|y|z, contact, '
