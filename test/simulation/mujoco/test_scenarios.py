@@ -71,6 +71,18 @@ def test_what_no_parameter_expresses_is_said_in_the_summary(scenario):
     assert 'is not about this plant: no theta expresses' in repr(run)
 
 
+def test_a_contact_is_reported_and_the_sets_may_be_left_while_it_lasts(scenario):
+    run = simulate(scenario, 1.5, arm_driver={
+        'plant': 'mujoco', 'schedule': {'time': [0.5, 0.8], 'parameter': ['contact', 'contact'],
+                                        'value': [1.0, 0.0]}})
+    (begin, _), *_ = run.figures['contacts_s']
+    end = run.figures['contacts_s'][-1][1]
+    assert 0.5 < begin < end < 0.81
+    assert f'contact              from {begin:.3f} s to' in repr(run)
+    free = simulate(scenario, 0.2)
+    assert free.figures['contacts_s'] == []
+
+
 def test_a_bag_of_it_has_its_truth(scenario, tmp_path):
     path = tmp_path / 'scenario.yaml'
     path.write_text(yaml.safe_dump(apply_changes(scenario, {'arm_driver': {
