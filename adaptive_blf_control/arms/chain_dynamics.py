@@ -49,7 +49,7 @@ class ChainInertias(NamedTuple):
 @jit
 def chain_acceleration(arm: ChainInertias, q: np.ndarray, qd: np.ndarray,
                        tau: np.ndarray) -> np.ndarray:
-    """q̈ = M⁻¹(τ − C q̇ − G − F q̇ − (f_c + f_s √|q̇|) tanh(q̇/v_s) − f_0), shape (n,) [rad/s² or m/s²].
+    """q̈ = M⁻¹(τ − C q̇ − G − F q̇ − (f_c + f_s √|q̇|) tanh(q̇/v_s) − f_0), (n,) [rad/s²].
 
     Args:
         arm: The chain and its inertias.

@@ -26,8 +26,8 @@ class FrictionSettings(Settings, where='friction'):
         False, 'Learn a coefficient of sqrt(|qd|) per joint: friction that grows less than in '
         'proportion to the speed (URDF).')
     rotor_inertia: bool = parameter(
-        False, "Learn the inertia of each joint's rotor, seen from the joint, where a torque tells "
-        'it from that of the link (URDF).')
+        False, "Learn the inertia of each joint's rotor, seen from the joint, where a torque "
+        'tells it from that of the link (URDF).')
     coulomb_velocity: float = parameter(
         0.02, 'v_s of the smooth sign tanh(qd/v_s) of Coulomb and square-root '
         'friction.', 'rad/s', 0.0, exclusive=True)

@@ -74,6 +74,7 @@ class UrdfArm:
         position_upper: Shape (n,) [rad]; infinity for a continuous joint.
         model: Pinocchio model of the sub-chain (joints in the tree's order).
         chain: The same arm as arrays, what compiled functions take.
+        xml: Text of the URDF.
     """
 
     def __init__(self, source: str | os.PathLike[str], joints: Sequence[str] | None = None, *,
@@ -117,7 +118,8 @@ class UrdfArm:
             MissingExtra: If Pinocchio is not installed.
         """
         self._pin = load_pinocchio()
-        model, self.joints = reduced_model(read_urdf(source, package_dirs), joints)
+        self.xml = read_urdf(source, package_dirs)
+        model, self.joints = reduced_model(self.xml, joints)
         self._shape = (len(self.joints),)
         if dimensions(gravity) != 1:
             raise ParameterError('gravity', gravity, 'three finite numbers')
@@ -231,7 +233,7 @@ class UrdfArm:
         return result
 
     def rotor_inertia(self, theta: np.ndarray) -> np.ndarray:
-        """Return the inertia of each joint's rotor in θ, the nominal one where θ has none, (n,)."""
+        """Return the inertia of each rotor in θ, the nominal one where θ has none, shape (n,)."""
         base = self._checked(theta)
         column = self.chain.rotor
         return np.where(column >= 0, base[column], self.rotor)
