@@ -19,8 +19,10 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.identification.determination import WEAKEST
+from adaptive_blf_control.identification.history_stack import HistoryStack
+from adaptive_blf_control.identification.residuals import Residuals
 
-__all__ = ['LEVEL', 'NORMAL', 'Uncertainty', 'uncertainty']
+__all__ = ['LEVEL', 'NORMAL', 'Uncertainty', 'estimate_uncertainty', 'uncertainty']
 
 LEVEL = 0.95
 """Probability that an interval promises."""
@@ -68,12 +70,21 @@ class Uncertainty(NamedTuple):
         Returns:
             Shape (..., n) [N·m]; infinity where the regressor has a part that is open.
         """
-        variance = np.einsum('...m,mk,...k->...', regressor, self.covariance, regressor)
+        variance = np.sum((regressor @ self.covariance) * regressor, axis=-1)
         if measured:
             variance = variance + self.unexplained ** 2
         result = NORMAL * np.sqrt(np.maximum(variance, 0.0))
         return np.where(np.abs(regressor @ self.open).max(axis=-1, initial=0.0) > 0.0, np.inf,
                         result)
+
+
+def estimate_uncertainty(stack: HistoryStack, residuals: Residuals) -> Uncertainty | None:
+    """Judge what a history stack determines; None while it is empty."""
+    count = stack.count
+    if count == 0:
+        return None
+    return uncertainty(stack.regressors[:count], stack.torques[:count], residuals.times(stack),
+                       residuals.correlation_time)
 
 
 def uncertainty(regressors: np.ndarray, torques: np.ndarray, times: np.ndarray,
@@ -97,7 +108,8 @@ def uncertainty(regressors: np.ndarray, torques: np.ndarray, times: np.ndarray,
     spread = _correlated_sum(regressors, decay)
     meat = np.einsum('pjm,j,pjk->mk', regressors, variance, spread, optimize=True)
     alike = _correlated_sum(np.ones((len(times), len(correlation_time), 1)), decay).mean(axis=0)
-    left_out = _left_out(regressors, residuals, times, 3.0 * float(correlation_time.max()))
+    weights = 1.0 / np.sqrt(np.maximum(variance * alike[:, 0], 1e-300))
+    left_out = _left_out(regressors, residuals, times, weights, float(correlation_time.max()))
     return Uncertainty(inverse @ meat @ inverse, open_, np.sqrt(variance),
                        np.maximum(left_out, np.sqrt(variance)), alike[:, 0], condition)
 
@@ -150,25 +162,28 @@ def _correlated_sum(rows: np.ndarray, decay: np.ndarray) -> np.ndarray:
 
 
 def _left_out(regressors: np.ndarray, residuals: np.ndarray, times: np.ndarray,
-              gap: float) -> np.ndarray:
+              weights: np.ndarray, gap: float) -> np.ndarray:
     """Return the RMS residual on blocks of time that are left out in turn, shape (n,) [N·m].
 
     Pairs within ``gap`` [s] of a block are left out with it. What the rest does not determine
     stays as all pairs together say.
+
+    Args:
+        regressors: In the order of time, shape (P, n, m).
+        residuals: τ_f − Y_f θ of the estimate from all of them, shape (P, n) [N·m].
+        times: Shape (P,) [s].
+        weights: Of the joints' equations, shape (n,) [1/(N·m)].
+        gap: See above.
     """
     count = len(times)
-    square = np.zeros(residuals.shape[1])
     if count < 2 * _BLOCKS or np.isnan(times).any():
-        return square
+        return np.zeros(residuals.shape[1])
+    square = np.zeros(residuals.shape[1])
+    rows, errors = regressors * weights[:, None], residuals * weights
     for block in np.array_split(np.arange(count), _BLOCKS):
-        out = (times >= times[block[0]] - gap) & (times <= times[block[-1]] + gap)
-        kept = regressors[~out]
-        if len(kept):
-            inverse, _, _ = _inverse(_gram(kept))
-            change = inverse @ np.tensordot(residuals[~out], kept, axes=2)
-            missed = residuals[block] - regressors[block] @ change
-        else:
-            missed = residuals[block]
-        square += np.sum(missed ** 2, axis=0)
+        rest = (times < times[block[0]] - gap) | (times > times[block[-1]] + gap)
+        inverse, _, _ = _inverse(_gram(rows[rest]))
+        change = inverse @ np.tensordot(errors[rest], rows[rest], axes=2)
+        square += np.sum((residuals[block] - regressors[block] @ change) ** 2, axis=0)
     result: np.ndarray = np.sqrt(square / count)
     return result
