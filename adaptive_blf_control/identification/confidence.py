@@ -45,10 +45,9 @@ def confidence(theta: np.ndarray, judged: Uncertainty, regressors: np.ndarray) -
         regressors: Y_f of the recorded pairs, shape (P, n, m).
     """
     half = NORMAL * judged.std
-    torque = np.sqrt(np.mean(regressors ** 2, axis=0)) / np.maximum(judged.residual, 1e-12)[:, None]
-    shown = torque.max(axis=0)
+    torque = np.sqrt(np.mean(regressors ** 2, axis=0)) / _floored(judged.residual)[:, None]
     finite = np.isfinite(half)
-    matters = np.where(finite, half, 0.0) * shown > 1.0
+    matters = np.where(finite, half, 0.0) * torque.max(axis=0) > 1.0
     return tuple(NOT if not known else WEAKLY if unsure else DETERMINED
                  for known, unsure in zip(finite, (half > np.abs(theta)) & matters, strict=True))
 
@@ -70,13 +69,18 @@ def helpful_motion(arm: Arm, judged: Uncertainty, names: Sequence[str]) -> dict[
     covariance = judged.covariance + _OPEN * judged.open @ judged.open.T
     motions = [Motion(joint, kind) for joint in arm.joints
                for kind in ('range', 'speeds', 'reversals')]
-    weight = 1.0 / np.maximum(judged.residual, 1e-12)
+    weight = 1.0 / _floored(judged.residual)
     removed = np.array([_removed(covariance, _rows(arm, motion, weight))[places]
                         for motion in motions])
     result: dict[Motion, list[str]] = {}
     for name, best in zip(names, np.argmax(removed, axis=0), strict=True):
         result.setdefault(motions[int(best)], []).append(name)
     return result
+
+
+def _floored(residual: np.ndarray) -> np.ndarray:
+    """Return residuals that can be divided by; those of exact data are zero."""
+    return np.maximum(residual, 1e-12)
 
 
 def _removed(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:

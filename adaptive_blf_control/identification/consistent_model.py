@@ -14,7 +14,7 @@ the URDF's: what no data contradict stays as it was described.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeGuard
 
 import numpy as np
 
@@ -24,14 +24,15 @@ from adaptive_blf_control.arms.pseudo_inertia import (
     inertial_parameters,
     pseudo_inertias,
 )
-from adaptive_blf_control.identification.log_det_fit import log_det_fit, Positive
+from adaptive_blf_control.identification.log_det_fit import log_det_fit, LogDetFit, Positive
 
-__all__ = ['ConsistentModel', 'InertialArm', 'consistent_model']
+__all__ = ['ConsistentModel', 'InertialArm', 'consistent_model', 'has_links']
 
 _WEAK = 1e-3  # strength of the priors of rotor and friction, of which a URDF says little
 _ROTOR = 0.1  # of the inertia that the joint moves, where no rotor is described
 _REWEIGHTINGS = 3
 _LEAST_SHARE = 0.01  # of the largest residual: below it a joint counts no more
+_SHARE = 0.5  # of its prior variance that data have to remove from a parameter
 _LEAST_RELATIVE = 1e-4  # of its RMS torque: no model of a robot is better
 
 
@@ -54,6 +55,12 @@ class InertialArm(Protocol):
         ...
 
 
+def has_links(arm: object) -> TypeGuard[InertialArm]:
+    """Return whether an arm knows the inertial parameters of its links."""
+    return all(hasattr(arm, name) for name in (
+        'inertial', 'rotor', 'base_from_standard', 'base_from_rotor', 'dissipates'))
+
+
 class ConsistentModel(NamedTuple):
     """A model that a robot can have.
 
@@ -63,8 +70,8 @@ class ConsistentModel(NamedTuple):
         inertial: Ten inertial parameters per joint of the body that it moves, shape (n, 10).
         rotor: Inertia of each joint's rotor, seen from the joint, shape (n,) [kg·m²].
         std: Standard deviation of each parameter under data and prior together, shape (m,).
-        share: Part of each parameter's prior variance that the data have removed, shape (m,),
-            0 (as described) to 1 (as measured).
+        share: Part of the variance that the description leaves each parameter and that the data
+            remove, shape (m,), 0 (as described) to 1 (as measured).
         kept: Names of the parameters with a share below one half: they are the URDF's.
         steps: Newton steps it took.
     """
@@ -114,10 +121,12 @@ def consistent_model(arm: InertialArm, regressors: np.ndarray, torques: np.ndarr
     into = _parameters_from_physical(arm)
     level = np.sqrt(np.mean(torques ** 2, axis=0)) + residual
     start, positive, curvature = _priors(arm, residual, level)
-    fit = log_det_fit(into.T @ gram @ into + np.diag(curvature),
-                      into.T @ moment + curvature * start,
+    data = into.T @ gram @ into
+    fit = log_det_fit(data + np.diag(curvature), into.T @ moment + curvature * start,
                       pseudo_inertias(_links(start, arm)), positive, start)
-    return _model(arm, into, fit.x, fit.hessian, fit.prior + np.diag(curvature), fit.steps)
+    described = fit.prior + np.diag(curvature)
+    before, after = (_variance(into, precision) for precision in (described, described + data))
+    return _model(arm, into, fit, np.clip(1.0 - after / before, 0.0, 1.0))
 
 
 def _residual_scale(moments: _Moments, regressors: np.ndarray,
@@ -186,25 +195,21 @@ def _priors(arm: InertialArm, residual: np.ndarray,
     return start, Positive(place, start[place], np.full(place.size, _WEAK)), curvature
 
 
-def _model(arm: InertialArm, into: np.ndarray, x: np.ndarray, hessian: np.ndarray,
-           prior: np.ndarray, steps: int) -> ConsistentModel:
-    scale = 1.0 / np.sqrt(np.diag(hessian))
-    after = _spread(into, hessian, scale)
-    before = _spread(into, prior, scale)
-    share = np.clip(1.0 - after / before, 0.0, 1.0)
+def _model(arm: InertialArm, into: np.ndarray, fit: LogDetFit,
+           share: np.ndarray) -> ConsistentModel:
     links, rotors = arm.inertial.size, arm.rotor.size
     learned = bool(arm.base_from_rotor.any())
     return ConsistentModel(
-        arm.parameters, into @ x, _links(x, arm),
-        x[links:links + rotors] if learned else arm.rotor, np.sqrt(after), share,
-        tuple(name for name, part in zip(arm.parameters, share, strict=True) if part < 0.5),
-        steps)
+        arm.parameters, into @ fit.x, _links(fit.x, arm),
+        fit.x[links:links + rotors] if learned else arm.rotor,
+        np.sqrt(_variance(into, fit.hessian)), share,
+        tuple(name for name, part in zip(arm.parameters, share, strict=True) if part < _SHARE),
+        fit.steps)
 
 
-def _spread(into: np.ndarray, hessian: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return the variance of each parameter where H is the inverse covariance of x, shape (m,)."""
-    scaled = hessian * np.outer(scale, scale)
+def _variance(into: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """Return the variance of each parameter where x has this inverse covariance, shape (m,)."""
+    scale = 1.0 / np.sqrt(np.diag(precision))
     rows = into * scale
-    result: np.ndarray = np.einsum('mp,mp->m', rows @ np.linalg.pinv(
-        scaled, rcond=1e-15, hermitian=True), rows)
-    return np.maximum(result, 0.0)
+    covariance = np.linalg.pinv(precision * np.outer(scale, scale), rcond=1e-15, hermitian=True)
+    return np.maximum(np.sum((rows @ covariance) * rows, axis=1), 0.0)

@@ -48,7 +48,7 @@ class LogDetFit(NamedTuple):
     Attributes:
         x: Shape (p,).
         hessian: Of the whole objective, shape (p, p).
-        prior: Of the prior alone, shape (p, p).
+        prior: Of the prior alone at the start, shape (p, p).
         steps: Number of Newton steps.
     """
 
@@ -121,6 +121,8 @@ def log_det_fit(hessian: np.ndarray, moment: np.ndarray, prior: np.ndarray, posi
     for step in range(_STEPS + 1):
         gradient, curvature = objective.derivatives(x)
         whole = hessian + curvature
+        if step == 0:
+            described = curvature
         direction = -_solve(whole, gradient)
         slope = float(gradient @ direction)
         if -slope < 2.0 * _DECREMENT or step == _STEPS:
@@ -132,7 +134,7 @@ def log_det_fit(hessian: np.ndarray, moment: np.ndarray, prior: np.ndarray, posi
         if length <= _SHORTEST:  # rounding: no better point in sight
             break
         x, value = x + length * direction, trial
-    return LogDetFit(x, whole, curvature, step)
+    return LogDetFit(x, whole, described, step)
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
