@@ -22,7 +22,7 @@ class Element(NamedTuple):
         parent: Index of the element around it, −1 for the root.
         start: Of its start tag.
         inside: End of its start tag.
-        end: Start of its end tag, equal to ``start`` where the element closes itself.
+        end: Start of its end tag; not used where the element closes itself.
     """
 
     tag: str
@@ -99,13 +99,12 @@ class UrdfText:
         element = self.elements[index]
         indent = self._indent(element.start)
         text = ''.join(f'\n{indent}  {line}' for line in lines)
-        if element.end != element.start:
+        if self._data[element.inside - 2:element.inside] != b'/>':
             place = len(self._data[:element.end].rstrip())
             tail = '' if self._data[place:element.end].strip(b' \t') else f'\n{indent}'
             self._edits.append((place, place, text + tail))
             return
-        slash = self._data.rindex(b'/', element.start, element.inside)
-        place = len(self._data[:slash].rstrip())
+        place = len(self._data[:element.inside - 2].rstrip())
         self._edits.append((place, element.inside,
                             f'>{text}\n{indent}</{element.tag}>'))
 

@@ -30,6 +30,7 @@ __all__ = ['ConsistentModel', 'InertialArm', 'consistent_model', 'has_links']
 
 _WEAK = 1e-3  # strength of the priors of rotor and friction, of which a URDF says little
 _ROTOR = 0.1  # of the inertia that the joint moves, where no rotor is described
+_FRICTION = 0.05  # of the RMS torque, at 1 rad/s, where no friction is described
 _REWEIGHTINGS = 3
 _LEAST_SHARE = 0.01  # of the largest residual: below it a joint counts no more
 _SHARE = 0.5  # of its prior variance that data have to remove from a parameter
@@ -120,7 +121,7 @@ def consistent_model(arm: InertialArm, regressors: np.ndarray, torques: np.ndarr
     gram, moment = moments.weighted(1.0 / (residual ** 2 * alike))
     into = _parameters_from_physical(arm)
     level = np.sqrt(np.mean(torques ** 2, axis=0)) + residual
-    start, positive, curvature = _priors(arm, residual, level)
+    start, positive, curvature = _priors(arm, level)
     data = into.T @ gram @ into
     fit = log_det_fit(data + np.diag(curvature), into.T @ moment + curvature * start,
                       pseudo_inertias(_links(start, arm)), positive, start)
@@ -170,21 +171,21 @@ def _links(x: np.ndarray, arm: InertialArm) -> np.ndarray:
     return x[:arm.inertial.size].reshape(-1, PER_BODY)
 
 
-def _priors(arm: InertialArm, residual: np.ndarray,
-            level: np.ndarray) -> tuple[np.ndarray, Positive, np.ndarray]:
+def _priors(arm: InertialArm, level: np.ndarray,
+            ) -> tuple[np.ndarray, Positive, np.ndarray]:
     """Return x of the description, what has to be positive in it, and the curvature of the rest.
 
-    Friction that is not described counts as half the residual at 1 rad/s; a constant torque may
-    be as large as the torques that were measured.
+    Friction that is not described counts as a part of the measured torque at 1 rad/s; a constant
+    torque may be as large as all of it.
     """
-    n, links = len(residual), inertial_parameters(feasible(pseudo_inertias(arm.inertial)))
+    n, links = len(level), inertial_parameters(feasible(pseudo_inertias(arm.inertial)))
     rotor = np.zeros(0)
     if arm.base_from_rotor.any():
         moved = np.diag(arm.mass_matrix(np.zeros(n)))
         rotor = np.where(arm.rotor > 0.0, arm.rotor, _ROTOR * np.maximum(moved, 1e-6))
     friction = arm.nominal[arm.base_from_standard.shape[0]:]
     each = friction.size // n
-    small = np.where(friction > 0.0, friction, 0.5 * np.tile(residual, each))
+    small = np.where(friction > 0.0, friction, _FRICTION * np.tile(level, each))
     friction = np.where(arm.dissipates, small, friction)
     start = np.concatenate([links.ravel(), rotor, friction])
     place = np.concatenate([links.size + np.arange(rotor.size),

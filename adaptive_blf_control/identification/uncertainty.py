@@ -29,6 +29,7 @@ LEVEL = 0.95
 NORMAL = 1.959963984540054
 """Half width of the interval of probability `LEVEL` in standard deviations."""
 _BLOCKS = 5
+_ROUNDING = 1e-6
 _FREEDOM = 0.1  # least part of the equations that is taken not to have been fitted
 
 
@@ -74,8 +75,8 @@ class Uncertainty(NamedTuple):
         if measured:
             variance = variance + self.unexplained ** 2
         result = NORMAL * np.sqrt(np.maximum(variance, 0.0))
-        return np.where(np.abs(regressor @ self.open).max(axis=-1, initial=0.0) > 0.0, np.inf,
-                        result)
+        along, most = np.abs(regressor @ self.open), np.abs(regressor) @ np.abs(self.open)
+        return np.where((along > _ROUNDING * most).any(axis=-1), np.inf, result)
 
 
 def estimate_uncertainty(stack: HistoryStack, residuals: Residuals) -> Uncertainty | None:
