@@ -25,7 +25,7 @@ from adaptive_blf_control.identification.residuals import Residuals
 __all__ = ['LEVEL', 'NORMAL', 'Uncertainty', 'estimate_uncertainty', 'uncertainty']
 
 LEVEL = 0.95
-"""Probability that an interval promises."""
+"""Probability with which an interval is to hold."""
 NORMAL = 1.959963984540054
 """Half width of the interval of probability `LEVEL` in standard deviations."""
 _BLOCKS = 5

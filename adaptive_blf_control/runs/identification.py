@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 import copy
 from dataclasses import dataclass
-from functools import cached_property
 import os
+import time
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from adaptive_blf_control.identification.consistent_model import (
     consistent_model,
     ConsistentModel,
     has_links,
+    InertialArm,
 )
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.settings import IdentifierSettings
@@ -60,6 +61,7 @@ class Identification:
         uncertainty: Standard deviations and intervals; None where no pair was recorded.
         source: Where the log came from.
         problem: Why the log ends early (a truncated bag), or None.
+        possible: The consistent model; None where there is none, see ``consistent``.
     """
 
     identifier: Identifier
@@ -68,6 +70,7 @@ class Identification:
     uncertainty: Uncertainty | None
     source: str
     problem: str | None
+    possible: ConsistentModel | None = None
 
     @property
     def arm(self) -> Arm:
@@ -100,14 +103,18 @@ class Identification:
         return (np.full(self.arm.m, np.inf) if self.uncertainty is None
                 else self.uncertainty.std)
 
-    @cached_property
+    @property
     def consistent(self) -> ConsistentModel:
         """The physically consistent model of the recorded pairs: a robot that can exist.
 
         Raises:
             ArmError: the arm is not from a URDF, or no pair was recorded.
         """
-        return _consistent(self.identifier, self.uncertainty)
+        if self.possible is None:
+            reason = ('no pair was recorded' if has_links(self.arm) else
+                      f'{type(self.arm).__name__} has no inertial parameters per link')
+            raise ArmError(f'there is no consistent model: {reason}')
+        return self.possible
 
     def urdf(self) -> ExportedUrdf:
         """Return the URDF with the values of the consistent model; its ``xml`` is the text.
@@ -193,26 +200,19 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
             raise LogError(f'{source}: no sample of the {name} span can be used: the filter '
                            f'restarts at gaps of more than {filters.gap:g} s and settles for '
                            f'{filters.settle:g} time constants')
-    judged = result.uncertainty
+    judged, consistent = result.uncertainty, None
+    begin = time.perf_counter()
+    if has_links(arm) and judged is not None:
+        consistent = _consistent(identifier, arm, judged)
+    seconds = time.perf_counter() - begin
     figures = figures_of(measured, identifier, result, spans)
-    consistent = (_consistent(identifier, judged) if has_links(arm) and judged is not None
-                  else None)
-    figures |= model_figures(identifier, result, consistent)
-    found = Identification(identifier, figures, result.prediction, judged, source,
-                           measured.problem)
-    if consistent is not None:
-        found.__dict__['consistent'] = consistent
-    return found
+    figures |= model_figures(identifier, result, consistent, seconds)
+    return Identification(identifier, figures, result.prediction, judged, source,
+                          measured.problem, consistent)
 
 
-def _consistent(identifier: Identifier, judged: Uncertainty | None) -> ConsistentModel:
-    """Return the consistent model of the recorded pairs; see `Identification.consistent`."""
-    arm, stack = identifier.arm, identifier.stack
-    if not has_links(arm):
-        raise ArmError(f'{type(arm).__name__} has no inertial parameters per link: a consistent '
-                       'model needs an arm from a URDF')
-    if judged is None:
-        raise ArmError('no pair was recorded: there is nothing to make a consistent model of')
+def _consistent(identifier: Identifier, arm: InertialArm, judged: Uncertainty) -> ConsistentModel:
+    stack = identifier.stack
     return consistent_model(arm, stack.regressors[:stack.count], stack.torques[:stack.count],
                             judged.alike)
 

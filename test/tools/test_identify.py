@@ -222,7 +222,7 @@ def test_standard_deviations_are_written_printed_and_hold(capsys, tmp_path, file
     std = np.array(list(result['theta_std'].values()))
     error = np.abs(np.array(list(result['theta_hat'].values())) - arm.nominal)
     assert np.all(error < 4.0 * std)
-    assert np.mean(error / std) > 0.1  # no empty promise
+    assert np.mean(error / std) > 0.1  # nor far too wide
     written = yaml.safe_load((tmp_path / 'theta.yaml').read_text())
     assert written['theta_std'] == result['theta_std']
     assert min(result['test_coverage']) > 0.8
