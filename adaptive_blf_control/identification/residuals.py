@@ -13,13 +13,13 @@ import math
 
 import numpy as np
 
-from adaptive_blf_control.identification.history_stack import HistoryStack
+from adaptive_blf_control.identification.history import History
 from adaptive_blf_control.identification.identifier import Identifier
 
 __all__ = ['Residuals']
 
 _LOW_PASS = 5.0  # L in time constants of the filters
-_WINDOW = 30.0  # s: residuals of longer ago, when θ̂ was still on its way, are forgotten
+_WINDOW = 10.0  # s: residuals of longer ago, when θ̂ was still on its way, are forgotten
 _LONGEST = 0.9  # of the variance that a low-pass may leave: T is at most nine times L
 
 
@@ -47,7 +47,7 @@ class Residuals:
             self._insertions = stack.insertions
             self._note(t, torque, stack)
         residual = torque - regressor @ identifier.theta
-        self._memory = identifier.settings.filter.memory
+        self._memory = identifier.memory
         dt, self._last = t - self._last, t
         gain = -math.expm1(-dt / (_LOW_PASS * self._memory)) if dt > 0.0 else 0.0
         share = -math.expm1(-dt / _WINDOW) if math.isfinite(dt) else 0.0
@@ -56,13 +56,13 @@ class Residuals:
         self._mean_square += share * (residual ** 2 - self._mean_square)
         self._low_square += share * (self._low ** 2 - self._low_square)
 
-    def _note(self, t: float, torque: np.ndarray, stack: HistoryStack) -> None:
+    def _note(self, t: float, torque: np.ndarray, stack: History) -> None:
         self._times[torque.tobytes()] = t  # the pair is known by its torque
         if len(self._times) > 4 * stack.size:
             held = {row.tobytes() for row in stack.torques[:stack.count]}
             self._times = {key: time for key, time in self._times.items() if key in held}
 
-    def times(self, stack: HistoryStack) -> np.ndarray:
+    def times(self, stack: History) -> np.ndarray:
         """Return when each recorded pair was taken, shape (count,) [s]; NaN where not seen."""
         return np.array([self._times.get(row.tobytes(), math.nan)
                          for row in stack.torques[:stack.count]])
@@ -77,6 +77,6 @@ class Residuals:
 
     @property
     def rms(self) -> np.ndarray:
-        """RMS residual of the last half minute per joint, shape (n,) [N·m]."""
+        """RMS residual of the last ten seconds per joint, shape (n,) [N·m]."""
         result: np.ndarray = np.sqrt(self._mean_square / max(self._weight, 1e-12))
         return result

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.identification.determination import WEAKEST
-from adaptive_blf_control.identification.history_stack import HistoryStack
+from adaptive_blf_control.identification.history import History
 from adaptive_blf_control.identification.residuals import Residuals
 
 __all__ = ['LEVEL', 'NORMAL', 'Uncertainty', 'estimate_uncertainty', 'uncertainty']
@@ -81,7 +81,7 @@ class Uncertainty(NamedTuple):
         return np.where((along > _ROUNDING * most).any(axis=-1), np.inf, result)
 
 
-def estimate_uncertainty(stack: HistoryStack, residuals: Residuals) -> Uncertainty | None:
+def estimate_uncertainty(stack: History, residuals: Residuals) -> Uncertainty | None:
     """Judge what a history stack determines; None while it is empty."""
     count = stack.count
     if count == 0:
