@@ -36,7 +36,10 @@ from adaptive_blf_control.simulation.sensors import Sensor
 __all__ = ['OwnParts', 'build_arm', 'build_closed_loop', 'build_identifier', 'build_plant',
            'initial_estimate', 'initial_theta']
 
-FRICTION = ('viscous', 'coulomb', 'offset')
+FRICTION = {'viscous': 'friction_viscous', 'coulomb': 'friction_coulomb',
+            'offset': 'friction_offset', 'square_root': 'friction_square_root',
+            'rotor_inertia': 'rotor_inertia'}
+"""Arguments of `UrdfArm` by the parameter below ``friction`` that switches them on."""
 
 
 def build_arm(settings: ArmSettings, robot_description: str | None = None) -> Arm:
@@ -58,8 +61,10 @@ def build_arm(settings: ArmSettings, robot_description: str | None = None) -> Ar
     if not source:
         raise ParameterError('urdf', source, 'a path, package://... or topic:NAME')
     true = _true_friction(settings)
-    learned: dict[str, Any] = {f'friction_{name}': getattr(settings.friction, name)
-                               or name in true for name in FRICTION}
+    learned: dict[str, Any] = {argument: getattr(settings.friction, name) or name in true
+                               for name, argument in FRICTION.items()}
+    if 'rotor_inertia' in true:
+        true['rotor'] = true.pop('rotor_inertia')
     return UrdfArm(source, joints, **learned,
                    coulomb_velocity=settings.friction.coulomb_velocity,
                    gravity=_gravity(settings), **true)
@@ -120,10 +125,15 @@ def initial_theta(settings: ControllerNodeSettings, arm: Arm) -> np.ndarray:
     """Return what the controller uses before the first θ̂, or for good (``model: known``), (m,).
 
     Raises:
-        ParameterError: it has neither one element nor m.
+        ParameterError: it has neither one element nor m, or the file that is named cannot be
+            used.
     """
+    kind = 'known_parameters' if settings.model == 'known' else 'initial_estimate'
+    file = getattr(settings, f'{kind}_file')
+    if file:
+        return read_estimate(Path(file), arm.parameters, f'controller.{kind}_file')
     full = settings.resolved(parameters=arm.m)
-    theta = full.known_parameters if settings.model == 'known' else full.initial_estimate
+    theta: np.ndarray = getattr(full, kind)
     return theta.copy()
 
 

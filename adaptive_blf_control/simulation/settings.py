@@ -25,6 +25,9 @@ class TrueFrictionSettings(Settings, where='arm_driver.true_friction'):
         [0.0], 'True Coulomb torques of a URDF arm.', 'N*m', 0.0, length='joints')
     offset: np.ndarray = parameter(
         [0.0], 'True constant torques of a URDF arm.', 'N*m', length='joints')
+    square_root: np.ndarray = parameter(
+        [0.0], 'True coefficients of sqrt(|qd|) of a URDF arm.', 'N*m*(s/rad)^0.5', 0.0,
+        length='joints')
     rotor_inertia: np.ndarray = parameter(
         [0.0], 'True rotor inertias of a URDF arm, seen from the joints.', 'kg*m^2', 0.0,
         length='joints')
@@ -108,6 +111,9 @@ class PlantSettings(Settings, where='arm_driver'):
     true_parameters: np.ndarray = parameter(
         [0.0], 'theta* for true_model: given, p1 p2 p3 fv_joint1 fv_joint2 of two_link.',
         length='parameters', live=True)
+    true_parameters_file: str = parameter(
+        '', 'YAML of parameters by name, as identify or ~/save_estimate writes it, in place of '
+        'true_parameters for true_model: given.')
     payload: float = parameter(
         0.0, 'Point mass at the tip of the true arm, on top of true_model (three_link, urdf).',
         'kg', 0.0, live=True)

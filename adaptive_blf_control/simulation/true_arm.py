@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, ForwardDynamics
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.simulation.schedule import changes_of, Schedule
 from adaptive_blf_control.simulation.settings import PlantSettings
 
@@ -35,6 +37,8 @@ def true_theta(settings: PlantSettings, arm: Arm) -> np.ndarray:
             asked of an arm that cannot say where its tip is.
     """
     given, payload = settings.true_parameters, settings.payload
+    if settings.true_parameters_file:
+        given = _parameters_of_file(settings, arm)
     if settings.true_model == 'given':
         if len(given) != arm.m:
             raise ParameterError('arm_driver.true_parameters', given.tolist(),
@@ -51,6 +55,16 @@ def true_theta(settings: PlantSettings, arm: Arm) -> np.ndarray:
         raise ParameterError('arm_driver.payload', payload,
                              f'0.0: {type(arm).__name__} has no tip to put it on')
     return theta + payload * arm.payload_direction
+
+
+def _parameters_of_file(settings: PlantSettings, arm: Arm) -> np.ndarray:
+    name, file = 'arm_driver.true_parameters_file', settings.true_parameters_file
+    if settings.true_model != 'given':
+        raise ParameterError(name, file, 'no file, or true_model: given')
+    if np.any(settings.true_parameters):
+        raise ParameterError('arm_driver.true_parameters', settings.true_parameters.tolist(),
+                             'no values beside true_parameters_file')
+    return read_estimate(Path(file), arm.parameters, name)
 
 
 def true_epochs(settings: PlantSettings, arm: Arm) -> tuple[Epoch, ...]:
