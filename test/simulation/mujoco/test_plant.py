@@ -224,10 +224,10 @@ def test_a_geom_of_the_model_can_be_touched(made):
 
 
 @pytest.mark.parametrize(('change', 'message'), [
-    ((1.0, 'payload.gripper', 1.0), "is 'payload.gripper': .*with a link of upper, lower, hand"),
+    ((1.0, 'payload.gripper', 1.0), "is 'payload.gripper': .*links: upper, lower, hand"),
     ((1.0, 'force.upper', 1.0), "is 'force.upper'"),
-    ((1.0, 'contact.wall', 1.0), 'a geom of table'),
-    ((1.0, 'fv_wrist', 1.0), 'a joint of shoulder, elbow'),
+    ((1.0, 'contact.wall', 1.0), 'geoms: table'),
+    ((1.0, 'fv_wrist', 1.0), 'joints: shoulder, elbow'),
     ((1.0, 'contact', 0.5), '0.0 or 1.0'),
     ((1.0, 'payload.hand', -1.0), 'for payload.hand a finite value >= 0'),
     ((1.0, 'fc_elbow', -1.0), 'for fc_elbow a finite value >= 0')])
