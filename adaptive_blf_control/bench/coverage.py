@@ -15,7 +15,7 @@ import numpy as np
 
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
-from adaptive_blf_control.identification.residuals import Residuals
+from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import (
     estimate_uncertainty,
     NORMAL,
@@ -88,7 +88,7 @@ def coverage(study: Study, folder: Path, runs: int) -> Iterator[Coverage]:
 
 
 def _run(study: Study, loop: ClosedLoop) -> Coverage:
-    identifier, residuals = loop.identifier, Residuals(loop.arm.n)
+    identifier, seen = loop.identifier, PairTimes()
     judged: Uncertainty | None = None
     theta: Any = None
     model, measured = [], []
@@ -96,10 +96,10 @@ def _run(study: Study, loop: ClosedLoop) -> Coverage:
     truth = known_truth(loop.plant, loop.arm.parameters)[-1][1]
     for k, sample in enumerate(loop.samples(study.train + study.test)):
         if sample.t < study.train:
-            residuals.observe(sample.t, identifier)
+            seen.observe(sample.t, identifier)
             continue
         if judged is None:
-            judged = estimate_uncertainty(identifier.stack, residuals)
+            judged = estimate_uncertainty(identifier, seen)
             theta = identifier.theta
         if judged is not None and k % _EVERY == 0:
             regressor, torque = identifier.pair
