@@ -7,6 +7,7 @@ Closed-loop runs with encoders and torque noise, each with a payload, a start an
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,7 +25,7 @@ from adaptive_blf_control.identification.uncertainty import (
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 from adaptive_blf_control.simulation.plant import known_truth
 
-__all__ = ['STUDIES', 'Coverage', 'Study', 'coverage']
+__all__ = ['STUDIES', 'Coverage', 'Study', 'add_options', 'coverage', 'run']
 
 _EVERY = 50  # samples between predictions that are compared
 
@@ -72,6 +73,23 @@ class Coverage(NamedTuple):
     model: float
     measured: float
     ratio: float
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `run`."""
+    parser.add_argument('--runs', type=int, default=50, metavar='N',
+                        help='coverage: simulated runs of each scenario; default: 50')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print a Markdown table of what held."""
+    print('| scenario | runs | parameters | torques Y_f θ* | measured torques | error / std |')
+    print('|---|---|---|---|---|---|')
+    for study in STUDIES:
+        held = np.array(list(coverage(study, options.config, options.runs)))
+        theta, model, measured, ratio = held.mean(axis=0)
+        print(f'| {study.scenario}, {study.train:g} s, then {study.test:g} s | {len(held)} | '
+              f'{theta:.1%} | {model:.1%} | {measured:.1%} | {ratio:.2f} |', flush=True)
 
 
 def coverage(study: Study, folder: Path, runs: int) -> Iterator[Coverage]:
