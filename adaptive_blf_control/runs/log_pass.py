@@ -13,7 +13,7 @@ from adaptive_blf_control.arrays import checked_number
 from adaptive_blf_control.bags.logs import MeasuredLog
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.identification.residuals import Residuals
+from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import estimate_uncertainty, Uncertainty
 from adaptive_blf_control.runs.batch_fit import BatchFit
 
@@ -135,7 +135,7 @@ def learn(identifier: Identifier, log: MeasuredLog, train: Span, test: Span) -> 
     last = float(log.t[-1])
     learning, testing = (_inside(span, log.t, last) for span in (train, test))
     n, m = identifier.arm.n, identifier.arm.m
-    fits, residuals = (BatchFit(n, m), BatchFit(n, m)), Residuals(n)
+    fits, seen = (BatchFit(n, m), BatchFit(n, m)), PairTimes()
     identifier.warm_up()
     seconds, tested = [], []
     judged: Uncertainty | None = None
@@ -146,19 +146,19 @@ def learn(identifier: Identifier, log: MeasuredLog, train: Span, test: Span) -> 
             begin = time.perf_counter()  # how long the work takes, not a time of the logic
             identifier.update(*sample)
             seconds.append(time.perf_counter() - begin)
-            residuals.observe(sample[0], identifier)
+            seen.observe(sample[0], identifier)
         else:
             identifier.observe(*sample)
         advanced = identifier.pair is not before and identifier.restarts == restarts
         if advanced and identifier.settled and (learning[i] or testing[i]):
             fits[0 if learning[i] else 1].add(*identifier.pair)
             if testing[i]:
-                judged = judged or estimate_uncertainty(identifier.stack, residuals)
+                judged = judged or estimate_uncertainty(identifier, seen)
                 tested.append((log.t[i], *_predicted(identifier, judged)))
     prediction = (Prediction(*(np.array(column) for column in zip(*tested))) if tested else
                   Prediction(np.empty(0), *np.empty((3, 0, n))))
     return LogPass(*fits, np.array(seconds), prediction,
-                   judged or estimate_uncertainty(identifier.stack, residuals))
+                   judged or estimate_uncertainty(identifier, seen))
 
 
 def _predicted(identifier: Identifier,

@@ -94,6 +94,8 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
                        ('--urdf-out', options.urdf_out)):
         if path is not None and not path.parent.is_dir():  # known before the work, not after
             raise ParameterError(name, str(path), 'a file in a folder that exists')
+    if options.urdf_out is not None and str(options.urdf_out) == settings.urdf:
+        raise ParameterError('--urdf-out', str(options.urdf_out), 'another file than --urdf')
     try:
         result = identify(options.log, settings=settings, train=options.train,
                           test=options.test, topic=options.topic)

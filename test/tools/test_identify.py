@@ -305,6 +305,10 @@ def test_bad_option_is_named(capsys, files, more, words):
     assert words in complaint(capsys, [*files, *more])
 
 
+def test_the_given_urdf_is_not_overwritten(capsys, files):
+    assert 'another file than --urdf' in complaint(capsys, [*files, '--urdf-out', files[2]])
+
+
 def test_missing_urdf_is_asked_for(capsys, files):
     assert '--urdf FILE' in complaint(capsys, [files[0], *files[3:]])
 
