@@ -7,14 +7,14 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from pathlib import Path
-import re
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.bags import mcap_file, sqlite_file
+from adaptive_blf_control.bags.compression import unpack_message
 from adaptive_blf_control.bags.metadata import BagMetadata, load_metadata, METADATA_NAME
 from adaptive_blf_control.bags.storage import BagMessage, StorageFile
+from adaptive_blf_control.bags.storage_files import named_file, open_file, storage_files
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.cdr import (
     decode_float64,
@@ -24,7 +24,7 @@ from adaptive_blf_control.messages.cdr import (
     JointStateReader,
 )
 
-__all__ = ['Bag', 'BagMessage', 'JointSeries', 'TopicInfo', 'read_bag', 'storage_files']
+__all__ = ['Bag', 'BagMessage', 'JointSeries', 'TopicInfo', 'read_bag']
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 OUT_OF_PLACE = 10**9  # ns
@@ -38,11 +38,19 @@ _NUMBER_DECODERS: dict[str, Callable[[bytes], Any]] = {
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """A topic of a bag: name, full type name and number of messages that can be read."""
+    """A topic of a bag.
+
+    Attributes:
+        name: Topic name.
+        type_name: Full type name; empty where the bag does not state it.
+        count: Number of messages that can be read.
+        encoding: How the messages are encoded; ``cdr`` from rosbag2.
+    """
 
     name: str
     type_name: str
     count: int
+    encoding: str = 'cdr'
 
 
 class JointSeries(NamedTuple):
@@ -92,8 +100,10 @@ class Bag:
         self.path = path
         self._files = files
         counts: dict[str, int] = {}
-        for message in self:
-            counts[message.topic] = counts.get(message.topic, 0) + 1
+        for file in files:
+            for number, _, _ in file.messages():
+                topic = file.channels[number].topic
+                counts[topic] = counts.get(topic, 0) + 1
         problems = [*filter(None, [problem, *(file.problem for file in files)])]
         if not counts:
             raise BagError(problems[0] + ' (no message before it)' if problems else
@@ -104,27 +114,35 @@ class Bag:
                         f'states {stated}']
         self.problem: str | None = problems[0] if problems else None
         self.complete = self.problem is None
-        self.topics = {channel.topic: TopicInfo(*channel, counts.get(channel.topic, 0))
+        self.topics = {channel.topic: TopicInfo(channel.topic, channel.type_name,
+                                               counts.get(channel.topic, 0), channel.encoding)
                        for file in files for channel in file.channels.values()}
         self.custom_data: Mapping[str, str] = (metadata and metadata.custom_data) or {
             key: value for file in files for key, value in file.custom_data().items()}
         self.offered_qos: dict[str, Sequence[Mapping[str, Any]]] = {
             topic: qos for file in files for topic, qos in file.offered_qos().items()}
-        for topic in metadata.topics if metadata else ():
-            self.offered_qos[topic.name] = topic.qos or self.offered_qos.get(topic.name, ())
+        for stated_topic in metadata.topics if metadata else ():
+            name = stated_topic.name
+            self.offered_qos[name] = stated_topic.qos or self.offered_qos.get(name, ())
 
     def __iter__(self) -> Iterator[BagMessage]:
         """Yield every message."""
         return self.messages()
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Yield the messages of some topics, of all where None, in recorded order."""
+        """Yield the messages of some topics, of all where None, in recorded order.
+
+        Messages that were compressed one by one are yielded unpacked.
+
+        Raises:
+            BagError: one of those is damaged.
+        """
         for file in self._files:
             channels = file.channels
             for number, log_time_ns, data in file.messages():
-                topic, type_name = channels[number]
+                topic, type_name, _ = channels[number]
                 if topics is None or topic in topics:
-                    yield BagMessage(topic, type_name, log_time_ns, data)
+                    yield BagMessage(topic, type_name, log_time_ns, unpack_message(data))
 
     def in_time_order(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Yield as :meth:`messages`, sorted by log time, equal times in recorded order.
@@ -242,52 +260,17 @@ def read_bag(path: Path | str) -> Bag:
     if path.name == METADATA_NAME:
         path = path.parent
     if not path.is_dir():
-        return Bag(path, [_open_file(path)])
+        return Bag(path, [open_file(path)])
     if not (path / METADATA_NAME).exists():
-        return Bag(path, [_open_file(file) for file in storage_files(path)])
+        return Bag(path, [open_file(file) for file in storage_files(path)])
     metadata = load_metadata(path)
-    if metadata.compression_mode.lower() not in ('', 'none'):
-        raise BagError(f'{path}: compression mode {metadata.compression_mode!r} cannot be read: '
-                       'expected none, or compressed chunks within MCAP')
-    # Before version 4 the paths began with the folder's name.
-    files = [path / Path(item.path).name for item in metadata.files]
-    there = [file for file in files if file.exists()]
+    if metadata.compression_format not in ('', 'none', 'zstd', 'lz4'):
+        raise BagError(f'{path}: compression format {metadata.compression_format!r} cannot be '
+                       'read: expected zstd or lz4')
+    files = {item.path: named_file(path, item.path) for item in metadata.files}
+    there = [file for file in files.values() if file]
     if not there:
-        raise BagError(f'{path}: none of its files is there: {[file.name for file in files]}')
-    missing = [file.name for file in files if file not in there]
+        raise BagError(f'{path}: none of its files is there: {list(files)}')
+    missing = [name for name, file in files.items() if not file]
     problem = f'{path}: {", ".join(missing)} is missing' if missing else None
-    return Bag(path, [_open_file(file) for file in there], metadata, problem)
-
-
-def _open_file(path: Path) -> StorageFile:
-    try:
-        with path.open('rb') as stream:
-            start = stream.read(16)
-    except OSError as exc:
-        raise BagError(f'{path}: cannot be read: {exc.strerror}') from exc
-    if start.startswith(mcap_file.MAGIC):
-        return mcap_file.McapFile(path)
-    if start.startswith(sqlite_file.MAGIC):
-        return sqlite_file.SqliteFile(path)
-    if not start:
-        raise BagError(f'{path} is an empty file: expected a bag')
-    what = 'a ROS 1 bag' if start.startswith(b'#ROSBAG') else f'first bytes {start[:8]!r}'
-    raise BagError(f'{path} is not a ROS 2 bag ({what}): expected a rosbag2 folder, an .mcap or '
-                   'a .db3 file')
-
-
-def storage_files(folder: Path) -> list[Path]:
-    """Return the storage files of a folder without metadata, in the order of their numbers.
-
-    Raises:
-        BagError: there is none.
-    """
-    found = [file for file in folder.iterdir() if file.suffix in ('.mcap', '.db3')]
-    if not found:
-        raise BagError(f'{folder} is not a bag: it has no {METADATA_NAME}, .mcap or .db3 file')
-
-    def number(file: Path) -> tuple[int, str]:
-        match = re.search(r'_(\d+)$', file.stem)
-        return (int(match[1]) if match else 0, file.name)
-
-    return sorted(found, key=number)
+    return Bag(path, [open_file(file) for file in there], metadata, problem)
