@@ -7,11 +7,12 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from adaptive_blf_control.bags.compression import unpack_message
+from adaptive_blf_control.bags.joint_series import JointSeries, merged, parts_of, series_of
 from adaptive_blf_control.bags.metadata import BagMetadata, load_metadata, METADATA_NAME
 from adaptive_blf_control.bags.storage import BagMessage, StorageFile
 from adaptive_blf_control.bags.storage_files import named_file, open_file, storage_files
@@ -20,14 +21,18 @@ from adaptive_blf_control.messages.cdr import (
     decode_float64,
     decode_float64_array,
     decode_int32,
-    decode_joint_state,
-    JointStateReader,
+)
+from adaptive_blf_control.messages.joint_readers import (
+    DYNAMIC_JOINT_STATE,
+    joint_kind,
+    JOINT_STATE,
 )
 
 __all__ = ['Bag', 'BagMessage', 'JointSeries', 'TopicInfo', 'read_bag']
 
-JOINT_STATE = 'sensor_msgs/msg/JointState'
 OUT_OF_PLACE = 10**9  # ns
+# What helps with an encoding that is not read.
+_HINTS = {'ros1': ' (a ROS 1 recording: convert it with rosbags-convert)'}
 
 _NUMBER_DECODERS: dict[str, Callable[[bytes], Any]] = {
     'std_msgs/msg/Float64MultiArray': decode_float64_array,
@@ -51,28 +56,6 @@ class TopicInfo:
     type_name: str
     count: int
     encoding: str = 'cdr'
-
-
-class JointSeries(NamedTuple):
-    """All messages of one JointState topic, N rows.
-
-    Attributes:
-        names: Joint (or parameter) names, n of them.
-        stamp_ns: ``header.stamp``, shape (N,) [ns].
-        log_time_ns: Time of reception, shape (N,) [ns].
-        position: Shape (N, n) [rad]; NaN where a message leaves it empty.
-        velocity: Shape (N, n) [rad/s], likewise.
-        effort: Shape (N, n) [N·m], likewise.
-        skipped: Messages left out because they do not hold these joints.
-    """
-
-    names: tuple[str, ...]
-    stamp_ns: np.ndarray
-    log_time_ns: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
-    skipped: int = 0
 
 
 class Bag:
@@ -164,7 +147,10 @@ class Bag:
 
     def joint_states(self, topic: str, joints: Sequence[str] | None = None, *,
                      skip_foreign: bool = False) -> JointSeries:
-        """Return a JointState topic as arrays, matched by joint name.
+        """Return a topic of joint values as arrays, matched by joint name.
+
+        Its type is JointState or DynamicJointState. Where each message holds some of the joints
+        only, with ``skip_foreign`` the parts are joined, see `merged`.
 
         Args:
             topic: Topic name.
@@ -175,29 +161,22 @@ class Bag:
         Raises:
             BagError: no such topic, another type, or a message that does not match: names it.
         """
-        info = self._topic(topic, (JOINT_STATE,))
-        reader = JointStateReader(joints) if joints is not None else None
-        times = np.zeros((2, info.count), dtype=np.int64)
-        values = np.empty((3, info.count, len(reader.joints))) if reader else None
-        row, error = 0, None
-        for index, message in enumerate(self.messages((info.name,))):
-            try:
-                if reader is None or values is None:
-                    reader = JointStateReader(decode_joint_state(message.data).names)
-                    values = np.empty((3, info.count, len(reader.joints)))
-                times[0, row], values[0, row], values[1, row], values[2, row] = reader.read(
-                    message.data)
-            except BagError as exc:
-                error = error or BagError(f'{self.path}: {info.name} message {index}: {exc}')
-                if not skip_foreign:
-                    raise error from exc
-                continue
-            times[1, row] = message.log_time_ns
-            row += 1
-        if reader is None or values is None or row == 0:
-            raise error or BagError(f'{self.path}: topic {topic!r} has no message')
-        return JointSeries(reader.joints, times[0, :row], times[1, :row], values[0, :row],
-                           values[1, :row], values[2, :row], info.count - row)
+        info = self._topic(topic)
+        kind = joint_kind(info.type_name, info.encoding)
+        if kind is None:
+            raise BagError(f'{self.path}: topic {topic!r} has type {info.type_name!r}, encoded as '
+                           f'{info.encoding!r}: expected {JOINT_STATE} or {DYNAMIC_JOINT_STATE} '
+                           f'as CDR{_HINTS.get(info.encoding, "")}')
+        try:
+            return series_of(self._joint_messages(info), kind, joints, skip_foreign=skip_foreign)
+        except BagError as exc:
+            if skip_foreign and joints and (parts := parts_of(
+                    lambda: self._joint_messages(info), kind, joints)):
+                return merged(parts, joints)
+            raise BagError(f'{self.path}: {info.name} {exc}') from exc
+
+    def _joint_messages(self, info: TopicInfo) -> Iterator[tuple[int, bytes]]:
+        return ((message.log_time_ns, message.data) for message in self.messages((info.name,)))
 
     def doubles(self, topic: str) -> tuple[np.ndarray, np.ndarray]:
         """Return a Float64MultiArray, Float64 or Int32 topic as arrays.
@@ -210,7 +189,10 @@ class Bag:
             BagError: no such topic, another type, a damaged message, or arrays whose length
                 changes: names the message.
         """
-        info = self._topic(topic, tuple(_NUMBER_DECODERS))
+        info = self._topic(topic)
+        if info.type_name not in _NUMBER_DECODERS:
+            raise BagError(f'{self.path}: topic {topic!r} has type {info.type_name!r}: expected '
+                           f'{" or ".join(_NUMBER_DECODERS)}')
         decode = _NUMBER_DECODERS[info.type_name]
         times: list[int] = []
         values: list[Any] = []
@@ -228,16 +210,13 @@ class Bag:
             raise BagError(f'{self.path}: topic {topic!r} has no message')
         return np.array(times, dtype=np.int64), np.array(values, dtype=np.float64)
 
-    def _topic(self, topic: str, types: tuple[str, ...]) -> TopicInfo:
-        """Find a topic, with or without the leading slash, of one of these types."""
+    def _topic(self, topic: str) -> TopicInfo:
+        """Find a topic, with or without the leading slash."""
         plain = topic.lstrip('/')
         info = self.topics.get(topic) or self.topics.get(plain) or self.topics.get('/' + plain)
         if info is None:
             raise BagError(f'{self.path}: no topic {topic!r}: expected one of '
                            f'{sorted(self.topics)}')
-        if info.type_name not in types:
-            raise BagError(f'{self.path}: topic {topic!r} has type {info.type_name!r}: expected '
-                           f'{" or ".join(types)}')
         return info
 
 
