@@ -3,19 +3,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+import math
 import os
 from pathlib import Path
+import re
 import sys
 from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
-from adaptive_blf_control.errors import ArmError
+from adaptive_blf_control.errors import ArmError, GIT_LFS_POINTER
 
-__all__ = ['UrdfJoint', 'read_urdf', 'resolve_package', 'select_joints', 'urdf_joints']
+__all__ = ['UrdfJoint', 'read_urdf', 'resolve_package', 'select_joints', 'urdf_joints',
+           'with_inertials']
 
 SINGLE_DOF = ('revolute', 'continuous', 'prismatic')
 MULTI_DOF = ('floating', 'planar')
+_XACRO = 'this is a xacro file, not a URDF: run it through xacro first'
+_EXPRESSION = re.compile(r'\$[{(]')  # what only xacro evaluates
 
 
 class UrdfJoint(NamedTuple):
@@ -59,12 +64,16 @@ def read_urdf(source: str | os.PathLike[str],
     else:
         path = Path(text.removeprefix('file://')).expanduser()
     try:
-        # Only comments and author names are ever outside ASCII: a stray byte there is harmless.
-        return path.read_bytes().decode('utf-8-sig', errors='replace').lstrip()
+        content = path.read_bytes()
     except FileNotFoundError:
         raise ArmError(f'URDF file {str(path)!r} does not exist') from None
     except (OSError, ValueError) as error:
         raise ArmError(f'URDF file {str(path)!r} cannot be read: {error}') from error
+    if content.startswith(GIT_LFS_POINTER):
+        raise ArmError(f'URDF file {str(path)!r} is a Git LFS pointer, not the file: fetch it '
+                       'with "git lfs pull"')
+    # Only comments and author names are ever outside ASCII: a stray byte there is harmless.
+    return content.decode('utf-8-sig', errors='replace').lstrip()
 
 
 def resolve_package(uri: str, package_dirs: Sequence[str | os.PathLike[str]] = ()) -> Path:
@@ -113,14 +122,7 @@ def urdf_joints(xml: str) -> tuple[UrdfJoint, ...]:
     Raises:
         ArmError: If the text is not XML, not a URDF, or its joints do not hang together.
     """
-    try:
-        root = ElementTree.fromstring(xml)
-    except (ElementTree.ParseError, ValueError) as error:
-        raise ArmError(f'URDF is not well-formed XML: {error}') from error
-    if root.tag != 'robot':
-        raise ArmError(f'URDF has the root element <{root.tag}>: expected <robot>')
-    if any('www.ros.org/wiki/xacro' in element.tag for element in root.iter()):
-        raise ArmError('this is a xacro file, not a URDF: run it through xacro first')
+    root = _root(xml)
     links = {link.get('name') for link in root.findall('link')}
     joints: list[UrdfJoint] = []
     for element in root.findall('joint'):
@@ -137,14 +139,110 @@ def urdf_joints(xml: str) -> tuple[UrdfJoint, ...]:
     return tuple(joints)
 
 
+def _root(xml: str) -> ElementTree.Element:
+    """Return the root of a URDF; ArmError where it is none, or xacro of any dialect."""
+    try:
+        root = ElementTree.fromstring(xml)
+    except (ElementTree.ParseError, ValueError) as error:
+        if re.search(r'<xacro:\w', xml):  # without a namespace: the old dialect, or a fragment
+            raise ArmError(_XACRO) from error
+        raise ArmError(f'URDF is not well-formed XML: {error}') from error
+    for element in root.iter():
+        if not isinstance(element.tag, str):
+            continue  # a comment or an instruction
+        texts = (element.text or '', *element.attrib.values())
+        if 'xacro' in element.tag.partition('}')[0].lower() or any(
+                map(_EXPRESSION.search, texts)):
+            raise ArmError(_XACRO)
+    if root.tag != 'robot':
+        raise ArmError(f'URDF has the root element <{root.tag}>: expected <robot>')
+    return root
+
+
 def _joint(element: ElementTree.Element) -> UrdfJoint:
     name, kind = element.get('name'), element.get('type')
     if not name:
         raise ArmError('URDF has a joint without a name')
     if kind not in (*SINGLE_DOF, *MULTI_DOF, 'fixed'):
         raise ArmError(f'joint {name!r} has the type {kind!r}, which URDF does not know')
+    axis = element.find('axis')
+    if axis is not None and kind in (*SINGLE_DOF, 'planar'):
+        _check_axis(name, axis.get('xyz', '1 0 0'))
     mimic = element.find('mimic')
     return UrdfJoint(name, kind, None if mimic is None else mimic.get('joint', ''))
+
+
+def _check_axis(joint: str, text: str) -> None:
+    try:
+        x, y, z = map(float, text.split())
+        length = math.hypot(x, y, z)
+    except ValueError:
+        length = math.nan
+    if not (math.isfinite(length) and length > 0.0):
+        raise ArmError(f'joint {joint!r} has the axis {text!r}: expected three numbers that are '
+                       'not all zero')
+
+
+def with_inertials(xml: str, joints: Sequence[str] | None) -> tuple[str, tuple[str, ...]]:
+    """Give the link behind a joint a mass where no link behind that joint has one.
+
+    Such a URDF, often one for display only, tells the kinematics, and that is all identification
+    needs of it: inertias enter the regressor nowhere.
+
+    Args:
+        xml: URDF text.
+        joints: Those of the arm; all that can be driven where None.
+
+    Returns:
+        The text, unchanged where every joint moves a mass, and the links that were given 1 kg and
+        0.01 kg·m² about each axis.
+
+    Raises:
+        ArmError: as `urdf_joints` and `select_joints`.
+    """
+    chosen = select_joints(urdf_joints(xml), joints)
+    root = ElementTree.fromstring(xml)
+    links = {link.get('name'): link for link in root.findall('link')}
+    children: dict[str | None, list[str | None]] = {}
+    moved: dict[str, str | None] = {}
+    for joint in root.findall('joint'):
+        parent, child = (_linked(joint, end) for end in ('parent', 'child'))
+        children.setdefault(parent, []).append(child)
+        moved[joint.get('name', '')] = child
+    filled = []
+    for name in chosen:
+        if not any(_has_mass(links[link]) for link in _behind(moved[name], children)):
+            inertial = ElementTree.SubElement(links[moved[name]], 'inertial')
+            ElementTree.SubElement(inertial, 'mass', value='1')
+            ElementTree.SubElement(inertial, 'inertia', ixx='0.01', ixy='0', ixz='0', iyy='0.01',
+                                   iyz='0', izz='0.01')
+            filled.append(str(moved[name]))
+    return (ElementTree.tostring(root, encoding='unicode') if filled else xml), tuple(filled)
+
+
+def _linked(joint: ElementTree.Element, end: str) -> str | None:
+    element = joint.find(end)
+    return None if element is None else element.get('link')
+
+
+def _behind(link: str | None, children: Mapping[str | None, Sequence[str | None]]
+            ) -> Iterator[str | None]:
+    """Yield a link and all that hang on it; each once, also where joints form a loop."""
+    waiting, seen = [link], {link}
+    while waiting:
+        link = waiting.pop()
+        yield link
+        fresh = [child for child in children.get(link, ()) if child not in seen]
+        waiting += fresh
+        seen.update(fresh)
+
+
+def _has_mass(link: ElementTree.Element) -> bool:
+    mass = link.find('inertial/mass')
+    try:
+        return mass is not None and float(mass.get('value', '')) > 0.0
+    except ValueError:
+        return True  # what is wrong with it, Pinocchio says
 
 
 def select_joints(available: Sequence[UrdfJoint], wanted: Sequence[str] | None) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from adaptive_blf_control.arms.urdf_source import (
     select_joints,
     urdf_joints,
     UrdfJoint,
+    with_inertials,
 )
 from adaptive_blf_control.errors import ArmError, MissingExtra
 
@@ -78,7 +79,15 @@ def test_source_that_cannot_be_found_is_named(source: str, message: str) -> None
     ('<robot name="r"><link name="a">', 'well-formed'),
     ('<sdf version="1.6"/>', '<sdf>'),
     ('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>', 'xacro'),
+    ('<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arm/></robot>', 'xacro'),
+    ('<robot name="r" xmlns:x="http://wiki.ros.org/xacro"><x:arm/></robot>', 'xacro'),
+    ('<robot name="r" xmlns="http://www.ros.org/wiki/xacro"><arm/></robot>', 'xacro'),
+    ('<robot name="r"><xacro:include filename="a"/></robot>', 'xacro'),
+    ('<robot name="r"><link name="${n}"/></robot>', 'xacro'),
+    ('<robot name="r"><link name="a"/><include filename="$(find p)/a"/></robot>', 'xacro'),
+    ('<robot name="r"><link name="a">${body}</link></robot>', 'xacro'),
     (robot(link('base'), joint('j', 'base', 'ghost')), "child link 'ghost'"),
+    *((GOOD.replace('xyz="0 1 0"', f'xyz="{x}"'), f"joint 'ja' has the axis '{x}'") for x in ('0 0 0', '0 1', 'x 0 1', 'nan 0 1')),
     (robot(link('base'), link('a'), '<joint name="j" type="fixed"><child link="a"/></joint>'),
      'parent link None'),
     (robot(link('base'), link('a'), joint('j', 'base', 'a', 'ball')), "type 'ball'"),
@@ -105,6 +114,41 @@ def test_joint_that_cannot_be_driven_is_named(wanted: list[str] | None, message:
                  UrdfJoint('slave', 'revolute', 'ja'), UrdfJoint('fly', 'floating', None)]
     with pytest.raises(ArmError, match=message):
         select_joints(available, wanted)
+
+
+def test_git_lfs_pointer_is_told_from_a_urdf(tmp_path: Path) -> None:
+    path = tmp_path / 'arm.urdf'
+    path.write_text('version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n')
+    with pytest.raises(ArmError, match='git lfs pull'):
+        read_urdf(path)
+
+
+def test_a_urdf_that_xacro_has_made_is_no_xacro_file() -> None:
+    made = GOOD.replace('name="r"', 'name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"')
+    assert urdf_joints(made) == urdf_joints(GOOD)
+
+
+def test_zero_axis_of_a_fixed_joint_says_nothing() -> None:
+    fixed = robot(link('base'), link('a'), joint('j', 'base', 'a', 'fixed'))
+    assert urdf_joints(fixed.replace('0 1 0', '0 0 0')) == (UrdfJoint('j', 'fixed', None),)
+
+
+def test_only_links_of_joints_that_move_no_mass_are_given_one() -> None:
+    bare = robot(link('base'), link('a', None), link('b', None), link('tip', None),
+                 joint('ja', 'base', 'a'), joint('jb', 'a', 'b'),
+                 joint('flange', 'b', 'tip', 'fixed'))
+    assert with_inertials(bare.replace(link('tip', None), link('tip')), None)[1] == ()
+    assert with_inertials(GOOD, None) == (GOOD, ())
+    xml, links = with_inertials(bare, ['jb', 'ja'])
+    assert links == ('b',)  # which hangs on a
+    assert with_inertials(bare, None)[1] == ('a', 'b')
+    assert with_inertials(xml, None) == (xml, ())
+    pytest.importorskip('pinocchio')
+    given = UrdfArm(with_inertials(bare, None)[0])
+    real = UrdfArm(bare.replace(link('a', None), link('a')).replace(link('b', None), link('b')))
+    q, qd, qdd = np.random.default_rng(0).normal(size=(3, 2))
+    assert given.parameters == real.parameters
+    np.testing.assert_array_equal(given.Y(q, qd, qdd), real.Y(q, qd, qdd))
 
 
 def test_arm_without_inertia_is_refused() -> None:
