@@ -87,7 +87,8 @@ def test_source_that_cannot_be_found_is_named(source: str, message: str) -> None
     ('<robot name="r"><link name="a"/><include filename="$(find p)/a"/></robot>', 'xacro'),
     ('<robot name="r"><link name="a">${body}</link></robot>', 'xacro'),
     (robot(link('base'), joint('j', 'base', 'ghost')), "child link 'ghost'"),
-    *((GOOD.replace('xyz="0 1 0"', f'xyz="{x}"'), f"joint 'ja' has the axis '{x}'") for x in ('0 0 0', '0 1', 'x 0 1', 'nan 0 1')),
+    *((GOOD.replace('xyz="0 1 0"', f'xyz="{x}"'), f"joint 'ja' has the axis '{x}'")
+      for x in ('0 0 0', '0 1', 'x 0 1', 'nan 0 1')),
     (robot(link('base'), link('a'), '<joint name="j" type="fixed"><child link="a"/></joint>'),
      'parent link None'),
     (robot(link('base'), link('a'), joint('j', 'base', 'a', 'ball')), "type 'ball'"),
