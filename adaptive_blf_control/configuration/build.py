@@ -35,7 +35,10 @@ from adaptive_blf_control.simulation.sensors import Sensors
 __all__ = ['OwnParts', 'build_arm', 'build_closed_loop', 'build_identifier', 'build_plant',
            'build_simulated_arm', 'initial_estimate', 'initial_theta', 'true_theta']
 
-FRICTION = ('viscous', 'coulomb', 'offset')
+FRICTION = {'viscous': 'friction_viscous', 'coulomb': 'friction_coulomb',
+            'offset': 'friction_offset', 'square_root': 'friction_square_root',
+            'rotor_inertia': 'rotor_inertia'}
+"""Arguments of `UrdfArm` by the parameter below ``friction`` that switches them on."""
 
 
 def build_arm(settings: ArmSettings, robot_description: str | None = None) -> Arm:
@@ -57,8 +60,10 @@ def build_arm(settings: ArmSettings, robot_description: str | None = None) -> Ar
     if not source:
         raise ParameterError('urdf', source, 'a path, package://... or topic:NAME')
     true = _true_friction(settings)
-    learned: dict[str, Any] = {f'friction_{name}': getattr(settings.friction, name)
-                               or name in true for name in FRICTION}
+    learned: dict[str, Any] = {argument: getattr(settings.friction, name) or name in true
+                               for name, argument in FRICTION.items()}
+    if 'rotor_inertia' in true:
+        true['rotor'] = true.pop('rotor_inertia')
     return UrdfArm(source, joints, **learned,
                    coulomb_velocity=settings.friction.coulomb_velocity,
                    gravity=settings.gravity, **true)

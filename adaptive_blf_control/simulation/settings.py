@@ -15,7 +15,7 @@ __all__ = ['PlantSettings', 'ScheduleSettings', 'SensorSettings', 'TrueFrictionS
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TrueFrictionSettings(Settings, where='arm_driver.true_friction'):
-    """True friction of a URDF arm."""
+    """True friction and rotor inertia of a URDF arm."""
 
     viscous: np.ndarray = parameter(
         [0.0], 'True viscous coefficients of a URDF arm.', 'N*m*s/rad', 0.0, length='joints')
@@ -23,6 +23,12 @@ class TrueFrictionSettings(Settings, where='arm_driver.true_friction'):
         [0.0], 'True Coulomb torques of a URDF arm.', 'N*m', 0.0, length='joints')
     offset: np.ndarray = parameter(
         [0.0], 'True constant torques of a URDF arm.', 'N*m', length='joints')
+    square_root: np.ndarray = parameter(
+        [0.0], 'True coefficients of sqrt(|qd|) of a URDF arm.', 'N*m*(s/rad)^0.5', 0.0,
+        length='joints')
+    rotor_inertia: np.ndarray = parameter(
+        [0.0], 'True rotor inertias of a URDF arm, seen from the joints.', 'kg*m^2', 0.0,
+        length='joints')
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
