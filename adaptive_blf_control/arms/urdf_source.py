@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 import math
 import os
 from pathlib import Path
@@ -14,8 +14,7 @@ import xml.etree.ElementTree as ElementTree
 
 from adaptive_blf_control.errors import ArmError, GIT_LFS_POINTER
 
-__all__ = ['UrdfJoint', 'read_urdf', 'resolve_package', 'select_joints', 'urdf_joints',
-           'with_inertials']
+__all__ = ['UrdfJoint', 'read_urdf', 'resolve_package', 'select_joints', 'urdf_joints']
 
 SINGLE_DOF = ('revolute', 'continuous', 'prismatic')
 MULTI_DOF = ('floating', 'planar')
@@ -181,68 +180,6 @@ def _check_axis(joint: str, text: str) -> None:
     if not (math.isfinite(length) and length > 0.0):
         raise ArmError(f'joint {joint!r} has the axis {text!r}: expected three numbers that are '
                        'not all zero')
-
-
-def with_inertials(xml: str, joints: Sequence[str] | None) -> tuple[str, tuple[str, ...]]:
-    """Give the link behind a joint a mass where no link behind that joint has one.
-
-    Such a URDF, often one for display only, tells the kinematics, and that is all identification
-    needs of it: inertias enter the regressor nowhere.
-
-    Args:
-        xml: URDF text.
-        joints: Those of the arm; all that can be driven where None.
-
-    Returns:
-        The text, unchanged where every joint moves a mass, and the links that were given 1 kg and
-        0.01 kg·m² about each axis.
-
-    Raises:
-        ArmError: as `urdf_joints` and `select_joints`.
-    """
-    chosen = select_joints(urdf_joints(xml), joints)
-    root = ElementTree.fromstring(xml)
-    links = {link.get('name'): link for link in root.findall('link')}
-    children: dict[str | None, list[str | None]] = {}
-    moved: dict[str, str | None] = {}
-    for joint in root.findall('joint'):
-        parent, child = (_linked(joint, end) for end in ('parent', 'child'))
-        children.setdefault(parent, []).append(child)
-        moved[joint.get('name', '')] = child
-    filled = []
-    for name in chosen:
-        if not any(_has_mass(links[link]) for link in _behind(moved[name], children)):
-            inertial = ElementTree.SubElement(links[moved[name]], 'inertial')
-            ElementTree.SubElement(inertial, 'mass', value='1')
-            ElementTree.SubElement(inertial, 'inertia', ixx='0.01', ixy='0', ixz='0', iyy='0.01',
-                                   iyz='0', izz='0.01')
-            filled.append(str(moved[name]))
-    return (ElementTree.tostring(root, encoding='unicode') if filled else xml), tuple(filled)
-
-
-def _linked(joint: ElementTree.Element, end: str) -> str | None:
-    element = joint.find(end)
-    return None if element is None else element.get('link')
-
-
-def _behind(link: str | None, children: Mapping[str | None, Sequence[str | None]]
-            ) -> Iterator[str | None]:
-    """Yield a link and all that hang on it; each once, also where joints form a loop."""
-    waiting, seen = [link], {link}
-    while waiting:
-        link = waiting.pop()
-        yield link
-        fresh = [child for child in children.get(link, ()) if child not in seen]
-        waiting += fresh
-        seen.update(fresh)
-
-
-def _has_mass(link: ElementTree.Element) -> bool:
-    mass = link.find('inertial/mass')
-    try:
-        return mass is not None and float(mass.get('value', '')) > 0.0
-    except ValueError:
-        return True  # what is wrong with it, Pinocchio says
 
 
 def select_joints(available: Sequence[UrdfJoint], wanted: Sequence[str] | None) -> tuple[str, ...]:

@@ -16,7 +16,6 @@ from adaptive_blf_control.arms.urdf_source import (
     select_joints,
     urdf_joints,
     UrdfJoint,
-    with_inertials,
 )
 from adaptive_blf_control.errors import ArmError, MissingExtra
 
@@ -132,24 +131,6 @@ def test_a_urdf_that_xacro_has_made_is_no_xacro_file() -> None:
 def test_zero_axis_of_a_fixed_joint_says_nothing() -> None:
     fixed = robot(link('base'), link('a'), joint('j', 'base', 'a', 'fixed'))
     assert urdf_joints(fixed.replace('0 1 0', '0 0 0')) == (UrdfJoint('j', 'fixed', None),)
-
-
-def test_only_links_of_joints_that_move_no_mass_are_given_one() -> None:
-    bare = robot(link('base'), link('a', None), link('b', None), link('tip', None),
-                 joint('ja', 'base', 'a'), joint('jb', 'a', 'b'),
-                 joint('flange', 'b', 'tip', 'fixed'))
-    assert with_inertials(bare.replace(link('tip', None), link('tip')), None)[1] == ()
-    assert with_inertials(GOOD, None) == (GOOD, ())
-    xml, links = with_inertials(bare, ['jb', 'ja'])
-    assert links == ('b',)  # which hangs on a
-    assert with_inertials(bare, None)[1] == ('a', 'b')
-    assert with_inertials(xml, None) == (xml, ())
-    pytest.importorskip('pinocchio')
-    given = UrdfArm(with_inertials(bare, None)[0])
-    real = UrdfArm(bare.replace(link('a', None), link('a')).replace(link('b', None), link('b')))
-    q, qd, qdd = np.random.default_rng(0).normal(size=(3, 2))
-    assert given.parameters == real.parameters
-    np.testing.assert_array_equal(given.Y(q, qd, qdd), real.Y(q, qd, qdd))
 
 
 def test_arm_without_inertia_is_refused() -> None:
