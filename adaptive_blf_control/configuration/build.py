@@ -85,6 +85,8 @@ def true_theta(settings: DriverSettings, arm: Arm) -> np.ndarray:
             asked of an arm that cannot say where its tip is.
     """
     given, payload = settings.true_parameters, settings.payload
+    if settings.true_parameters_file:
+        given = _true_parameters_of_file(settings, arm)
     if settings.true_model == 'given':
         if len(given) != arm.m:
             raise ParameterError('arm_driver.true_parameters', given.tolist(),
@@ -101,6 +103,16 @@ def true_theta(settings: DriverSettings, arm: Arm) -> np.ndarray:
         raise ParameterError('arm_driver.payload', payload,
                              f'0.0: the arm {settings.arm} has no tip to put it on')
     return theta + payload * arm.payload_direction
+
+
+def _true_parameters_of_file(settings: DriverSettings, arm: Arm) -> np.ndarray:
+    name, file = 'arm_driver.true_parameters_file', settings.true_parameters_file
+    if settings.true_model != 'given':
+        raise ParameterError(name, file, 'no file, or true_model: given')
+    if np.any(settings.true_parameters):
+        raise ParameterError('arm_driver.true_parameters', settings.true_parameters.tolist(),
+                             'no values beside true_parameters_file')
+    return read_estimate(Path(file), arm.parameters, name)
 
 
 def build_plant(settings: DriverSettings, arm: Arm) -> Plant:
@@ -137,10 +149,15 @@ def initial_theta(settings: ControllerNodeSettings, arm: Arm) -> np.ndarray:
     """Return what the controller uses before the first θ̂, or for good (``model: known``), (m,).
 
     Raises:
-        ParameterError: it has neither one element nor m.
+        ParameterError: it has neither one element nor m, or the file that is named cannot be
+            used.
     """
+    kind = 'known_parameters' if settings.model == 'known' else 'initial_estimate'
+    file = getattr(settings, f'{kind}_file')
+    if file:
+        return read_estimate(Path(file), arm.parameters, f'controller.{kind}_file')
     full = settings.resolved(parameters=arm.m)
-    theta = full.known_parameters if settings.model == 'known' else full.initial_estimate
+    theta: np.ndarray = getattr(full, kind)
     return theta.copy()
 
 

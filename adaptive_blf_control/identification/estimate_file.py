@@ -156,13 +156,18 @@ def _theta(content: Any, path: Path, parameters: tuple[str, ...], name: str) -> 
     return theta
 
 
-def read_estimate(path: Path, parameters: tuple[str, ...]) -> np.ndarray:
+def read_estimate(path: Path, parameters: tuple[str, ...],
+                  name: str = 'identifier.initial_estimate_file') -> np.ndarray:
     """Read θ̂ that :func:`write_estimate` wrote, in the order of ``parameters``, shape (m,).
+
+    Args:
+        path: The file.
+        parameters: Names in the order wanted.
+        name: Of the parameter that names the file, for messages.
 
     Raises:
         ParameterError: the file cannot be read or lacks a parameter.
     """
-    name = 'identifier.initial_estimate_file'
     return _theta(_load(path, name), path, parameters, name)
 
 

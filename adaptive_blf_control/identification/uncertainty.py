@@ -25,7 +25,7 @@ from adaptive_blf_control.identification.residuals import Residuals
 __all__ = ['LEVEL', 'NORMAL', 'Uncertainty', 'estimate_uncertainty', 'uncertainty']
 
 LEVEL = 0.95
-"""Probability that an interval promises."""
+"""Probability with which an interval is to hold."""
 NORMAL = 1.959963984540054
 """Half width of the interval of probability `LEVEL` in standard deviations."""
 _BLOCKS = 5
@@ -41,7 +41,9 @@ class Uncertainty(NamedTuple):
         open: Directions that they do not, as columns, shape (m, k).
         residual: s_j, shape (n,) [N·m].
         unexplained: RMS residual on blocks that were left out, at least s_j, shape (n,) [N·m].
-        alike: How many pairs count as one, shape (n,).
+        alike: How many pairs count as one: by how much the correlation of the residuals raises
+            the variance that each joint's equations leave, averaged over what they determine
+            (Kish's design effect), shape (n,).
         condition: Ratio of the largest to the smallest singular value of the stacked regressors
             with columns of length one; infinity where directions are open.
     """
@@ -108,11 +110,13 @@ def uncertainty(regressors: np.ndarray, torques: np.ndarray, times: np.ndarray,
     decay = _decay(times, correlation_time)
     spread = _correlated_sum(regressors, decay)
     meat = np.einsum('pjm,j,pjk->mk', regressors, variance, spread, optimize=True)
-    alike = _correlated_sum(np.ones((len(times), len(correlation_time), 1)), decay).mean(axis=0)
-    weights = 1.0 / np.sqrt(np.maximum(variance * alike[:, 0], 1e-300))
+    leverage = regressors @ inverse
+    alike = np.einsum('pjm,pjm->j', leverage, spread) / np.maximum(
+        np.einsum('pjm,pjm->j', leverage, regressors), 1e-300)
+    weights = 1.0 / np.sqrt(np.maximum(variance * alike, 1e-300))
     left_out = _left_out(regressors, residuals, times, weights, float(correlation_time.max()))
     return Uncertainty(inverse @ meat @ inverse, open_, np.sqrt(variance),
-                       np.maximum(left_out, np.sqrt(variance)), alike[:, 0], condition)
+                       np.maximum(left_out, np.sqrt(variance)), alike, condition)
 
 
 def _gram(regressors: np.ndarray) -> np.ndarray:

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
 import os
+import time
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from adaptive_blf_control.identification.consistent_model import (
     consistent_model,
     ConsistentModel,
     has_links,
+    InertialArm,
 )
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.settings import FilterSettings, IdentifierSettings
@@ -68,6 +69,7 @@ class Identification:
         problem: Why the log ends early (a truncated bag), or None.
         findings: What is odd about the log; see `check_log`.
         notes: What was assumed of it, in sentences.
+        possible: The consistent model; None where there is none, see ``consistent``.
     """
 
     identifier: Identifier
@@ -78,6 +80,7 @@ class Identification:
     problem: str | None
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
+    possible: ConsistentModel | None = None
 
     @property
     def arm(self) -> Arm:
@@ -110,14 +113,18 @@ class Identification:
         return (np.full(self.arm.m, np.inf) if self.uncertainty is None
                 else self.uncertainty.std)
 
-    @cached_property
+    @property
     def consistent(self) -> ConsistentModel:
         """The physically consistent model of the recorded pairs: a robot that can exist.
 
         Raises:
             ArmError: the arm is not from a URDF, or no pair was recorded.
         """
-        return _consistent(self.identifier, self.uncertainty)
+        if self.possible is None:
+            reason = ('no pair was recorded' if has_links(self.arm) else
+                      f'{type(self.arm).__name__} has no inertial parameters per link')
+            raise ArmError(f'there is no consistent model: {reason}')
+        return self.possible
 
     def urdf(self) -> ExportedUrdf:
         """Return the URDF with the values of the consistent model; its ``xml`` is the text.
@@ -208,30 +215,23 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
     identifier = build_identifier(chosen, arm)
     result = learn(identifier, sections)
     _check_used(result, chosen.filter, source, test == NO_TEST and validate is None)
-    judged = result.uncertainty
+    judged, consistent = result.uncertainty, None
+    begin = time.perf_counter()
+    if has_links(arm) and judged is not None:
+        consistent = _consistent(identifier, arm, judged)
+    seconds = time.perf_counter() - begin
     figures = figures_of(sections, identifier, result)
+    figures |= model_figures(identifier, result, consistent, seconds)
     figures |= {'checks': checks_of(reader.findings), 'notes': list(reader.notes),
                 'verdicts': listed(reader.findings, arm.joints)}
-    consistent = (_consistent(identifier, judged) if has_links(arm) and judged is not None
-                  else None)
-    figures |= model_figures(identifier, result, consistent)
     problems = [section.log.problem for section in sections if section.log.problem]
-    found = Identification(identifier, figures, result.prediction, judged, source,
-                           '; '.join(problems) or None, tuple(reader.findings),
-                           tuple(reader.notes))
-    if consistent is not None:
-        found.__dict__['consistent'] = consistent
-    return found
+    return Identification(identifier, figures, result.prediction, judged, source,
+                          '; '.join(problems) or None, tuple(reader.findings),
+                          tuple(reader.notes), consistent)
 
 
-def _consistent(identifier: Identifier, judged: Uncertainty | None) -> ConsistentModel:
-    """Return the consistent model of the recorded pairs; see `Identification.consistent`."""
-    arm, stack = identifier.arm, identifier.stack
-    if not has_links(arm):
-        raise ArmError(f'{type(arm).__name__} has no inertial parameters per link: a consistent '
-                       'model needs an arm from a URDF')
-    if judged is None:
-        raise ArmError('no pair was recorded: there is nothing to make a consistent model of')
+def _consistent(identifier: Identifier, arm: InertialArm, judged: Uncertainty) -> ConsistentModel:
+    stack = identifier.stack
     return consistent_model(arm, stack.regressors[:stack.count], stack.torques[:stack.count],
                             judged.alike)
 

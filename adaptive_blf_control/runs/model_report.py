@@ -27,13 +27,19 @@ _KINDS = {'range': 'slowly through its range', 'speeds': 'at several speeds',
           'reversals': 'with quick reversals'}
 
 
-def model_figures(identifier: Identifier, result: LogPass,
-                  consistent: ConsistentModel | None) -> dict[str, Any]:
+def model_figures(identifier: Identifier, result: LogPass, consistent: ConsistentModel | None,
+                  seconds: float) -> dict[str, Any]:
     """Return the figures; lists are in the order of the joints, None where there is no value.
 
     ``positive_mass`` counts postures of a thousand with M(q) > 0; ``test_coverage`` is the part
     of the test's torques inside their 95 % intervals, ``test_half_width`` the median half width
     of these [N·m]; ``condition`` that of the recorded regressors with columns of length one.
+
+    Args:
+        identifier: After the pass.
+        result: Of the pass.
+        consistent: The consistent model, None where there is none.
+        seconds: Time it took to find.
     """
     arm, stack = identifier.arm, identifier.stack
     judged, test = result.uncertainty, result.test
@@ -43,7 +49,7 @@ def model_figures(identifier: Identifier, result: LogPass,
         figures['positive_mass']['consistent'] = positive_postures(arm, consistent.theta)
         figures['consistent'] = {
             'test_rmse': test.rmse(consistent.theta).tolist() if test.count else [None] * arm.n,
-            'kept': list(consistent.kept), 'steps': consistent.steps,
+            'kept': list(consistent.kept), 'steps': consistent.steps, 'ms': 1e3 * seconds,
             'masses': consistent.inertial[:, 0].tolist(), 'rotors': consistent.rotor.tolist(),
             'theta': consistent.estimate}
     if judged is None:
@@ -77,7 +83,7 @@ def model_lines(figures: dict[str, Any]) -> list[str]:
         tested = [value for value in model['test_rmse'] if value is not None]
         lines[0] += (f'; consistent model: {positive["consistent"]}'
                      + (f', tested {np.mean(tested):.4f} N·m' if tested else '')
-                     + f', {model["steps"]} Newton steps')
+                     + f', found in {model["ms"]:.0f} ms')
         if model['kept']:
             lines.append(f'as described    {", ".join(model["kept"])}')
     if 'confidence' in figures:

@@ -30,7 +30,7 @@ def noise(random: np.random.Generator, count: int, correlation: float) -> np.nda
 
 
 @pytest.mark.parametrize('correlation', [0.0, TIME])
-def test_intervals_hold_as_often_as_they_promise(correlation: float) -> None:
+def test_intervals_hold_as_often_as_they_are_to(correlation: float) -> None:
     """Over 300 draws of the noise; one correlation time too short fails."""
     regressors, theta = rows(), np.array([1.0, -2.0, 0.5, 3.0])
     random, held, told = np.random.default_rng(2), [], []
@@ -46,7 +46,7 @@ def test_intervals_hold_as_often_as_they_promise(correlation: float) -> None:
     assert LEVEL - 0.05 <= np.mean(told) <= LEVEL + 0.03
 
 
-def test_taking_alike_residuals_for_new_ones_promises_too_much() -> None:
+def test_taking_alike_residuals_for_new_ones_makes_intervals_too_narrow() -> None:
     regressors = rows()
     torques = noise(np.random.default_rng(3), len(regressors), TIME)
     times = STEP * np.arange(len(regressors))
