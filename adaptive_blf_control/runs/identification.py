@@ -223,7 +223,7 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
     figures = figures_of(sections, identifier, result)
     figures |= model_figures(identifier, result, consistent, seconds)
     figures |= {'checks': checks_of(reader.findings), 'notes': list(reader.notes),
-                'verdicts': listed(reader.findings, arm.joints)}
+                'verdicts': listed(reader.findings, identifier.arm.joints)}
     problems = [section.log.problem for section in sections if section.log.problem]
     return Identification(identifier, figures, result.prediction, judged, source,
                           '; '.join(problems) or None, tuple(reader.findings),

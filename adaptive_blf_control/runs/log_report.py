@@ -72,9 +72,7 @@ def table(figures: dict[str, Any], source: str) -> str:
     lines = [
         f'{source}: {len(figures["joints"])} joints, {figures["columns"]} parameters, '
         f'{figures["samples"]} samples, {1e6 / figures["period_us"]:.0f} Hz',
-        f'learned from {_seconds(figures["train_span"])} in one pass, '
-        + (f'tested on {_seconds(figures["test_span"])}' if figures['test_samples'] else
-           'not tested'),
+        *_spans(figures),
         '',
         f'{"RMSE of the filtered torque [N·m]":<{width}}',
         f'{"joint":<{width}}{"learned":>10}{"tested":>10}{"of torque":>12}'
@@ -100,6 +98,7 @@ def table(figures: dict[str, Any], source: str) -> str:
         f'left out        {figures["dropped"]} samples; filter restarted '
         f'{figures["restarts"]} times',
     ]
+    lines += _verdicts(figures.get('verdicts', {}))
     if figures.get('undetermined'):
         lines.append(f'not determined  {", ".join(figures["undetermined"])}')
     lines += model_lines(figures)
@@ -107,6 +106,28 @@ def table(figures: dict[str, Any], source: str) -> str:
         ('output', 'theta_hat'), ('model_output', 'consistent'), ('urdf_output', 'URDF'))
         if name in figures]
     return '\n'.join(lines)
+
+
+def _verdicts(verdicts: dict[str, str]) -> list[str]:
+    """Return what the checks of the log say of the joints."""
+    odd = [f'{joint}: {text}' for joint, text in verdicts.items() if text != 'sound']
+    sound = len(verdicts) - len(odd)
+    if not verdicts:
+        return []
+    first = f'log checks      {sound} of {len(verdicts)} joints sound'
+    return [first, *(f'{"":<16}{text}' for text in odd)]
+
+
+def _spans(figures: dict[str, Any]) -> list[str]:
+    """Return what was learned from and tested on, a line for each of several logs."""
+    one = len(figures['spans']) == 1
+    lines = []
+    for number, span in enumerate(figures['spans'], 1):
+        learned, tested = (span[kind][0] < span[kind][1] for kind in ('train', 'test'))
+        lines.append(('' if one else f'log {number}: ') + ', '.join([
+            f'learned from {_seconds(span["train"])} in one pass' if learned else 'not learned',
+            f'tested on {_seconds(span["test"])}' if tested else 'not tested']))
+    return lines
 
 
 def _seconds(span: list[float]) -> str:

@@ -81,7 +81,8 @@ def files(tmp_path, motion):
     (tmp_path / 'config.yaml').write_text(CONFIG)
     write_csv(tmp_path / 'log.csv', motion)
     return [str(tmp_path / 'log.csv'), '--urdf', str(tmp_path / 'arm.urdf'),
-            '--config', str(tmp_path / 'config.yaml'), '--output', str(tmp_path / 'theta.yaml')]
+            '--config', str(tmp_path / 'config.yaml'), '--overwrite',
+            '--output', str(tmp_path / 'theta.yaml')]
 
 
 def figures(capsys, arguments):
@@ -351,7 +352,7 @@ def real_arguments(robot, realdata, repository, tmp_path):
     log, urdf, *_ = ROBOTS[robot]
     return [str(realdata / log), '--urdf', str(realdata / urdf), '--config',
             str(repository / f'config/{robot}_identification.yaml'),
-            '--output', str(tmp_path / 'theta.yaml')]
+            '--output', str(tmp_path / 'theta.yaml'), '--overwrite']
 
 
 @pytest.mark.parametrize('robot', ROBOTS)
