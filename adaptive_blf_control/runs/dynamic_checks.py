@@ -87,7 +87,7 @@ def delay_findings(pairs: Pairs, arm: Arm) -> Iterator[Finding]:
     inertial = getattr(arm, 'base_count', arm.m)
     for joint, name in enumerate(arm.joints):
         torque = pairs.torques[zero:zero + 1, :, joint]
-        if _left_over(pairs.regressors[:, joint, inertial:], torque)[0] < 0.5 * torque.std():
+        if _left_over(pairs.regressors[:, joint, inertial:], torque)[0] < 0.75 * torque.std():
             continue
         left = _left_over(pairs.regressors[:, joint], pairs.torques[:, :, joint])
         best = int(np.argmin(left))

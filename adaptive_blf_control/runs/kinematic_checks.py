@@ -66,7 +66,7 @@ def velocity_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
         quantum = _quantum(log.q[:, joint])
         if not there[joint] or size < max(1e-4, 3.0 * quantum):
             continue  # too little motion to tell
-        finding = _velocity_finding(name, stepped, integrated, size / WINDOW)
+        finding = _velocity_finding(name, stepped, integrated, log.period)
         if finding is None:
             finding = _delay_finding(log, joint, name)
         if finding is not None:
@@ -74,17 +74,20 @@ def velocity_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
 
 
 def _velocity_finding(name: str, stepped: np.ndarray, integrated: np.ndarray,
-                      speed: float) -> Finding | None:
-    """Compare Δq with ∫ q̇ dt over windows: q̇ = slope⁻¹ dq/dt, with a correlation."""
+                      period: float) -> Finding | None:
+    """Compare Δq with ∫ q̇ dt over windows, shape (K,): q̇ = slope · dq/dt, with a correlation."""
     energy, product = float(integrated @ integrated), float(stepped @ integrated)
     whole = float(stepped @ stepped)
     if energy < 1e-6 * whole:
+        speed = math.sqrt(whole / len(stepped)) / max(WINDOW, period)
         return Finding('velocity', name, REFUSED, 0.0, 'the velocity is zero while the position '
                        f'changes by {speed:.2g} rad/s', STATE_FILTER)
     correlation, slope = product / math.sqrt(energy * whole), product / whole
     if correlation < -0.5:
         return Finding('velocity', name, REFUSED, correlation, 'the velocity has the sign '
                        f'opposite to that of dq/dt (correlation {correlation:.2f})', STATE_FILTER)
+    if period > WINDOW:
+        return None  # the integral over so few rows is too coarse for more
     if correlation < 0.5:
         return Finding('velocity', name, REFUSED, correlation, 'the velocity is not the '
                        f'derivative of the position (correlation {correlation:.2f})',
