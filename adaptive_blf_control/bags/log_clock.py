@@ -35,7 +35,7 @@ def log_clock(clock: np.ndarray, usable: np.ndarray, per_second: float) -> LogCl
     """Return which rows have a time that can be used, and that time.
 
     A few stamps far ahead of or behind both neighbours are left out. Where a clock is set back
-    the log goes on one median period later, and filters have to begin anew. Any other row that
+    the log goes on one median period later, and filters have to restart. Any other row that
     does not come after the rows before it is left out.
 
     Args:
@@ -59,14 +59,14 @@ def log_clock(clock: np.ndarray, usable: np.ndarray, per_second: float) -> LogCl
     keep[rows[~good]] = False
     for start in starts:
         notes.append(f'the clock goes back by {t[:start].max() - t[start]:.4g} s in row '
-                     f'{rows[start] + 1}: the filters begin anew there')
+                     f'{rows[start] + 1}: the filters restart there')
     t = _joined([t[begin:end][good[begin:end]] for begin, end in zip(edges, edges[1:])])
     breaks = np.cumsum([good[begin:end].sum() for begin, end in zip(edges, edges[1:])])[:-1]
     return LogClock(keep, t, tuple(int(row) for row in breaks if 0 < row < t.size), tuple(notes))
 
 
 def _wild_and_starts(t: np.ndarray) -> tuple[np.ndarray, list[int]]:
-    """Return which times are wild, shape (N,), and where a clock that was set back begins anew."""
+    """Return which times are wild, shape (N,), and where a clock that was set back goes on."""
     wild = np.zeros(t.size, dtype=bool)
     starts: list[int] = []
     steps = np.diff(t)

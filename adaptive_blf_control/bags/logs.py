@@ -38,7 +38,7 @@ class MeasuredLog(NamedTuple):
             its neighbours, or a message without these joints.
         problem: Why the source ends early (a truncated bag), or None.
         notes: What was assumed or is odd, in sentences.
-        breaks: Rows at which the clock was set back: filters begin anew there.
+        breaks: Rows at which the clock was set back: filters restart there.
         measured_velocity: Whether velocities were read.
     """
 

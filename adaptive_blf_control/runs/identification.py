@@ -208,6 +208,8 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
         if urdf is not None:
             raise ParameterError('urdf', urdf, 'nothing beside an arm')
     source = ', '.join(map(name_of, several(log)))
+    if options is not None and not isinstance(options, LogOptions):
+        raise ParameterError('options', options, 'LogOptions')
     options = options or LogOptions()
     reader = LogReader(arm, chosen, replace(options, topic=topic or options.topic), filled)
     sections = reader.sections(several(log), [] if validate is None else several(validate),

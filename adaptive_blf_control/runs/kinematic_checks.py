@@ -178,7 +178,7 @@ def rate_findings(log: Excerpt, settings: FilterSettings) -> Iterator[Finding]:
         if settings.time_constant < 2.0 * log.period:
             help_ += f' --set filter.time_constant={3.0 * log.period:.2g}'
         yield Finding('rate', None, REFUSED, rate, f'the log has {rate:.3g} Hz, and the filters '
-                      f'begin anew after {settings.gap:g} s without a sample', help_)
+                      f'restart after {settings.gap:g} s without a sample', help_)
     elif log.period > settings.time_constant:
         yield Finding('rate', None, WARNING, rate, f'the log has {rate:.3g} Hz, too few for a '
                       f'filter of {settings.time_constant:g} s',

@@ -112,23 +112,27 @@ def choose_spans(log: MeasuredLog, train: Given, test: Given, settle: float) -> 
     notes: list[str] = []
     learned = (Span(first + settle, middle) if train is None
                else _span('train', train, first, last, notes))
+    _check_span('train', train, learned, t, known)
     if test is None and learned.end >= last:
         raise ParameterError('test', None, 'T0:T1 after the training, and nothing of the log is '
                              f'left for it; none learns without a test; {known}')
     tested = (Span(learned.end, learned.end if untested else last)
               if test is None or untested else _span('test', test, first, last, notes))
-    given = [('train', train, learned), ('test', test, tested)]
-    for name, value, span in given[:1] if untested else given:
-        if not first <= span.start < span.end <= last:
-            raise ParameterError(name, value, f'T0:T1 with T0 < T1 inside the log: {known}; '
-                                 f'this is {span.start:.6g} to {span.end:.6g} s')
-        if not _inside(span, t, last).any():
-            raise ParameterError(name, value, f'a span with samples in it: {known}')
+    if not untested:
+        _check_span('test', test, tested, t, known)
     if tested.start < learned.end:
         raise ParameterError('test', f'{tested.start:g}:{tested.end:g}',
                              f'a span after the training, which ends at {learned.end:.6g} s: '
                              f'{known}')
     return Section(log, learned, tested, tuple(notes))
+
+
+def _check_span(name: str, given: Given, span: Span, t: np.ndarray, known: str) -> None:
+    if not t[0] <= span.start < span.end <= t[-1]:
+        raise ParameterError(name, given, f'T0:T1 with T0 < T1 inside the log: {known}; '
+                             f'this is {span.start:.6g} to {span.end:.6g} s')
+    if not _inside(span, t, float(t[-1])).any():
+        raise ParameterError(name, given, f'a span with samples in it: {known}')
 
 
 def _span(name: str, given: str | Sequence[float | None], first: float, last: float,

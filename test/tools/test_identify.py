@@ -280,7 +280,7 @@ def test_log_of_nothing_but_nan_is_named(capsys, tmp_path, files, motion):
 def test_log_without_an_unbroken_stretch_is_told(capsys, tmp_path, files, motion):
     write_csv(tmp_path / 'log.csv', motion[::100])  # 0.2 s apart
     text = complaint(capsys, files)
-    assert 'the log has 5 Hz, and the filters begin anew after 0.05 s' in text
+    assert 'the log has 5 Hz, and the filters restart after 0.05 s' in text
     assert '--set filter.gap=0.6' in text
 
 
