@@ -15,7 +15,12 @@ from adaptive_blf_control.bags.compression import unpack_message
 from adaptive_blf_control.bags.joint_series import JointSeries, merged, parts_of, series_of
 from adaptive_blf_control.bags.metadata import BagMetadata, load_metadata, METADATA_NAME
 from adaptive_blf_control.bags.storage import BagMessage, StorageFile
-from adaptive_blf_control.bags.storage_files import named_file, open_file, storage_files
+from adaptive_blf_control.bags.storage_files import (
+    check_contiguous,
+    named_file,
+    open_file,
+    storage_files,
+)
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.cdr import (
     decode_float64,
@@ -72,7 +77,10 @@ class Bag:
 
     def __init__(self, path: Path, files: Sequence[StorageFile],
                  metadata: BagMetadata | None = None, problem: str | None = None) -> None:
-        """Pass over all files once; BagError where no message can be read.
+        """Pass over all files once.
+
+        BagError where no message can be read, or files without metadata.yaml cannot belong
+        together.
 
         Args:
             path: The folder or file, for error messages.
@@ -83,10 +91,17 @@ class Bag:
         self.path = path
         self._files = files
         counts: dict[str, int] = {}
+        spans = []
         for file in files:
-            for number, _, _ in file.messages():
+            times: tuple[int, ...] = ()
+            for number, log_time_ns, _ in file.messages():
                 topic = file.channels[number].topic
                 counts[topic] = counts.get(topic, 0) + 1
+                times = (*times[:1], log_time_ns)
+            if times:
+                spans.append((file.path, times[0], times[-1]))
+        if metadata is None:
+            check_contiguous(spans)
         problems = [*filter(None, [problem, *(file.problem for file in files)])]
         if not counts:
             raise BagError(problems[0] + ' (no message before it)' if problems else

@@ -26,7 +26,12 @@ from adaptive_blf_control.bags.metadata import (
     save_metadata,
     TopicMetadata,
 )
-from adaptive_blf_control.bags.storage_files import open_file, storage_files
+from adaptive_blf_control.bags.storage_files import (
+    check_contiguous,
+    listed,
+    open_file,
+    storage_files,
+)
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.definitions import MessageDefinition
@@ -60,12 +65,14 @@ class _Scan(NamedTuple):
         information: Its part of metadata.yaml.
         counts: Number of messages by topic.
         packed: Whether the file or some of its messages are compressed.
+        ends: Times of reception of its first and last message [ns]; of one or none, as many.
     """
 
     file: McapFile
     information: FileInformation
     counts: dict[str, int]
     packed: bool
+    ends: tuple[int, ...]
 
 
 def recover_bag(bag: Path | str, output: Path | str | None = None) -> Recovery:
@@ -89,6 +96,9 @@ def recover_bag(bag: Path | str, output: Path | str | None = None) -> Recovery:
     problem = problems[0] if problems else None
     if problem and not any(scan.counts for scan in scans):
         raise BagError(f'{problem} (no message before it)')
+    if bag.is_dir() and not listed(bag) >= {path.name for path in paths}:
+        check_contiguous((scan.file.path, scan.ends[0], scan.ends[-1])
+                         for scan in scans if scan.counts)
     metadata = _metadata_of(scans, bag if bag.is_dir() else bag.parent)
     packed = any(scan.packed for scan in scans)
     if bag.is_dir() and problem is None and output is None and not packed:
@@ -104,9 +114,11 @@ def _scan(path: Path) -> _Scan:
         raise BagError(f'{path} is not an MCAP file: only bags with MCAP storage are recovered')
     counts: dict[int, int] = {}
     first, last, packed = EMPTY_START, 0, path.suffix in PACKED_SUFFIXES
+    ends: tuple[int, ...] = ()
     for channel, log_time, data in file.messages():
         packed = packed or is_packed(data)
         counts[channel] = counts.get(channel, 0) + 1
+        ends = (*ends[:1], log_time)
         first, last = min(first, log_time), max(last, log_time)
     by_topic: dict[str, int] = {}
     for channel, count in counts.items():
@@ -114,7 +126,7 @@ def _scan(path: Path) -> _Scan:
         by_topic[topic] = by_topic.get(topic, 0) + count
     total = sum(by_topic.values())
     return _Scan(file, FileInformation(path.name, first, max(last - first, 0) if total else 0,
-                                       total), by_topic, packed)
+                                       total), by_topic, packed, ends)
 
 
 def _metadata_of(scans: Sequence[_Scan], folder: Path) -> BagMetadata:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 import re
@@ -15,8 +15,9 @@ from adaptive_blf_control.bags.metadata import load_metadata
 from adaptive_blf_control.bags.sqlite_file import SqliteFile
 from adaptive_blf_control.errors import BagError, GIT_LFS_POINTER
 
-__all__ = ['named_file', 'open_file', 'storage_files']
+__all__ = ['check_contiguous', 'listed', 'named_file', 'open_file', 'storage_files']
 
+OVERLAP, PAUSE = 10**9, 60 * 10**9  # ns between two parts of a recording
 _START = 40  # bytes that tell what a file is
 
 
@@ -74,7 +75,7 @@ def storage_files(folder: Path) -> list[Path]:
     if not found:
         raise BagError(f'{folder} is not a bag: it has no .mcap or .db3 file')
     recordings = {re.sub(r'_\d+(?=\.\w+$)', '', name) for name in found}
-    if len(recordings) > 1 and not set(found) <= _listed(folder):
+    if len(recordings) > 1 and not set(found) <= listed(folder):
         raise BagError(f'{folder} holds several recordings: {", ".join(sorted(found))}: expected '
                        'files of one bag, whose names differ in their number only: name one file')
 
@@ -85,7 +86,28 @@ def storage_files(folder: Path) -> list[Path]:
     return [found[name] for name in sorted(found, key=number)]
 
 
-def _listed(folder: Path) -> set[str]:
+def check_contiguous(spans: Iterable[tuple[Path, int, int]]) -> None:
+    """Refuse files that cannot be parts of one recording, by their times.
+
+    rosbag2 begins a file with the message after the last one of the file before.
+
+    Args:
+        spans: File, first and last time of reception [ns], in order; of files with messages.
+
+    Raises:
+        BagError: a file begins long after, or before, the end of the one before it.
+    """
+    before: tuple[Path, int] | None = None
+    for path, first, last in spans:
+        if before is not None and not -OVERLAP <= first - before[1] <= PAUSE:
+            raise BagError(f'{path.parent} holds several recordings: {path.name} begins '
+                           f'{(first - before[1]) / 1e9:.7g} s after the end of '
+                           f'{before[0].name}: name one file')
+        before = path, last
+
+
+def listed(folder: Path) -> set[str]:
+    """Return the files that metadata.yaml lists, without suffixes of compression; maybe none."""
     names: Sequence[str] = ()
     with suppress(BagError):  # it may be missing or damaged
         names = [item.path for item in load_metadata(folder).files]

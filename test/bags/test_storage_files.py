@@ -17,13 +17,13 @@ from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.cdr import encode_int32
 
 
-def put(folder: Path, *names: str) -> Path:
-    """Write a bag of one message under each name into a folder without metadata.yaml."""
+def put(folder: Path, *names: str, apart: float = 0.0) -> Path:
+    """Write a bag of one message under each name, some seconds apart, without metadata.yaml."""
     folder.mkdir()
-    for name in names:
+    for number, name in enumerate(names):
         with BagWriter(folder / 'made') as writer:
             writer.add_topic('/n', 'std_msgs/msg/Int32')
-            writer.write('/n', encode_int32(1), 1)
+            writer.write('/n', encode_int32(1), 10**12 + round(number * apart * 1e9))
         shutil.move(folder / 'made/made_0.mcap', folder / name)
         shutil.rmtree(folder / 'made')
     return folder
@@ -54,6 +54,28 @@ def test_parts_of_one_recording_are_ordered_by_number(tmp_path):
     folder = put(tmp_path / 'logs', 'run_10.mcap', 'run_9.mcap', 'run_0.mcap')
     assert [file.name for file in storage_files(folder)] == [
         'run_0.mcap', 'run_9.mcap', 'run_10.mcap']
+
+
+@pytest.mark.parametrize(('apart', 'one'), [
+    (0.01, True), (50.0, True), (-0.5, True), (70.0, False), (-2.0, False), (86400.0, False)])
+def test_files_are_parts_of_one_recording_where_their_times_follow(tmp_path, apart, one):
+    folder = put(tmp_path / 'logs', 'run_1.mcap', 'run_2.mcap', apart=apart)
+    if one:
+        assert read_bag(folder).topics['/n'].count == 2
+        assert recover_bag(folder).messages == 2
+        return
+    for use in (read_bag, recover_bag):
+        with pytest.raises(BagError, match=rf'run_2.mcap begins {apart:g} s after the end of run'):
+            use(folder)
+    assert not (folder / 'metadata.yaml').exists()
+
+
+def test_metadata_says_that_a_pause_between_two_files_is_one(tmp_path):
+    folder = put(tmp_path / 'logs', 'run_0.mcap', 'run_1.mcap', apart=500.0)
+    save_metadata(folder, BagMetadata(tuple(
+        FileInformation(f'run_{i}.mcap', 10**12 + i * 500 * 10**9, 0, 1) for i in range(2))))
+    assert read_bag(folder).topics['/n'].count == 2
+    assert recover_bag(folder).messages == 2
 
 
 @pytest.mark.parametrize(('content', 'words'), [
