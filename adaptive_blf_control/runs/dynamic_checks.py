@@ -17,7 +17,8 @@ from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.runs.finding import Excerpt, Finding, WARNING
 
-__all__ = ['Pairs', 'delay_findings', 'filtered_pairs', 'gravity_findings', 'unit_findings']
+__all__ = ['Pairs', 'delay_findings', 'filtered_pairs', 'gravity_findings', 'observer',
+           'unit_findings']
 
 ROWS = 1500  # pairs of each joint that least squares see
 EARLIEST, LATEST = 0.05, 0.15  # s, shifts of the effort that are tried
@@ -41,6 +42,13 @@ class Pairs(NamedTuple):
     period: float
 
 
+def observer(arm: Arm, settings: IdentifierSettings) -> Identifier:
+    """Return an identifier that is only there for its filters."""
+    return Identifier(arm, settings.replace(**{
+        'history.size': 1, 'change.window': 0.0, 'excitation.window': 0.0,
+        'initial_estimate': [0.0], 'gamma': [1.0]}))
+
+
 def filtered_pairs(log: Excerpt, arm: Arm, settings: IdentifierSettings, *,
                    shifted: bool = True) -> Pairs | None:
     """Filter an excerpt as the identifier does; None where it is too short for that.
@@ -55,9 +63,7 @@ def filtered_pairs(log: Excerpt, arm: Arm, settings: IdentifierSettings, *,
     lags = lags[:: max(1, len(lags) // 80)] if shifted else np.zeros(1, dtype=int)
     if shifted and 0 not in lags:
         lags = np.sort(np.append(lags, 0))
-    identifier = Identifier(arm, settings.replace(**{
-        'history.size': 1, 'change.window': 0.0, 'excitation.window': 0.0,
-        'initial_estimate': [0.0], 'gamma': [1.0]}))
+    identifier = observer(arm, settings)
     settled = np.zeros(len(log.t), dtype=bool)
     regressors = np.empty((len(log.t), arm.n, arm.m))
     torques = np.empty((len(log.t), arm.n))

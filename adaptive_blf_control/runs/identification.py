@@ -211,10 +211,11 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
     if options is not None and not isinstance(options, LogOptions):
         raise ParameterError('options', options, 'LogOptions')
     options = options or LogOptions()
-    reader = LogReader(arm, chosen, replace(options, topic=topic or options.topic), filled)
+    identifier = build_identifier(chosen, arm)
+    reader = LogReader(arm, chosen, replace(options, topic=topic or options.topic), filled,
+                       identifier.memory)
     sections = reader.sections(several(log), [] if validate is None else several(validate),
                                train, test)
-    identifier = build_identifier(chosen, arm)
     result = learn(identifier, sections)
     _check_used(result, chosen.filter, source, test == NO_TEST and validate is None)
     judged, consistent = result.uncertainty, None

@@ -16,6 +16,7 @@ from adaptive_blf_control.runs.dynamic_checks import (
     delay_findings,
     filtered_pairs,
     gravity_findings,
+    observer,
     Pairs,
     unit_findings,
 )
@@ -59,7 +60,7 @@ def check_log(log: MeasuredLog, arm: Arm, settings: IdentifierSettings,
 def _against_model(log: MeasuredLog, period: float, arm: Arm, settings: IdentifierSettings,
                    weightless: Callable[[], Arm] | None,
                    described_masses: bool) -> Iterator[Finding]:
-    settle = settings.filter.settle * settings.filter.memory
+    settle = settings.filter.settle * observer(arm, settings).memory
     block = max(_BLOCK_ROWS, round(3.0 * settle / period))
     part = excerpt(log, _BLOCKS * block, _BLOCKS)
     pairs = filtered_pairs(part, arm, settings)

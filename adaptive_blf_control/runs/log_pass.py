@@ -15,7 +15,7 @@ from adaptive_blf_control.bags.logs import MeasuredLog
 from adaptive_blf_control.bags.row_store import RowStore
 from adaptive_blf_control.errors import LogError, ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.identification.residuals import Residuals
+from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import estimate_uncertainty, Uncertainty
 from adaptive_blf_control.runs.batch_fit import BatchFit
 
@@ -191,7 +191,7 @@ class _Pass:
         n, m = identifier.arm.n, identifier.arm.m
         self._identifier = identifier
         self._train, self._test = BatchFit(n, m), BatchFit(n, m)
-        self._residuals = Residuals(n)
+        self._seen = PairTimes()
         self._seconds = array('d')
         self._tested = RowStore(1 + 3 * n)
         self._judged: Uncertainty | None = None
@@ -215,7 +215,7 @@ class _Pass:
                 begin = time.perf_counter()  # how long the work takes, not a time of the logic
                 identifier.update(*sample)
                 self._seconds.append(time.perf_counter() - begin)
-                self._residuals.observe(t, identifier)
+                self._seen.observe(t, identifier)
             else:
                 identifier.observe(*sample)
             advanced = identifier.pair is not before and identifier.restarts == restarts
@@ -230,7 +230,7 @@ class _Pass:
         elif tested:
             self._test.add(*identifier.pair)
         if tested:
-            self._judged = self._judged or estimate_uncertainty(identifier.stack, self._residuals)
+            self._judged = self._judged or estimate_uncertainty(identifier, self._seen)
             self._tested.append(np.concatenate([[t], *_predicted(identifier, self._judged)]))
 
     def result(self) -> LogPass:
@@ -238,7 +238,7 @@ class _Pass:
         n, rows = self._identifier.arm.n, self._tested.table()
         prediction = Prediction(rows[:, 0], *(rows[:, 1 + k * n:1 + (k + 1) * n]
                                               for k in range(3)))
-        judged = self._judged or estimate_uncertainty(self._identifier.stack, self._residuals)
+        judged = self._judged or estimate_uncertainty(self._identifier, self._seen)
         return LogPass(self._train, self._test, np.array(self._seconds), prediction, judged)
 
 

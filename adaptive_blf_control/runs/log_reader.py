@@ -29,7 +29,7 @@ class LogReader:
     """
 
     def __init__(self, arm: Arm, settings: IdentifierNodeSettings, options: LogOptions,
-                 filled: Sequence[str]) -> None:
+                 filled: Sequence[str], memory: float) -> None:
         """Read for an arm.
 
         Args:
@@ -37,9 +37,10 @@ class LogReader:
             settings: Those of the identifier, and what the arm was made of.
             options: How logs are read.
             filled: Links of the URDF that have no mass of their own.
+            memory: How long the filters remember a sample [s].
         """
         self._arm, self._settings, self._options = arm, settings, options
-        self._described = not filled
+        self._described, self._settle = not filled, _SETTLED * memory
         self.findings: list[Finding] = []
         self.notes = [f'the URDF has no mass for {", ".join(filled)}: 1 kg is taken, which no '
                       'regressor depends on'] if filled else []
@@ -59,14 +60,13 @@ class LogReader:
             LogError: a log cannot be read, cannot be right, or is too short.
             ParameterError: a span cannot be used.
         """
-        settle = _SETTLED * self._settings.filter.memory
         if others:
             train, test = ':' if train is None else train, NO_TEST if test is None else test
         made = []
         for source in logs:
             log = self._read(source)
             try:
-                made.append(choose_spans(log, train, test, settle))
+                made.append(choose_spans(log, train, test, self._settle))
             except LogError as exc:
                 raise LogError(f'{name_of(source)}: {exc}') from exc
             self.notes += made[-1].notes
@@ -77,8 +77,10 @@ class LogReader:
 
     def _read(self, source: Log) -> MeasuredLog:
         settings = self._settings
-        log = read_converted(source, self._arm.joints, self._options,
-                             velocity=settings.filter.state_order == 0)
+        filters = settings.filter
+        log = read_converted(
+            source, self._arm.joints, self._options,
+            velocity=filters.state_order == 0 or filters.state_filter != 'low_pass')
         found = check_log(log, self._arm, settings,
                           self._weightless if self._has_gravity() else None, self._described)
         if not self._options.force:

@@ -106,6 +106,8 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
             raise ParameterError(name, str(path), 'a file in a folder that exists')
         if path is not None and path.exists() and not options.overwrite:
             raise ParameterError(name, str(path), 'a new file, or --overwrite')
+    if options.urdf_out is not None and str(options.urdf_out) == options.urdf:
+        raise ParameterError('--urdf-out', str(options.urdf_out), 'another file than --urdf')
     try:
         result = identify(options.log, settings=settings, train=options.train,
                           test=options.test, validate=options.validate or None,

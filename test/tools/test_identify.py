@@ -437,6 +437,10 @@ def test_urdf_without_masses_teaches_the_same(capsys, tmp_path, files):
                                'regressor depends on']
 
 
+def test_the_given_urdf_is_not_overwritten(capsys, files):
+    assert 'another file than --urdf' in complaint(capsys, [*files, '--urdf-out', files[2]])
+
+
 def test_missing_urdf_is_asked_for(capsys, files):
     assert '--urdf FILE' in complaint(capsys, [files[0], *files[3:]])
 
