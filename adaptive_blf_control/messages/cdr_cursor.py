@@ -9,7 +9,7 @@ import numpy as np
 
 from adaptive_blf_control.errors import BagError
 
-__all__ = ['ENCAPSULATION_LE', 'HEADER_SIZE', 'Cursor', 'align', 'encode_string']
+__all__ = ['ENCAPSULATION_LE', 'HEADER_SIZE', 'Cursor', 'align', 'encode_string', 'is_cdr']
 
 HEADER_SIZE = 4
 ENCAPSULATION_LE = b'\x00\x01\x00\x00'
@@ -19,6 +19,15 @@ _ORDER = {b'\x00\x01': '<', b'\x00\x00': '>'}
 def align(offset: int, size: int) -> int:
     """Return the next offset that is a multiple of `size` counted after the header."""
     return offset + (HEADER_SIZE - offset) % size
+
+
+
+def is_cdr(data: bytes) -> bool:
+    """Return whether data begin with the encapsulation header of some CDR representation.
+
+    Those of DDS-XTypes 1.3, 7.6.2.1.2, are 0x0000 to 0x000b.
+    """
+    return len(data) >= HEADER_SIZE and data[0] == 0 and data[1] <= 0x0b
 
 
 def encode_string(text: str, what: str) -> bytes:

@@ -14,8 +14,9 @@ import time
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from adaptive_blf_control.bags.reader import Bag, BagMessage, JOINT_STATE
+from adaptive_blf_control.bags.reader import Bag, BagMessage
 from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.joint_readers import JOINT_STATE
 from adaptive_blf_control.messages.joint_state import decode_joint_state
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, COMMANDS, JOINT_STATES
 from adaptive_blf_control.runtime.answers import Answers, NoAnswer, stamp_of
