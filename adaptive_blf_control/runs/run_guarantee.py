@@ -17,9 +17,9 @@ from adaptive_blf_control.control.guarantee import (
 )
 from adaptive_blf_control.control.law import errors
 from adaptive_blf_control.control.laws.ablf import AblfLaw
+from adaptive_blf_control.simulation.abilities import unexpressed_by
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import known_truth, truth_of
-from adaptive_blf_control.simulation.truth_fit import unexpressed_by
 
 __all__ = ['RunGuarantee', 'guarantee_of_trace', 'why_not']
 

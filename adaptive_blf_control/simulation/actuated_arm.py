@@ -19,8 +19,6 @@ from adaptive_blf_control.simulation.wrenches import UrdfLinks, Wrenches
 
 __all__ = ['ActuatedArm', 'arm_alone', 'is_actuated']
 
-STEP = 0.00025  # s, over which the torque of a force is held
-
 
 def is_actuated(settings: PlantSettings) -> bool:
     """Return whether an arm needs actuators, or is pushed."""
@@ -86,15 +84,11 @@ class ActuatedArm(SimulatedArm):
         self.torque = self._actuators.torque
 
     def _move(self, span: float) -> None:
-        """Move on by ``span`` [s] under one command."""
+        """Move on by ``span`` [s]; the torques of command and forces are held."""
         acting = self.torque
         if self._wrenches.by_link:
-            steps = max(math.ceil(span / STEP - 1e-6), 1)
-            for _ in range(steps):
-                self.torque = acting + self._links.torque(self.q, self._wrenches)
-                super().advance(span / steps)
-        else:
-            super().advance(span)
+            self.torque = acting + self._links.torque(self.q, self._wrenches)
+        super().advance(span)
         self.torque = acting
         self._actuators.act(span)
 

@@ -54,10 +54,7 @@ class Actuators:
         """Take a command of time ``t`` [s], shape (n,) [N·m]."""
         settings = self._settings
         late = settings.jitter * self._random.random() if settings.jitter > 0.0 else 0.0
-        at = t + settings.delay + late
-        if self._under_way:
-            at = max(at, self._under_way[-1][0])
-        self._under_way.append((at, limited(torque, self.torque_limit)))
+        self._under_way.append((t + settings.delay + late, limited(torque, self.torque_limit)))
         self.advance_to(t)
 
     def advance_to(self, t: float) -> None:

@@ -201,17 +201,19 @@ class MujocoPlant(Plant):
         model, data, outside = self.arm_model, self.data, self._surroundings
         steps = max(math.ceil((until - self.t) / self._settings.mujoco.step - 1e-6), 1)
         step = model.model.opt.timestep = (until - self.t) / steps
-        held = self._actuators.torque - model.offset
-        data.qfrc_applied[model.velocity] = held
-        if outside.act:
+        torque = self._actuators.torque
+        data.qfrc_applied[model.velocity] = torque - model.offset
+        if outside.act or model.square_root.any():
             for k in range(steps):
-                data.qfrc_applied[model.velocity] = held + outside.torque(data)[model.velocity]
+                data.qfrc_applied[model.velocity] = (
+                    torque - model.resistance(self.qd) + outside.torque(data)[model.velocity])
                 self._mujoco.mj_step(model.model, data)
                 outside.watch(data, self.t + k * step, self.t + (k + 1) * step)
         else:
             self._mujoco.mj_step(model.model, data, steps)
         if not np.all(np.isfinite(data.qvel)):
-            raise ArmError(f'MuJoCo diverges at {self.t:.4f} s with the torque {held.tolist()}')
+            raise ArmError(f'MuJoCo diverges at {self.t:.4f} s with the torque '
+                           f'{torque.tolist()}')
         self._actuators.act(until - self.t)
         self.t = until
 
