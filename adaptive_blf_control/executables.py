@@ -18,6 +18,7 @@ NODES: dict[str, str] = {
 
 TOOLS: dict[str, str] = {
     'demo': "the four nodes as separate processes on the paper's two-link task",
+    'configure': 'a parameter file for any URDF arm, with the reason of each gain',
     'simulate': 'the closed loop of a scenario without ROS, as fast as it runs',
     'identify': 'learn the parameters of a measured robot from its log',
     'play': 'publish a bag again with its clock, on machines without rosbag2',

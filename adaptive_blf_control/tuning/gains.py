@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gains of the law and of the update law from inertia, friction and delay.
+
+Near e1 = 0, with b the bound of e1, c the weight of the barrier and p = k1 b⁴, the law (38) with
+the update law's −Γ Xᵀe2 (37) is a damping and a stiffness that act late by D (`loop_delay`):
+
+    M ë1 = −(K2 + pM) ė1(t − D) − (p K2 + C/b² + X Γ Xᵀ) e1(t − D) − p XΓXᵀ ∫e1
+
+The damping gets a third of what the delay allows, Λ = λ_limit/3: a gain margin of 3 and a phase
+margin of 60° before there is any stiffness. The stiffness gets Λ²/4, which without delay damps
+critically; with the delay 45° of phase remain. In parts:
+
+* p = λ/10 and λ_max(M⁻¹ K2) = λ with λ + p = Λ: k2_i = λ least_i/coupling (`SeenInertia`);
+* the barrier, Λ²/16 at e1 = 0, so that up to half the bound, where its slope is 4 times as
+  steep, it stays within the budget: c_i = b_i² k2_i Λ/16;
+* the adaptation, Λ²/8: λ_max(M⁻¹ X Γ Xᵀ) ≤ Σ_j Γ_j ‖M^(−½) x_j‖² with x_j the columns of X, so
+  every parameter gets the same part, Γ_j = Λ²/(8 m max ‖M^(−½) x_j‖²).
+
+Viscous friction F that the arm has and θ̂ knows allows more damping. Its compensation is late, too:
+Mė2 = −F q̇ + F̂ q̇(t − D) − K2 e2(t − D). On the stability limit some x would make
+jω x*Mx + x*F x (1 − (1 − β) e^(−jωD)) + x*K x e^(−jωD) zero, where K2 = K + βF; for 0 ≤ β ≤ 1 and
+λ_max(M⁻¹K) D < π/2 there is none: the real part needs cos ωD < 0 and x*Kx > x*Fx, and the imaginary
+part then ω x*Mx < x*Kx, which that limit excludes. So βF comes on top, with β = ½: it stays stable
+where the true friction is half the nominal one.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.tuning.inertia import ReferenceStates, SeenInertia
+from adaptive_blf_control.tuning.loop_delay import LoopDelay
+
+__all__ = ['FRICTION', 'GAIN_MARGIN', 'Gains', 'adaptation_gain', 'adaptation_stiffness',
+           'law_gains', 'total_rate']
+
+GAIN_MARGIN = 3.0
+OUTER = 0.1  # p/λ
+BARRIER, ADAPTATION = 1.0 / 16.0, 1.0 / 8.0  # parts of Λ²
+FRICTION = 0.5  # β
+UNSEEN = 1e-9  # part of the largest column of X below which a parameter has no effect
+
+
+class Gains(NamedTuple):
+    """Gains of the law; arrays of shape (n,).
+
+    Attributes:
+        k1: [1/(s·rad⁴)].
+        k2: [N·m·s/rad].
+        barrier_weight: [J].
+    """
+
+    k1: np.ndarray
+    k2: np.ndarray
+    barrier_weight: np.ndarray
+
+
+def total_rate(delay: LoopDelay) -> float:
+    """Return Λ, the damping that a loop with this delay gets [1/s]."""
+    return delay.largest_rate / GAIN_MARGIN
+
+
+def law_gains(inertia: SeenInertia, friction: np.ndarray, bound: np.ndarray,
+              delay: LoopDelay) -> Gains:
+    """Return the gains of the law; see the module.
+
+    Args:
+        inertia: That the joints see along the reference.
+        friction: Viscous coefficients that the model knows, ≥ 0, shape (n,) [N·m·s/rad].
+        bound: Bounds of e1, > 0, shape (n,) [rad].
+        delay: Of the loop.
+    """
+    total = total_rate(delay)
+    rate = total / (1.0 + OUTER)
+    k2 = rate * inertia.least / inertia.coupling + FRICTION * friction
+    return Gains(OUTER * rate / bound ** 4, k2, BARRIER * total * bound ** 2 * k2)
+
+
+def adaptation_gain(arm: Arm, masses: np.ndarray, states: ReferenceStates,
+                    delay: LoopDelay) -> np.ndarray:
+    """Return the diagonal of Γ, shape (m,); see the module.
+
+    Args:
+        arm: The arm.
+        masses: M(q) along the reference, shape (K, n, n) [kg·m²].
+        states: The reference.
+        delay: Of the loop.
+    """
+    effect = np.zeros(arm.m)
+    for x, inverse in zip(_regressors(arm, states), np.linalg.inv(masses)):
+        effect = np.maximum(effect, np.einsum('ij,ik,kj->j', x, inverse, x))
+    effect = np.maximum(effect, UNSEEN * effect.max())
+    return np.asarray(ADAPTATION * total_rate(delay) ** 2 / (arm.m * effect))
+
+
+def adaptation_stiffness(arm: Arm, masses: np.ndarray, states: ReferenceStates,
+                         gamma: np.ndarray) -> np.ndarray:
+    """Return max (M⁻¹ X Γ Xᵀ)_ii along the reference, shape (n,) [1/s²]; arguments as above."""
+    products = [np.linalg.solve(mass, x * gamma @ x.T)
+                for x, mass in zip(_regressors(arm, states), masses)]
+    return np.asarray(np.diagonal(products, axis1=1, axis2=2).max(axis=0))
+
+
+def _regressors(arm: Arm, states: ReferenceStates) -> list[np.ndarray]:
+    return [arm.X(q, qd, qd, qdd) for q, qd, qdd in zip(*states)]

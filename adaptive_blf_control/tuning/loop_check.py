@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the gains of a controller fit the arm, its reference and the delay of its loop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.control.controller import Controller
+from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.tuning.gains import adaptation_stiffness, FRICTION, law_gains
+from adaptive_blf_control.tuning.inertia import (
+    damping_rate,
+    known_masses,
+    reference_states,
+    seen_inertia,
+    SeenInertia,
+    viscous_friction,
+)
+from adaptive_blf_control.tuning.loop_delay import LoopDelay, phase_margin
+
+__all__ = ['LoopCheck', 'check_loop']
+
+LEAST_GAIN_MARGIN, LEAST_PHASE = 1.5, math.radians(15.0)  # below these there is a warning
+
+
+class LoopCheck(NamedTuple):
+    """The margins of a loop along its reference; arrays of shape (n,).
+
+    Attributes:
+        joints: Names of the joints.
+        model: Whose inertia was taken, ``estimate`` or ``nominal``.
+        delay: Of the loop.
+        inertia: What the joints see.
+        rate: λ_max(M⁻¹ K2) over the postures [1/s].
+        phase: Phase margin of each joint with its barrier, other joints giving way [rad].
+        k2: Present gains [N·m·s/rad].
+        weight: Present weights of the barrier [J].
+        fitting_k2: Largest gains with a gain margin of 3 [N·m·s/rad].
+        fitting_weight: Weights of the barrier that go with them [J].
+    """
+
+    joints: tuple[str, ...]
+    model: str
+    delay: LoopDelay
+    inertia: SeenInertia
+    rate: float
+    phase: np.ndarray
+    k2: np.ndarray
+    weight: np.ndarray
+    fitting_k2: np.ndarray
+    fitting_weight: np.ndarray
+
+    @property
+    def unstable(self) -> bool:
+        """Whether the linearised loop oscillates."""
+        return self.rate >= self.delay.largest_rate or bool((self.phase <= 0.0).any())
+
+    def problems(self) -> Iterator[str]:
+        """Yield a sentence for what is unstable or close to it, with the gains that would do."""
+        limit = self.delay.largest_rate
+        if self.rate * LEAST_GAIN_MARGIN > limit:
+            yield (f'k2: λ_max(M⁻¹ k2) reaches {self.rate:.4g} 1/s along the reference with the '
+                   f'{self.model} parameters; a loop with {self._delay_text()} '
+                   + ('is unstable from' if self.rate >= limit else 'has little margin to')
+                   + f' {limit:.4g} 1/s. {self._fitting("k2", self.k2, self.fitting_k2)}')
+        elif (self.phase < LEAST_PHASE).any():
+            worst = int(np.argmin(self.phase))
+            yield (f'barrier_weight: joint {self.joints[worst]!r} has a phase margin of '
+                   f'{math.degrees(self.phase[worst]):.0f} degrees: the stiffness of its barrier '
+                   f'moves {self.inertia.least[worst]:.3g} kg·m² in a loop with '
+                   f'{self._delay_text()}. '
+                   + self._fitting('barrier_weight', self.weight, self.fitting_weight))
+
+    def refuse_unstable(self) -> None:
+        """Raise ParameterError where the loop is unstable, with what would do."""
+        if not self.unstable:
+            return
+        text = next(self.problems())
+        name, _, detail = text.partition(': ')
+        value = self.k2 if name == 'k2' else self.weight
+        raise ParameterError(f'controller.{name}', _rounded(value), f'a stable loop: {detail}')
+
+    def _delay_text(self) -> str:
+        return f'{1e3 * self.delay.total:.3g} ms of delay at {1.0 / self.delay.period:.4g} Hz'
+
+    def _fitting(self, name: str, present: np.ndarray, fitting: np.ndarray) -> str:
+        above = [self.joints[i] for i in np.flatnonzero(present > fitting)]
+        return (f'{name} {_rounded(np.minimum(present, fitting))} would do (lower for '
+                f'{", ".join(above)})')
+
+
+def check_loop(controller: Controller, theta: np.ndarray, delay: LoopDelay,
+               gamma: np.ndarray | None = None) -> LoopCheck | None:
+    """Return the margins of a loop, or None where no model tells the inertia of the arm.
+
+    Args:
+        controller: With its arm, gains, sets and reference.
+        theta: θ̂ in use, shape (m,); where it has no inertia the nominal arm counts.
+        delay: Of the loop.
+        gamma: Diagonal of Γ, shape (m,); None leaves the adaptation out.
+    """
+    arm, settings = controller.arm, controller.settings.resolved(joints=controller.arm.n)
+    states = reference_states(controller.reference)
+    known = known_masses(arm, theta, states.q)
+    if known is None:
+        return None
+    model, masses = known
+    inertia = seen_inertia(masses)
+    friction = viscous_friction(arm, theta if model == 'estimate' else arm.nominal)
+    damping = np.maximum(settings.k2 - FRICTION * friction, 0.0)
+    rates = _Rates(damping / inertia.least, 0.0 if gamma is None else adaptation_stiffness(
+        arm, masses, states, gamma))
+    bound = np.minimum(-settings.performance.lower, settings.performance.upper)
+    fitting = law_gains(inertia, friction, bound, delay)
+    return LoopCheck(arm.joints, model, delay, inertia, damping_rate(masses, damping),
+                     _phase(settings, inertia.least, rates, delay), settings.k2,
+                     settings.barrier_weight, fitting.k2, fitting.barrier_weight)
+
+
+class _Rates(NamedTuple):
+    damping: np.ndarray  # k2 per inertia [1/s]
+    adaptation: np.ndarray | float  # [1/s²]
+
+
+def _phase(settings: ControllerSettings, inertia: np.ndarray, rates: _Rates,
+           delay: LoopDelay) -> np.ndarray:
+    """Return the phase margin of each joint on the side where it is smaller, (n,) [rad]."""
+    margins = []
+    for bound in (-settings.performance.lower, settings.performance.upper):
+        outer = settings.k1 * bound ** 4
+        barrier = settings.barrier_weight / (bound ** 2 * inertia)
+        margins.append(phase_margin(rates.damping + outer, outer * rates.damping + barrier
+                                    + rates.adaptation, delay))
+    return np.minimum(*margins)
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return [float(f'{value:.3g}') for value in values]
