@@ -46,7 +46,8 @@ def written_file(nodes: Mapping[str, RuntimeSettings], title: str = '',
 
 def _section(key: str, settings: Settings, names: set[str],
              reasons: Mapping[str, str]) -> list[str]:
-    table, explained, before = type(settings).table(), set[str](), ('',)
+    table, explained = type(settings).table(), set[str]()
+    before: tuple[str, ...] = ()
     lines = [f'{key}:', f'{STEP}ros__parameters:']
     for name, value in settings.values().items():
         if name not in names:

@@ -17,11 +17,14 @@ critically; with the delay 45° of phase remain. In parts:
   every parameter gets the same part, Γ_j = Λ²/(8 m max ‖M^(−½) x_j‖²).
 
 Viscous friction F that the arm has and θ̂ knows allows more damping. Its compensation is late, too:
-Mė2 = −F q̇ + F̂ q̇(t − D) − K2 e2(t − D). On the stability limit some x would make
-jω x*Mx + x*F x (1 − (1 − β) e^(−jωD)) + x*K x e^(−jωD) zero, where K2 = K + βF; for 0 ≤ β ≤ 1 and
-λ_max(M⁻¹K) D < π/2 there is none: the real part needs cos ωD < 0 and x*Kx > x*Fx, and the imaginary
-part then ω x*Mx < x*Kx, which that limit excludes. So βF comes on top, with β = ½: it stays stable
-where the true friction is half the nominal one.
+M ė2 = −F q̇ + F̂ q̇(t − D) − K2 e2(t − D). With K2 = K + βF, 0 < β ≤ 1, there is a vector x on the
+stability limit whose m = x*Mx, f = x*Fx and k = x*Kx make
+
+    jω m + f (1 − (1 − β) e^(−jωD)) + k e^(−jωD) = 0.
+
+The real part needs cos ωD < 0, so ωD > π/2, and k > f; the imaginary part ω m ≤ k sin ωD < ω m as
+long as k D/m < π/2: a contradiction. What K has by itself is enough, and βF comes on top of it.
+With β = ½ that holds even where the true friction is half the nominal one.
 """
 
 from __future__ import annotations

@@ -9,11 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.control.controller import Controller
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.control.reference import Reference
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.tuning.gains import adaptation_stiffness, FRICTION, law_gains
 from adaptive_blf_control.tuning.inertia import (
+    COUNT,
     damping_rate,
     known_masses,
     reference_states,
@@ -23,7 +25,7 @@ from adaptive_blf_control.tuning.inertia import (
 )
 from adaptive_blf_control.tuning.loop_delay import LoopDelay, phase_margin
 
-__all__ = ['LoopCheck', 'check_loop']
+__all__ = ['LoopCheck', 'check_loop', 'warnings_of_loop']
 
 LEAST_GAIN_MARGIN, LEAST_PHASE = 1.5, math.radians(15.0)  # below these there is a warning
 
@@ -94,18 +96,21 @@ class LoopCheck(NamedTuple):
                 f'{", ".join(above)})')
 
 
-def check_loop(controller: Controller, theta: np.ndarray, delay: LoopDelay,
-               gamma: np.ndarray | None = None) -> LoopCheck | None:
+def check_loop(arm: Arm, settings: ControllerSettings, reference: Reference, theta: np.ndarray,
+               delay: LoopDelay, *, gamma: np.ndarray | None = None,
+               count: int = COUNT) -> LoopCheck | None:
     """Return the margins of a loop, or None where no model tells the inertia of the arm.
 
     Args:
-        controller: With its arm, gains, sets and reference.
+        arm: The arm.
+        settings: Gains and sets.
+        reference: Along which the inertia is taken.
         theta: θ̂ in use, shape (m,); where it has no inertia the nominal arm counts.
         delay: Of the loop.
         gamma: Diagonal of Γ, shape (m,); None leaves the adaptation out.
+        count: Number of postures.
     """
-    arm, settings = controller.arm, controller.settings.resolved(joints=controller.arm.n)
-    states = reference_states(controller.reference)
+    settings, states = settings.resolved(joints=arm.n), reference_states(reference, count)
     known = known_masses(arm, theta, states.q)
     if known is None:
         return None
@@ -120,6 +125,25 @@ def check_loop(controller: Controller, theta: np.ndarray, delay: LoopDelay,
     return LoopCheck(arm.joints, model, delay, inertia, damping_rate(masses, damping),
                      _phase(settings, inertia.least, rates, delay), settings.k2,
                      settings.barrier_weight, fitting.k2, fitting.barrier_weight)
+
+
+def warnings_of_loop(check: LoopCheck | None, unstable: str) -> Iterator[str]:
+    """Yield what is to be said about a loop before it runs.
+
+    Args:
+        check: Its margins.
+        unstable: ``controller.loop.unstable``.
+
+    Raises:
+        ParameterError: it is unstable, and ``unstable`` is ``refuse``.
+    """
+    if check is None:
+        yield ('neither the estimate nor the nominal parameters have an inertia along the '
+               'reference: nothing is known about the stability of the gains')
+        return
+    if unstable == 'refuse':
+        check.refuse_unstable()
+    yield from check.problems()
 
 
 class _Rates(NamedTuple):

@@ -16,7 +16,7 @@ from adaptive_blf_control.configuration.node_settings import (
     RecorderSettings,
     RuntimeSettings,
 )
-from adaptive_blf_control.tuning.gains import GAIN_MARGIN, total_rate
+from adaptive_blf_control.tuning.gains import total_rate
 from adaptive_blf_control.tuning.recipe import Recipe
 
 __all__ = ['node_settings_of', 'reasons_of']
@@ -81,7 +81,9 @@ def _controller(recipe: Recipe) -> dict[str, Any]:
         'torque_rate_limit': _significant(2.0 * total_rate(robot.loop) * recipe.torque_limit),
         'safety.lower': motion.safety_lower, 'safety.upper': motion.safety_upper,
         'performance.lower': -motion.bound, 'performance.upper': motion.bound,
-        'state_timeout': _timeout(robot.rate)}
+        'state_timeout': _timeout(robot.rate), 'loop.rate': robot.rate,
+        'loop.delay': robot.delay, 'loop.velocity_lag': robot.velocity_lag,
+        'loop.unstable': 'refuse'}
     for joint, sinusoid in zip(recipe.arm.joints, motion.sinusoids):
         values |= {f'reference.{joint}.{name}': value
                    for name, value in sinusoid.values().items()}

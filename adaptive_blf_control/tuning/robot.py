@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a robot: what its owner states, and the limits of its URDF or what stands in."""
+"""What is known of a robot: what its owner states, and the limits of its URDF."""
 
 from __future__ import annotations
 
