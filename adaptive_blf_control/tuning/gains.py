@@ -13,8 +13,7 @@ critically; with the delay 45° of phase remain. In parts:
 * p = λ/10 and λ_max(M⁻¹ K2) = λ with λ + p = Λ: k2_i = λ least_i/coupling (`SeenInertia`);
 * the barrier, Λ²/16 at e1 = 0, so that up to half the bound, where its slope is 4 times as
   steep, it stays within the budget: c_i = b_i² k2_i Λ/16;
-* the adaptation, Λ²/8: λ_max(M⁻¹ X Γ Xᵀ) ≤ Σ_j Γ_j ‖M^(−½) x_j‖² with x_j the columns of X, so
-  every parameter gets the same part, Γ_j = Λ²/(8 m max ‖M^(−½) x_j‖²).
+* the adaptation, Λ²/8: see `adaptation`.
 
 Viscous friction F that the arm has and θ̂ knows allows more damping. Its compensation is late, too:
 M ė2 = −F q̇ + F̂ q̇(t − D) − K2 e2(t − D). With K2 = K + βF, 0 < β ≤ 1, there is a vector x on the
@@ -37,14 +36,13 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.tuning.inertia import ReferenceStates, SeenInertia
 from adaptive_blf_control.tuning.loop_delay import LoopDelay
 
-__all__ = ['FRICTION', 'GAIN_MARGIN', 'Gains', 'adaptation_gain', 'adaptation_stiffness',
-           'law_gains', 'total_rate']
+__all__ = ['ADAPTATION', 'FRICTION', 'GAIN_MARGIN', 'Gains', 'adaptation_stiffness', 'law_gains',
+           'total_rate']
 
 GAIN_MARGIN = 3.0
 OUTER = 0.1  # p/λ
 BARRIER, ADAPTATION = 1.0 / 16.0, 1.0 / 8.0  # parts of Λ²
 FRICTION = 0.5  # β
-UNSEEN = 1e-9  # part of the largest column of X below which a parameter has no effect
 
 
 class Gains(NamedTuple):
@@ -82,30 +80,16 @@ def law_gains(inertia: SeenInertia, friction: np.ndarray, bound: np.ndarray,
     return Gains(OUTER * rate / bound ** 4, k2, BARRIER * total * bound ** 2 * k2)
 
 
-def adaptation_gain(arm: Arm, masses: np.ndarray, states: ReferenceStates,
-                    delay: LoopDelay) -> np.ndarray:
-    """Return the diagonal of Γ, shape (m,); see the module.
+def adaptation_stiffness(arm: Arm, masses: np.ndarray, states: ReferenceStates,
+                         gamma: np.ndarray) -> np.ndarray:
+    """Return max (M⁻¹ X Γ Xᵀ)_ii along the reference, shape (n,) [1/s²].
 
     Args:
         arm: The arm.
         masses: M(q) along the reference, shape (K, n, n) [kg·m²].
         states: The reference.
-        delay: Of the loop.
+        gamma: Diagonal of Γ, shape (m,).
     """
-    effect = np.zeros(arm.m)
-    for x, inverse in zip(_regressors(arm, states), np.linalg.inv(masses)):
-        effect = np.maximum(effect, np.einsum('ij,ik,kj->j', x, inverse, x))
-    effect = np.maximum(effect, UNSEEN * effect.max())
-    return np.asarray(ADAPTATION * total_rate(delay) ** 2 / (arm.m * effect))
-
-
-def adaptation_stiffness(arm: Arm, masses: np.ndarray, states: ReferenceStates,
-                         gamma: np.ndarray) -> np.ndarray:
-    """Return max (M⁻¹ X Γ Xᵀ)_ii along the reference, shape (n,) [1/s²]; arguments as above."""
-    products = [np.linalg.solve(mass, x * gamma @ x.T)
-                for x, mass in zip(_regressors(arm, states), masses)]
+    regressors = (arm.X(q, qd, qd, qdd) for q, qd, qdd in zip(*states))
+    products = [np.linalg.solve(mass, x * gamma @ x.T) for x, mass in zip(regressors, masses)]
     return np.asarray(np.diagonal(products, axis1=1, axis2=2).max(axis=0))
-
-
-def _regressors(arm: Arm, states: ReferenceStates) -> list[np.ndarray]:
-    return [arm.X(q, qd, qd, qdd) for q, qd, qdd in zip(*states)]

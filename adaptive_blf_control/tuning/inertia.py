@@ -10,8 +10,8 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.reference import Reference
 
-__all__ = ['COUNT', 'ReferenceStates', 'SeenInertia', 'damping_rate', 'known_masses', 'mass_matrices',
-           'reference_states', 'seen_inertia', 'viscous_friction']
+__all__ = ['COUNT', 'ReferenceStates', 'SeenInertia', 'damping_rate', 'known_masses',
+           'mass_matrices', 'reference_states', 'seen_inertia', 'viscous_friction']
 
 COUNT, SPAN = 200, 60.0  # postures that are looked at, over so many seconds of the reference
 

@@ -25,7 +25,7 @@ from adaptive_blf_control.tuning.inertia import (
 )
 from adaptive_blf_control.tuning.loop_delay import LoopDelay, phase_margin
 
-__all__ = ['LoopCheck', 'check_loop', 'warnings_of_loop']
+__all__ = ['LoopCheck', 'check_loop', 'joint_phases', 'warnings_of_loop']
 
 LEAST_GAIN_MARGIN, LEAST_PHASE = 1.5, math.radians(15.0)  # below these there is a warning
 
@@ -91,7 +91,7 @@ class LoopCheck(NamedTuple):
         return f'{1e3 * self.delay.total:.3g} ms of delay at {1.0 / self.delay.period:.4g} Hz'
 
     def _fitting(self, name: str, present: np.ndarray, fitting: np.ndarray) -> str:
-        above = [self.joints[i] for i in np.flatnonzero(present > fitting)]
+        above = [self.joints[i] for i in np.flatnonzero(present > 1.01 * fitting)]  # rounding is none
         return (f'{name} {_rounded(np.minimum(present, fitting))} would do (lower for '
                 f'{", ".join(above)})')
 
@@ -118,12 +118,12 @@ def check_loop(arm: Arm, settings: ControllerSettings, reference: Reference, the
     inertia = seen_inertia(masses)
     friction = viscous_friction(arm, theta if model == 'estimate' else arm.nominal)
     damping = np.maximum(settings.k2 - FRICTION * friction, 0.0)
-    rates = _Rates(damping / inertia.least, 0.0 if gamma is None else adaptation_stiffness(
-        arm, masses, states, gamma))
+    adaptation = 0.0 if gamma is None else adaptation_stiffness(arm, masses, states, gamma)
     bound = np.minimum(-settings.performance.lower, settings.performance.upper)
     fitting = law_gains(inertia, friction, bound, delay)
     return LoopCheck(arm.joints, model, delay, inertia, damping_rate(masses, damping),
-                     _phase(settings, inertia.least, rates, delay), settings.k2,
+                     joint_phases(settings, inertia.least + friction * delay.total,
+                                  adaptation, delay), settings.k2,
                      settings.barrier_weight, fitting.k2, fitting.barrier_weight)
 
 
@@ -146,20 +146,22 @@ def warnings_of_loop(check: LoopCheck | None, unstable: str) -> Iterator[str]:
     yield from check.problems()
 
 
-class _Rates(NamedTuple):
-    damping: np.ndarray  # k2 per inertia [1/s]
-    adaptation: np.ndarray | float  # [1/s²]
+def joint_phases(settings: ControllerSettings, inertia: np.ndarray,
+                 adaptation: np.ndarray | float, delay: LoopDelay) -> np.ndarray:
+    """Return the phase margin of each joint on the side where it is smaller, (n,) [rad].
 
-
-def _phase(settings: ControllerSettings, inertia: np.ndarray, rates: _Rates,
-           delay: LoopDelay) -> np.ndarray:
-    """Return the phase margin of each joint on the side where it is smaller, (n,) [rad]."""
-    margins = []
+    Args:
+        settings: Gains and performance set, of full length.
+        inertia: That the joints see, with F D for a friction F whose compensation is late by D:
+            F (1 − e^(−sD)) ≈ s F D; shape (n,) [kg·m²].
+        adaptation: Stiffness of the adaptation per inertia, shape (n,) [1/s²].
+        delay: Of the loop.
+    """
+    margins, rate = [], settings.k2 / inertia
     for bound in (-settings.performance.lower, settings.performance.upper):
         outer = settings.k1 * bound ** 4
         barrier = settings.barrier_weight / (bound ** 2 * inertia)
-        margins.append(phase_margin(rates.damping + outer, outer * rates.damping + barrier
-                                    + rates.adaptation, delay))
+        margins.append(phase_margin(rate + outer, outer * rate + barrier + adaptation, delay))
     return np.minimum(*margins)
 
 

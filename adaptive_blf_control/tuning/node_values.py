@@ -59,14 +59,15 @@ def _driver(recipe: Recipe) -> dict[str, Any]:
 def _identifier(recipe: Recipe) -> dict[str, Any]:
     filters, m = recipe.filters, recipe.arm.m
     values: dict[str, Any] = {
-        'initial_estimate': recipe.arm.nominal, 'gamma': _significant(recipe.gamma),
+        'initial_estimate': recipe.arm.nominal, 'gamma': _significant(recipe.adaptation.gamma),
+        'kt': _rounded(recipe.adaptation.kt), 'kh': _rounded(recipe.adaptation.kh),
         'filter.time_constant': filters.time_constant, 'filter.state_order': filters.state_order,
         'filter.state_time_constant': filters.state_time_constant,
         'filter.gap': max(0.05, 5.0 / recipe.robot.rate)}
     if filters.state_order:
-        return values | {'kt': 1.0, 'kh': 10000.0, 'history.size': max(100, 2 * m),
+        return values | {'history.size': max(100, 2 * m),
                          'history.epsilon': 0.03, 'history.minimum_growth': 0.05}
-    return values | {'kt': 10.0, 'kh': 1000.0, 'history.size': math.ceil(1.2 * m),
+    return values | {'history.size': math.ceil(1.2 * m),
                      'history.epsilon': 0.1}
 
 
@@ -98,8 +99,9 @@ def reasons_of(recipe: Recipe) -> Mapping[str, str]:
         'arm_driver.initial_position': 'Centre of the reference.',
         'arm_driver.dead_time': f'As stated, {1e3 * robot.delay:.3g} ms.',
         'arm_driver.substeps': 'So that viscous friction on small inertias is integrated stably.',
-        'identifier.gamma': 'Stiffness of the adaptation, X Gamma X^T against M, shared evenly '
-                            f'among {recipe.arm.m} parameters in a loop with {ms} of delay.',
+        'identifier.gamma': 'As uncertain as the URDF is, a quarter of every link; as fast as a '
+                            f'loop with {ms} of delay bears.',
+        'identifier.kh': 'So that the noise of the torque is weighted against Gamma.',
         'identifier.filter.time_constant': _filter_reason(recipe),
         'controller.k1': 'A tenth of the damping rate of k2, over bound^4.',
         'controller.k2': f'lambda_max(M^-1 k2) = {recipe.rate:.3g} 1/s along the reference, with '
@@ -149,4 +151,8 @@ def _timeout(rate: float) -> float:
 
 
 def _significant(values: np.ndarray) -> list[float]:
-    return [float(f'{value:.{SIGNIFICANT}g}') for value in values]
+    return [_rounded(value) for value in values]
+
+
+def _rounded(value: float) -> float:
+    return float(f'{value:.{SIGNIFICANT}g}')

@@ -9,9 +9,11 @@ import numpy as np
 
 from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
 from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.control.settings import ControllerSettings, PerformanceSettings
 from adaptive_blf_control.errors import ArmError
+from adaptive_blf_control.tuning.adaptation import Adaptation, adaptation_for, parameter_deviation
 from adaptive_blf_control.tuning.expected_error import static_error
-from adaptive_blf_control.tuning.gains import adaptation_gain, FRICTION, Gains, law_gains
+from adaptive_blf_control.tuning.gains import FRICTION, Gains, law_gains
 from adaptive_blf_control.tuning.inertia import (
     damping_rate,
     mass_matrices,
@@ -21,7 +23,7 @@ from adaptive_blf_control.tuning.inertia import (
     SeenInertia,
     viscous_friction,
 )
-from adaptive_blf_control.tuning.loop_delay import phase_margin
+from adaptive_blf_control.tuning.loop_check import joint_phases
 from adaptive_blf_control.tuning.motion_design import Motion, motion_within
 from adaptive_blf_control.tuning.robot import known_limits, Limits, Robot
 from adaptive_blf_control.tuning.sensing import Filters, filters_for
@@ -46,7 +48,7 @@ class Recipe:
         inertia: That the joints see along it, without and with the payload.
         friction: Viscous coefficients of the URDF [N·m·s/rad].
         gains: Of the law.
-        gamma: Diagonal of Γ, shape (m,).
+        adaptation: Gains of the update law.
         filters: Of the identifier.
         substeps: Runge-Kutta steps a sample that simulate the arm and its friction.
         rate: λ_max(M⁻¹ K2) along the reference, without the share of friction in k2 [1/s].
@@ -66,7 +68,7 @@ class Recipe:
     inertia: SeenInertia
     friction: np.ndarray
     gains: Gains
-    gamma: np.ndarray
+    adaptation: Adaptation
     filters: Filters
     substeps: int
     rate: float
@@ -103,16 +105,18 @@ def recipe(arm: UrdfArm, robot: Robot) -> Recipe:
     torques = inverse_dynamics(arm, loaded, *states)
     torque = np.abs(torques).max(axis=0)
     torque_limit, assumed = _torque_limit(arm, limits, torque)
+    filters = filters_for(robot, float(np.sqrt(np.mean(states.qd ** 2, axis=0)).max()),
+                          float(inertia.most.max()), float(np.sqrt(np.mean(torques ** 2))))
+    deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload)
     dry = _dry_friction(arm, torque_limit)
-    damping = gains.k2 - FRICTION * friction
     return Recipe(
         arm=arm, robot=robot, limits=limits, motion=motion, states=states, inertia=inertia,
-        friction=friction, gains=gains, gamma=adaptation_gain(arm, masses, states, delay),
-        filters=filters_for(robot, float(np.sqrt(np.mean(states.qd ** 2, axis=0)).max()),
-                            float(inertia.most.max()), float(np.sqrt(np.mean(torques ** 2)))),
-        substeps=_substeps(robot, masses, friction), rate=damping_rate(masses, damping),
-        phase=_phase(inertia, damping, gains, motion.bound, robot), torque=torque,
-        torque_limit=torque_limit, dry_friction=dry,
+        friction=friction, gains=gains,
+        adaptation=adaptation_for(arm, deviation, masses, states, delay, filters.noise),
+        filters=filters, substeps=_substeps(robot, masses, friction),
+        rate=damping_rate(masses, gains.k2 - FRICTION * friction),
+        phase=_phase(inertia.least + friction * delay.total, gains, motion.bound, robot),
+        torque=torque, torque_limit=torque_limit, dry_friction=dry,
         friction_error=static_error(dry, motion.bound, *gains),
         assumed=limits.assumed + assumed)
 
@@ -158,9 +162,9 @@ def _substeps(robot: Robot, masses: np.ndarray, friction: np.ndarray) -> int:
     return max(1, int(np.ceil(damping_rate(masses, friction) / robot.rate / 2.0)))
 
 
-def _phase(inertia: SeenInertia, damping: np.ndarray, gains: Gains, bound: np.ndarray,
-           robot: Robot) -> np.ndarray:
-    """Return the phase margins of the joints with barrier and k1, other joints giving way."""
-    outer, rate = gains.k1 * bound ** 4, damping / inertia.least
-    stiffness = outer * rate + gains.barrier_weight / (bound ** 2 * inertia.least)
-    return phase_margin(rate + outer, stiffness, robot.loop)
+def _phase(inertia: np.ndarray, gains: Gains, bound: np.ndarray, robot: Robot) -> np.ndarray:
+    """Return the phase margins at e1 = 0, see `joint_phases`, without the adaptation."""
+    settings = ControllerSettings(
+        k1=gains.k1, k2=gains.k2, barrier_weight=gains.barrier_weight,
+        performance=PerformanceSettings(lower=-bound, upper=bound))
+    return joint_phases(settings, inertia, 0.0, robot.loop)
