@@ -23,7 +23,7 @@ from adaptive_blf_control.control.constraints import Constraint
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.laws.protocol import Law
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.identification.given_parameters import given_parameters, read_estimate
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.plugin import load_plugin, made
@@ -81,12 +81,13 @@ def true_theta(settings: DriverSettings, arm: Arm) -> np.ndarray:
     """
     given, payload = settings.true_parameters, settings.payload
     if settings.true_model == 'given':
-        if len(given) != arm.m:
+        if not isinstance(given, str) and len(given) != arm.m:
             raise ParameterError('arm_driver.true_parameters', given.tolist(),
                                  f'{arm.m} values: {" ".join(arm.parameters)}')
-        theta = given.copy()
-    elif np.any(given):
-        raise ParameterError('arm_driver.true_parameters', given.tolist(),
+        theta = given_parameters('arm_driver.true_parameters', given, arm)
+    elif isinstance(given, str) or np.any(given):
+        raise ParameterError('arm_driver.true_parameters',
+                             given if isinstance(given, str) else given.tolist(),
                              'no values, or true_model: given')
     else:
         theta = arm.nominal
@@ -132,11 +133,10 @@ def initial_theta(settings: ControllerNodeSettings, arm: Arm) -> np.ndarray:
     """Return what the controller uses before the first θ̂, or for good (``model: known``), (m,).
 
     Raises:
-        ParameterError: it has neither one element nor m.
+        ParameterError: it has neither one element nor m, or its file cannot be used.
     """
-    full = settings.resolved(parameters=arm.m)
-    theta = full.known_parameters if settings.model == 'known' else full.initial_estimate
-    return theta.copy()
+    name = 'known_parameters' if settings.model == 'known' else 'initial_estimate'
+    return given_parameters(f'controller.{name}', getattr(settings, name), arm)
 
 
 def initial_estimate(settings: IdentifierNodeSettings, arm: Arm) -> IdentifierNodeSettings:

@@ -170,10 +170,10 @@ class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
         'estimated',
         'estimated: theta_hat from the identifier (38); known: known_parameters (34).',
         choices=('estimated', 'known'))
-    known_parameters: np.ndarray = parameter(
-        [0.0], 'theta* for model: known.', length='parameters')
-    initial_estimate: np.ndarray = parameter(
-        [0.0], 'theta_hat until the identifier publishes one.', length='parameters')
+    known_parameters: np.ndarray | str = parameter(
+        [0.0], 'theta* for model: known.', length='parameters', source=True)
+    initial_estimate: np.ndarray | str = parameter(
+        [0.0], 'theta_hat until the identifier publishes one.', length='parameters', source=True)
     estimate_limit: np.ndarray = parameter(
         [1000.0],
         'Largest accepted absolute value of an element of theta_hat; an estimate beyond it is '

@@ -15,6 +15,7 @@ from adaptive_blf_control.compiled import all_finite, jit
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor
 from adaptive_blf_control.identification.determination import undetermined
 from adaptive_blf_control.identification.excitation import Excitation
+from adaptive_blf_control.identification.given_parameters import given_parameters
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.recorded_noise import NoisyHistory
 from adaptive_blf_control.identification.settings import IdentifierSettings
@@ -98,11 +99,13 @@ class Identifier:
         if isinstance(update_law, str):
             changes['update_law'] = update_law
         settings = IdentifierSettings.taken(settings, changes)
-        settings = settings.resolved(joints=arm.n, parameters=arm.m)
+        start = given_parameters('identifier.initial_estimate', settings.initial_estimate, arm)
+        settings = settings.replace(initial_estimate=start).resolved(joints=arm.n,
+                                                                     parameters=arm.m)
         self._given_law = None if isinstance(update_law, str) else update_law
         self._n = (arm.n,)
         self._take(settings)
-        self.theta = settings.initial_estimate.copy()
+        self.theta = start
         self.stack = HistoryStack(arm.n, arm.m, settings.history.size, settings.history.epsilon,
                                   settings.history.minimum_growth)
         self._filter = TorqueFilter(arm.n, arm.m, settings.filter.time_constant,

@@ -28,6 +28,7 @@ from adaptive_blf_control.tuning.loop_delay import LoopDelay, phase_margin
 __all__ = ['LoopCheck', 'check_loop', 'joint_phases', 'warnings_of_loop']
 
 LEAST_GAIN_MARGIN, LEAST_PHASE = 1.5, math.radians(15.0)  # below these there is a warning
+ROUNDING = 1.01  # a gain is rounded to a few digits
 
 
 class LoopCheck(NamedTuple):
@@ -91,7 +92,7 @@ class LoopCheck(NamedTuple):
         return f'{1e3 * self.delay.total:.3g} ms of delay at {1.0 / self.delay.period:.4g} Hz'
 
     def _fitting(self, name: str, present: np.ndarray, fitting: np.ndarray) -> str:
-        above = [self.joints[i] for i in np.flatnonzero(present > 1.01 * fitting)]  # rounding is none
+        above = [joint for joint, each in zip(self.joints, present > ROUNDING * fitting) if each]
         return (f'{name} {_rounded(np.minimum(present, fitting))} would do (lower for '
                 f'{", ".join(above)})')
 
