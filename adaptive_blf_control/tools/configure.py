@@ -33,6 +33,8 @@ def _parser() -> argparse.ArgumentParser:
                         help='joints of the arm, from the base on; default: all, from the base on')
     parser.add_argument('--coulomb', action='store_true',
                         help='learn a dry friction per joint as well')
+    parser.add_argument('--from-zero', action='store_true',
+                        help="begin to learn from nothing rather than from the URDF's values")
     parser.add_argument('-o', '--output', type=Path, metavar='FILE',
                         help='parameter file to write; without it nothing is written')
     parser.add_argument('--overwrite', action='store_true', help='replace FILE if it exists')
@@ -67,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 _OF_ROBOT = ('rate', 'delay', 'encoder_counts', 'velocity_time_constant', 'torque_noise',
-             'payload', 'amplitude', 'width')
+             'payload', 'amplitude', 'width', 'from_zero')
 
 
 def main(args: list[str] | None = None) -> int:

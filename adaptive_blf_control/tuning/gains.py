@@ -36,8 +36,8 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.tuning.inertia import ReferenceStates, SeenInertia
 from adaptive_blf_control.tuning.loop_delay import LoopDelay
 
-__all__ = ['ADAPTATION', 'FRICTION', 'GAIN_MARGIN', 'Gains', 'adaptation_stiffness', 'law_gains',
-           'total_rate']
+__all__ = ['ADAPTATION', 'FRICTION', 'GAIN_MARGIN', 'Gains', 'adaptation_stiffness', 'barrier_weight',
+           'law_gains', 'total_rate']
 
 GAIN_MARGIN = 3.0
 OUTER = 0.1  # p/λ
@@ -77,7 +77,12 @@ def law_gains(inertia: SeenInertia, friction: np.ndarray, bound: np.ndarray,
     total = total_rate(delay)
     rate = total / (1.0 + OUTER)
     k2 = rate * inertia.least / inertia.coupling + FRICTION * friction
-    return Gains(OUTER * rate / bound ** 4, k2, BARRIER * total * bound ** 2 * k2)
+    return Gains(OUTER * rate / bound ** 4, k2, barrier_weight(k2, bound, delay))
+
+
+def barrier_weight(k2: np.ndarray, bound: np.ndarray, delay: LoopDelay) -> np.ndarray:
+    """Return the weights of a barrier that k2 damps, shape (n,) [J]; arguments as above."""
+    return np.asarray(BARRIER * total_rate(delay) * bound ** 2 * k2)
 
 
 def adaptation_stiffness(arm: Arm, masses: np.ndarray, states: ReferenceStates,

@@ -13,7 +13,12 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.reference import Reference
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.tuning.gains import adaptation_stiffness, FRICTION, law_gains
+from adaptive_blf_control.tuning.gains import (
+    adaptation_stiffness,
+    barrier_weight,
+    FRICTION,
+    law_gains,
+)
 from adaptive_blf_control.tuning.inertia import (
     COUNT,
     damping_rate,
@@ -43,7 +48,7 @@ class LoopCheck(NamedTuple):
         phase: Phase margin of each joint with its barrier, other joints giving way [rad].
         k2: Present gains [N·m·s/rad].
         weight: Present weights of the barrier [J].
-        fitting_k2: Largest gains with a gain margin of 3 [N·m·s/rad].
+        fitting_k2: The present gains, lowered where the gain margin is below 3 [N·m·s/rad].
         fitting_weight: Weights of the barrier that go with them [J].
     """
 
@@ -121,11 +126,11 @@ def check_loop(arm: Arm, settings: ControllerSettings, reference: Reference, the
     damping = np.maximum(settings.k2 - FRICTION * friction, 0.0)
     adaptation = 0.0 if gamma is None else adaptation_stiffness(arm, masses, states, gamma)
     bound = np.minimum(-settings.performance.lower, settings.performance.upper)
-    fitting = law_gains(inertia, friction, bound, delay)
+    fitting = np.minimum(law_gains(inertia, friction, bound, delay).k2, settings.k2)
     return LoopCheck(arm.joints, model, delay, inertia, damping_rate(masses, damping),
                      joint_phases(settings, inertia.least + friction * delay.total,
                                   adaptation, delay), settings.k2,
-                     settings.barrier_weight, fitting.k2, fitting.barrier_weight)
+                     settings.barrier_weight, fitting, barrier_weight(fitting, bound, delay))
 
 
 def warnings_of_loop(check: LoopCheck | None, unstable: str) -> Iterator[str]:

@@ -18,6 +18,7 @@ __all__ = ['Motion', 'motion_within']
 
 MARGIN = 0.02  # part of the range of a joint between its limits and the safety set
 BOUND = 0.05  # part of the range that a performance bound is at most
+WIDEST = 0.15  # part of the range that a bound is at most where the start needs it
 ROOM = 0.9  # part of the room beside the centre that the reference uses
 SPEED = 0.35  # part of the speed limit that the reference reaches at most
 # Frequencies that have no common period within a minute; each joint's are 6 % above those of the
@@ -52,8 +53,16 @@ class Motion(NamedTuple):
         return SumOfSinusoids(offset, amplitude, frequency, phase)
 
 
-def motion_within(arm: UrdfArm, limits: Limits, robot: Robot) -> Motion:
+def motion_within(arm: UrdfArm, limits: Limits, robot: Robot,
+                  least: np.ndarray | float = 0.0) -> Motion:
     """Return sets inside the position limits and a reference inside the sets and speed limits.
+
+    Args:
+        arm: The arm.
+        limits: Of its joints.
+        robot: What is stated.
+        least: Performance bounds that the motion needs, as far as the range allows, shape (n,)
+            [rad].
 
     Raises:
         SetViolation: the stated centre has no room for the performance bounds.
@@ -61,7 +70,8 @@ def motion_within(arm: UrdfArm, limits: Limits, robot: Robot) -> Motion:
     """
     span = limits.upper - limits.lower
     lower, upper = limits.lower + MARGIN * span, limits.upper - MARGIN * span
-    bound = _rounded(np.minimum(robot.width, BOUND * span))
+    bound = np.minimum(robot.width, BOUND * span)
+    bound = _rounded(np.maximum(bound, np.minimum(least, WIDEST * span)))
     lowest, highest = lower + 2.0 * bound, upper - 2.0 * bound
     centre = 0.5 * (lower + upper)
     if robot.centre is not None:

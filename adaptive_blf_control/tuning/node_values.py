@@ -59,7 +59,7 @@ def _driver(recipe: Recipe) -> dict[str, Any]:
 def _identifier(recipe: Recipe) -> dict[str, Any]:
     filters, m = recipe.filters, recipe.arm.m
     values: dict[str, Any] = {
-        'initial_estimate': 'nominal', 'gamma': _significant(recipe.adaptation.gamma),
+        'initial_estimate': _start(recipe), 'gamma': _significant(recipe.adaptation.gamma),
         'kt': _rounded(recipe.adaptation.kt), 'kh': _rounded(recipe.adaptation.kh),
         'filter.time_constant': filters.time_constant, 'filter.state_order': filters.state_order,
         'filter.state_time_constant': filters.state_time_constant,
@@ -74,7 +74,7 @@ def _identifier(recipe: Recipe) -> dict[str, Any]:
 def _controller(recipe: Recipe) -> dict[str, Any]:
     motion, gains, robot = recipe.motion, recipe.gains, recipe.robot
     values: dict[str, Any] = {
-        'initial_estimate': 'nominal',
+        'initial_estimate': _start(recipe),
         'estimate_limit': _significant(_estimate_limit(recipe)),
         'k1': _significant(gains.k1), 'k2': _significant(gains.k2),
         'barrier_weight': _significant(gains.barrier_weight),
@@ -140,6 +140,10 @@ def _kind(parameter: str) -> str:
     if not dot:
         return parameter.partition('_')[0]  # fv, fc, f0
     return kind[0]  # m, mx, my, mz count as m; Ixx to Izz as I
+
+
+def _start(recipe: Recipe) -> list[float] | str:
+    return [0.0] if recipe.robot.from_zero else 'nominal'
 
 
 def _has(recipe: Recipe, kind: str) -> bool:

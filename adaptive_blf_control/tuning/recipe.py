@@ -12,7 +12,7 @@ from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.control.settings import ControllerSettings, PerformanceSettings
 from adaptive_blf_control.errors import ArmError
 from adaptive_blf_control.tuning.adaptation import Adaptation, adaptation_for, parameter_deviation
-from adaptive_blf_control.tuning.expected_error import static_error
+from adaptive_blf_control.tuning.expected_error import Start, start_error, static_error
 from adaptive_blf_control.tuning.gains import FRICTION, Gains, law_gains
 from adaptive_blf_control.tuning.inertia import (
     damping_rate,
@@ -32,6 +32,7 @@ __all__ = ['Recipe', 'recipe']
 
 USED = 2.0  # a torque limit that nobody states is so many times what the reference needs
 LEAST_TORQUE = 1.0  # N·m, and at least this
+START_ROOM = 2.0  # performance bound over the error of a start from zero
 UNKNOWN_FRICTION = 0.01  # part of the torque limit that dry friction outside the model may be
 
 
@@ -57,6 +58,7 @@ class Recipe:
         torque_limit: Largest torques to command [N·m].
         dry_friction: That is not in the model [N·m].
         friction_error: Error that it leaves [rad].
+        start_error: Error of the start, with θ̂ as far off as the URDF usually is, or 0 [rad].
         assumed: What was assumed because neither URDF nor owner says.
     """
 
@@ -77,6 +79,7 @@ class Recipe:
     torque_limit: np.ndarray
     dry_friction: np.ndarray
     friction_error: np.ndarray
+    start_error: np.ndarray
     assumed: tuple[str, ...]
 
     @property
@@ -94,13 +97,19 @@ def recipe(arm: UrdfArm, robot: Robot) -> Recipe:
         SetViolation: a stated centre leaves no room for the sets.
     """
     limits = known_limits(arm, robot)
-    motion = motion_within(arm, limits, robot)
-    states = reference_states(motion.reference)
+    found = _within(arm, robot, limits, motion_within(arm, limits, robot))
+    if not robot.from_zero:
+        return found
+    wide = motion_within(arm, limits, robot, START_ROOM * found.start_error)
+    return _within(arm, robot, limits, wide)
+
+
+def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recipe:
+    states, delay = reference_states(motion.reference), robot.loop
+    loaded, friction = _loaded(arm, robot), viscous_friction(arm, arm.nominal)
     masses = _masses(arm, arm.nominal, states)
-    loaded = _loaded(arm, robot)
     inertia = seen_inertia(np.concatenate([masses, _masses(arm, loaded, states)])
                            if robot.payload else masses)
-    friction, delay = viscous_friction(arm, arm.nominal), robot.loop
     gains = law_gains(inertia, friction, motion.bound, delay)
     torques = inverse_dynamics(arm, loaded, *states)
     torque = np.abs(torques).max(axis=0)
@@ -108,16 +117,22 @@ def recipe(arm: UrdfArm, robot: Robot) -> Recipe:
     filters = filters_for(robot, float(np.sqrt(np.mean(states.qd ** 2, axis=0)).max()),
                           float(inertia.most.max()), float(np.sqrt(np.mean(torques ** 2))))
     deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload)
+    adaptation = adaptation_for(arm, deviation, masses, states, delay, filters.noise)
     dry = _dry_friction(arm, torque_limit)
     return Recipe(
         arm=arm, robot=robot, limits=limits, motion=motion, states=states, inertia=inertia,
-        friction=friction, gains=gains,
-        adaptation=adaptation_for(arm, deviation, masses, states, delay, filters.noise),
-        filters=filters, substeps=_substeps(robot, masses, friction),
+        friction=friction, gains=gains, adaptation=adaptation, filters=filters,
+        substeps=_substeps(robot, masses, friction),
         rate=damping_rate(masses, gains.k2 - FRICTION * friction),
         phase=_phase(inertia.least + friction * delay.total, gains, motion.bound, robot),
         torque=torque, torque_limit=torque_limit, dry_friction=dry,
         friction_error=static_error(dry, motion.bound, *gains),
+        start_error=start_error(
+            Start(mass_matrices(arm, arm.nominal, motion.centre[None])[0],
+                  arm.X(motion.centre, *np.zeros((3, arm.n))), gains, motion.bound,
+                  friction, 0.0 * friction if robot.from_zero else friction, adaptation.gamma,
+                  delay),
+            arm.nominal[:, None] if robot.from_zero else np.diag(deviation)),
         assumed=limits.assumed + assumed)
 
 

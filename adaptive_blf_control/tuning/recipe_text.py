@@ -25,16 +25,16 @@ def recipe_text(recipe: Recipe) -> str:
 def _joints(recipe: Recipe) -> Iterator[str]:
     width = max(len(joint) for joint in recipe.arm.joints) + 2
     yield (f'{"joint":<{width}}{"inertia seen":>19}{"k2":>10}{"barrier":>10}{"phase":>7}'
-           f'{"torque of limit":>18}{"reserve":>9}{"bound":>8}{"count":>10}{"friction":>10}')
+           f'{"torque of limit":>18}{"reserve":>9}{"bound":>8}{"start":>9}{"friction":>10}')
     yield (f'{"":<{width}}{"[kg m2]":>19}{"[N m s]":>10}{"[J]":>10}{"[deg]":>7}'
-           f'{"[N m]":>18}{"[%]":>9}{"[rad]":>8}{"[rad]":>10}{"[rad]":>10}')
+           f'{"[N m]":>18}{"[%]":>9}{"[rad]":>8}{"[rad]":>9}{"[rad]":>10}')
     gains, inertia = recipe.gains, recipe.inertia
     for i, joint in enumerate(recipe.arm.joints):
         seen = f'{inertia.least[i]:.3g} .. {inertia.most[i]:.3g}'
         torque = f'{recipe.torque[i]:.3g} of {recipe.torque_limit[i]:.3g}'
         yield (f'{joint:<{width}}{seen:>19}{gains.k2[i]:>10.3g}{gains.barrier_weight[i]:>10.3g}'
                f'{DEGREES * recipe.phase[i]:>7.0f}{torque:>18}{100.0 * recipe.reserve[i]:>9.0f}'
-               f'{recipe.motion.bound[i]:>8.3g}{recipe.robot.resolution:>10.2g}'
+               f'{recipe.motion.bound[i]:>8.3g}{recipe.start_error[i]:>9.2g}'
                f'{_error(recipe.friction_error[i]):>10}')
 
 
@@ -63,13 +63,20 @@ def _sensors(recipe: Recipe) -> Iterator[str]:
                f'torque filter {1e3 * filters.time_constant:.3g} ms: they distort the torque of '
                f'this reference by {filters.motion_error:.2%}, and let {filters.noise:.2g} N m '
                'of the noise through')
+    begin = 'theta_hat = 0' if robot.from_zero else "the URDF's values, a quarter off"
+    yield f'start      the error of the first second, with {begin}'
     if recipe.dry_friction.any():
-        yield 'friction   dry friction of 1 % of the torque limit that the model does not have'
+        yield ('friction   the error that a dry friction of 1 % of the torque limit leaves, which '
+               'the model does not have (--coulomb learns it)')
 
 
 def _cautions(recipe: Recipe) -> Iterator[str]:
     for text in recipe.assumed:
         yield f'assumed    {text}'
+    for joint, error, bound in zip(recipe.arm.joints, recipe.start_error, recipe.motion.bound):
+        if error > bound:
+            yield (f'caution    {joint}: a URDF that is a quarter off may make the start leave '
+                   f'the bound, {error:.2g} of {bound:.3g} rad: a wider --width, or less --delay')
     for joint, reserve in zip(recipe.arm.joints, recipe.reserve):
         if reserve < LITTLE:
             yield (f'caution    {joint}: the reference needs {1.0 - reserve:.0%} of its torque '

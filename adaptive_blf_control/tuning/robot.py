@@ -37,6 +37,7 @@ class Robot:
             the limits.
         amplitude: Largest distance of the reference from its centre [rad].
         width: Largest performance bound [rad].
+        from_zero: Whether learning begins from θ̂ = 0 rather than from the URDF's values.
     """
 
     rate: float = 1000.0
@@ -49,6 +50,7 @@ class Robot:
     centre: tuple[float, ...] | None = None
     amplitude: float = 0.5
     width: float = 0.15
+    from_zero: bool = False
 
     def __post_init__(self) -> None:
         """Refuse what cannot be; ParameterError names it as the command does."""
