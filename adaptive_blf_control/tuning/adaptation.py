@@ -80,7 +80,8 @@ def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarra
         payload: Mass that may be at the tip besides [kg].
     """
     mass, moment = arm.inertial[:, :1], arm.inertial[:, 1:4]
-    inertia = arm.inertial[:, [4, 6, 9]].sum(axis=1, keepdims=True)  # Ixx + Iyy + Izz
+    # Half of Ixx + Iyy + Izz: that of a mass m in the distance l about either axis across, m l².
+    inertia = 0.5 * arm.inertial[:, [4, 6, 9]].sum(axis=1, keepdims=True)
     first = np.maximum(np.linalg.norm(moment, axis=1, keepdims=True), np.sqrt(mass * inertia))
     sizes = np.hstack([mass, np.repeat(first, 3, axis=1), np.repeat(inertia, 6, axis=1)])
     links = arm.base_from_standard ** 2 @ (LINKS * sizes.reshape(arm.n * PER_BODY)) ** 2

@@ -36,8 +36,8 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.tuning.inertia import ReferenceStates, SeenInertia
 from adaptive_blf_control.tuning.loop_delay import LoopDelay
 
-__all__ = ['ADAPTATION', 'FRICTION', 'GAIN_MARGIN', 'Gains', 'adaptation_stiffness', 'barrier_weight',
-           'law_gains', 'total_rate']
+__all__ = ['ADAPTATION', 'FRICTION', 'GAIN_MARGIN', 'Gains', 'adaptation_stiffness',
+           'barrier_weight', 'law_gains', 'total_rate']
 
 GAIN_MARGIN = 3.0
 OUTER = 0.1  # p/λ
