@@ -17,14 +17,14 @@ endif
 ifeq ($(ROS),sourced)
   # ROS's messages are compiled against the system's numpy, so that one stays; pinocchio's
   # wheels need a newer numpy, so it comes from ros-jazzy-pinocchio.
-  EXTRAS := fast,plot,test,lint
+  EXTRAS := fast,plot,campaign,test,lint
   SIZE := 0.9 GB
   VENV_FLAGS := --system-site-packages
   PIP_FLAGS := --constraint $(VENV)/constraints.txt
   STAMP := $(VENV)/.made-on-sourced-ros
   ROS_NOTE := Using the sourced ROS 2 Jazzy instead of the PyPI wheels.
 else
-  EXTRAS := ros,urdf,fast,plot,test,lint
+  EXTRAS := ros,urdf,fast,plot,campaign,test,lint
   SIZE := 1.7 GB
   STAMP := $(VENV)/.made-on-pypi-ros
   # The wheels bring a whole ROS: keep another sourced ROS, or another environment, out of it.
@@ -88,10 +88,11 @@ clean:  ## remove .venv and everything that was built, not your bags
 $(STAMP): setup.py setup.cfg
 	@command -v $(PYTHON) >/dev/null || { echo "make: no $(PYTHON) found: expected Python 3.10 to 3.13, try make PYTHON=/path/to/python3" >&2; exit 1; }
 	@$(PYTHON) -c "$$CHECK_PYTHON"
-	@echo "Making $(VENV) with $$($(PYTHON) --version): about $(SIZE), one to three minutes."
+	@echo "Making $(VENV) with $$($(PYTHON) --version): about $(SIZE), two to four minutes."
 	@$(PYTHON) -m venv --clear $(VENV_FLAGS) $(VENV)
 	@$(if $(ROS),$(PYTHON) -c 'import numpy; print("numpy==" + numpy.__version__)' > $(VENV)/constraints.txt)
 	@$(PY) -m pip install --quiet --disable-pip-version-check --prefer-binary --use-pep517 $(PIP_FLAGS) --editable '.[$(EXTRAS)]'
 	@$(if $(ROS),$(PY) -c 'import pinocchio' 2>/dev/null || echo "No pinocchio: arms from a URDF need ros-jazzy-pinocchio from apt.")
 	@mkdir -p "$(ROS_LOG_DIR)" "$(MPLCONFIGDIR)"
+	@$(PY) -m adaptive_blf_control precompile
 	@touch $@
