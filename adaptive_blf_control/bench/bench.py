@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bench import rates
+from adaptive_blf_control.bench import arms, rates
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
@@ -130,8 +130,15 @@ def _rates(options: argparse.Namespace) -> None:
     rates.run(options)
 
 
+def _arms(options: argparse.Namespace) -> None:
+    print('\n## Arms as `configure` leaves them (`bench arms`)\n')
+    _machine()
+    arms.run(options)
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
-    'scenarios': _scenarios, 'processes': _processes, 'measured': _measured, 'rates': _rates}
+    'scenarios': _scenarios, 'processes': _processes, 'measured': _measured, 'arms': _arms,
+    'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -144,6 +151,7 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('--logs', type=Path, default=Path('../shared/realdata'), metavar='DIR',
                         help='folder of the measured logs')
     rates.add_options(parser)
+    arms.add_options(parser)
     options = parser.parse_args(args)
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:

@@ -6,8 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adaptive_blf_control.identification.state_filter import StateFilter
-from adaptive_blf_control.simulation.sensors import Sensors
+from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.identification.state_filter import LowPass
+from adaptive_blf_control.simulation.sensors import Encoder
 from adaptive_blf_control.simulation.settings import SensorSettings
 from adaptive_blf_control.tuning.robot import Robot
 from adaptive_blf_control.tuning.sensing import filters_for, measured_velocity_noise
@@ -17,10 +18,11 @@ PERIOD = 1.0 / ROBOT.rate
 
 
 def test_the_velocity_noise_is_that_of_the_simulated_sensors() -> None:
-    sensors = Sensors(SensorSettings(model='encoder', encoder_counts=2000, gear_ratio=1.0))
+    settings = SensorSettings(model='encoder', encoder_counts=2000, gear_ratio=1.0)
+    sensors = Encoder(settings, TwoLinkArm(['only', 'other']))
     speed = 1.2345  # rad/s: the error within a count is spread evenly
     t = np.arange(20000) * PERIOD
-    measured = [sensors.measure(np.array([speed * time]), np.array([speed]), np.zeros(1),
+    measured = [sensors.measure(np.full(2, speed * time), np.full(2, speed), np.zeros(2),
                                 PERIOD).qd[0] for time in t]
     assert np.std(measured[1000:]) == pytest.approx(measured_velocity_noise(ROBOT), rel=0.3)
 
@@ -28,12 +30,12 @@ def test_the_velocity_noise_is_that_of_the_simulated_sensors() -> None:
 def test_noise_behind_the_state_filter_is_what_is_computed() -> None:
     """White errors of a count, through the filter that the identifier uses."""
     found = filters_for(ROBOT, 1.0, 1.0, 20.0)
-    kept = StateFilter(found.state_order, found.state_time_constant)
+    kept = LowPass(found.state_order, found.state_time_constant)
     random = np.random.default_rng(0)
     velocities, torques = [], []
     for position, torque in zip(random.uniform(-0.5, 0.5, 40000) * ROBOT.resolution,
                                 random.normal(0.0, ROBOT.torque_noise, 40000)):
-        _, qd, tau = kept.update(PERIOD, np.array([position]), np.array([torque]))
+        _, qd, tau = kept.update(PERIOD, np.array([position]), np.zeros(1), np.array([torque]))
         velocities.append(qd[0])
         torques.append(tau[0])
     through = np.hypot(np.std(velocities[2000:]) / found.time_constant, np.std(torques[2000:]))
