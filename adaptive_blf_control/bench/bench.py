@@ -28,7 +28,7 @@ __all__ = ['main']
 
 SCENARIOS = (('two_link_paper', 50.0), ('two_link_paper', 100.0), ('two_link', 20.0),
              ('two_link_payload_step', 100.0), ('three_link', 143.0), ('three_link_paper', 143.0),
-             ('three_link_encoder', 120.0), ('panda', 20.0))
+             ('three_link_encoder', 120.0), ('panda_ideal', 20.0))
 REPEATS = 3
 # Held-out RMSE [N·m] of batch least squares with the same torque filter (0.1 s), joint by joint.
 MEASURED = {

@@ -30,6 +30,7 @@ __all__ = ['Adaptation', 'adaptation_for', 'parameter_deviation']
 LINKS = 0.25  # part by which inertial parameters of a URDF's links are usually wrong
 FRICTION, LEAST_FRICTION = 0.5, 0.002  # of the URDF's friction; of the torque limit at full speed
 HORIZON = 30.0  # s
+INTEGRATION = 5e-4  # part of the torque by which even exact samples contradict each other
 SHARE = 1e-4  # k_t/k_h: the pairs decide, not the noise of the present sample
 
 
@@ -48,7 +49,8 @@ class Adaptation(NamedTuple):
 
 
 def adaptation_for(arm: UrdfArm, deviation: np.ndarray, masses: np.ndarray,
-                   states: ReferenceStates, delay: LoopDelay, noise: float) -> Adaptation:
+                   states: ReferenceStates, delay: LoopDelay, noise: float,
+                   torque: float) -> Adaptation:
     """Return the gains of the update law; see the module.
 
     Args:
@@ -57,11 +59,13 @@ def adaptation_for(arm: UrdfArm, deviation: np.ndarray, masses: np.ndarray,
         masses: M(q) along the reference, shape (K, n, n) [kg·m²].
         states: The reference.
         delay: Of the loop.
-        noise: σ of a pair, > 0 [N·m].
+        noise: σ of a pair [N·m].
+        torque: RMS torque along the reference, > 0 [N·m].
     """
     stiffness = adaptation_stiffness(arm, masses, states, deviation ** 2).max()
     scale = ADAPTATION * total_rate(delay) ** 2 / stiffness
-    kh = 1.0 / (scale * noise ** 2 * HORIZON)
+    square = noise ** 2 + (INTEGRATION * torque) ** 2
+    kh = 1.0 / (scale * square * HORIZON)
     return Adaptation(scale * deviation ** 2, SHARE * kh, kh)
 
 

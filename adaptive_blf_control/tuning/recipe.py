@@ -114,10 +114,11 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
     torques = inverse_dynamics(arm, loaded, *states)
     torque = np.abs(torques).max(axis=0)
     torque_limit, assumed = _torque_limit(arm, limits, torque)
+    usual = float(np.sqrt(np.mean(torques ** 2)))
     filters = filters_for(robot, float(np.sqrt(np.mean(states.qd ** 2, axis=0)).max()),
-                          float(inertia.most.max()), float(np.sqrt(np.mean(torques ** 2))))
+                          float(inertia.most.max()), usual)
     deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload)
-    adaptation = adaptation_for(arm, deviation, masses, states, delay, filters.noise)
+    adaptation = adaptation_for(arm, deviation, masses, states, delay, filters.noise, usual)
     dry = _dry_friction(arm, torque_limit)
     return Recipe(
         arm=arm, robot=robot, limits=limits, motion=motion, states=states, inertia=inertia,

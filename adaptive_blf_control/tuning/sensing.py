@@ -27,7 +27,6 @@ __all__ = ['Filters', 'filters_for', 'measured_velocity_noise']
 ORDER = 4  # of docs/noise.md
 CANDIDATES = np.geomspace(0.002, 0.03, 40)  # s; longer ones make a change hard to notice
 EXACT = 0.02  # s, torque filter behind exact sensors
-INTEGRATION = 1e-3  # part of the torque by which even exact samples contradict each other
 RATIO = 5.0 / 3.0  # k/T of docs/noise.md
 
 
@@ -59,13 +58,13 @@ def filters_for(robot: Robot, speed: float, inertia: float, torque: float) -> Fi
         torque: RMS torque along the reference, over all joints [N·m].
     """
     if robot.encoder_counts is None and robot.torque_noise == 0.0:
-        return Filters(EXACT, 0, 0.03, 0.0, INTEGRATION * torque)
+        return Filters(EXACT, 0, 0.03, 0.0, 0.0)
     error = 0.5 * ORDER * (CANDIDATES * speed) ** 2
     noise = np.array([_noise(robot, float(each), inertia) for each in CANDIDATES])
     best = int(np.argmin(error * torque + noise))
     constant = float(f'{CANDIDATES[best]:.2g}')
     return Filters(float(f'{RATIO * constant:.2g}'), ORDER, constant, float(error[best]),
-                   max(float(noise[best]), INTEGRATION * torque))
+                   float(noise[best]))
 
 
 def _noise(robot: Robot, constant: float, inertia: float) -> float:

@@ -108,3 +108,23 @@ def test_bad_input_is_one_clear_line_and_status_2(capsys, arguments, expected) -
     assert err.startswith('configure: ')
     assert expected in err
     assert err.count('\n') == 1
+
+
+def test_the_panda_that_is_shipped_is_what_its_first_lines_say(
+        repository: Path, tmp_path: Path) -> None:
+    pytest.importorskip('pinocchio')
+    shipped = repository / 'config' / 'panda.yaml'
+    command, = (line for line in shipped.read_text(encoding='utf-8').splitlines()
+                if line.startswith('# configure '))
+    arguments = command.removeprefix('# configure ').split()
+    arguments[arguments.index('-o') + 1] = str(tmp_path / 'again.yaml')
+    assert main(arguments) == 0
+    for kind in (DriverSettings, IdentifierNodeSettings, ControllerNodeSettings):
+        ours, again = (node_settings(load_yaml(path), kind).values()
+                       for path in (shipped, tmp_path / 'again.yaml'))
+        assert list(ours) == list(again)
+        for name, value in ours.items():
+            if isinstance(value, list) and isinstance(value[0], float):
+                np.testing.assert_allclose(value, again[name], rtol=2e-3, err_msg=name)
+            else:
+                assert value == again[name], name
