@@ -10,7 +10,7 @@ import re
 import pytest
 
 from adaptive_blf_control.executables import EXECUTABLES
-from adaptive_blf_control.messages.topics import TOPICS
+from adaptive_blf_control.messages.topics import RECORDED
 from adaptive_blf_control.tools.parameters import markdown
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -91,7 +91,7 @@ def test_paper_page_has_every_equation(repository: Path) -> None:
 
 def test_interfaces_page_names_every_topic(repository: Path) -> None:
     page = (repository / 'docs/interfaces.md').read_text(encoding='utf-8')
-    for topic in TOPICS:
+    for topic in RECORDED:
         assert f'`{topic}`' in page, topic
 
 

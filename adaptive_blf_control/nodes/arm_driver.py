@@ -87,8 +87,8 @@ class ArmDriver(SteppedDriver):
         self._source = CommandSource()
         self._sent: deque[int] = deque(maxlen=50)  # when states were published, system time [ns]
         self._ramp: tuple[np.ndarray, int] | None = None
-        self._states = self.data_publisher(JointState, JOINT_STATES)
-        self._command_input = self.data_subscription(Float64MultiArray, COMMANDS,
+        self._states = self.topics.publisher(JointState, JOINT_STATES)
+        self._command_input = self.topics.subscribe(Float64MultiArray, COMMANDS,
                                                      self.on_command, reliable=True)
         self._lockstep = ArmLockstep(self) if self.lockstep else None
         self._ready = True
@@ -107,8 +107,8 @@ class ArmDriver(SteppedDriver):
     def cleanup(self) -> None:
         """Take the topics down; the loop waits for another :meth:`configure`."""
         self._ready = False
-        self.end_data_subscription(self._command_input)
-        self.end_data_publisher(self._states)
+        self.topics.unsubscribe(self._command_input)
+        self.topics.end_publisher(self._states)
         if self._lockstep is not None:
             self._lockstep.close()
         self._due_ns = NEVER
@@ -135,14 +135,15 @@ class ArmDriver(SteppedDriver):
         try:
             torque = decode_float64_array(data)
         except BagError as error:
-            self.drop('unreadable command', str(error))
+            self.faults.drop('unreadable command', str(error))
             return
         if torque.size != self.arm.n:
-            self.drop('command of wrong length', f'{torque.size} values for {self.arm.n} joints')
+            self.faults.drop('command of wrong length',
+                             f'{torque.size} values for {self.arm.n} joints')
             return
         if not np.isfinite(torque).all():
             joint = self.arm.joints[int(np.argmin(np.isfinite(torque)))]
-            self.drop('non-finite command', f'joint {joint!r}')
+            self.faults.drop('non-finite command', f'joint {joint!r}')
             return
         now = time.monotonic_ns()
         silent = now - self._command_ns > self.settings.command_timeout * 1e9
@@ -151,15 +152,16 @@ class ArmDriver(SteppedDriver):
         if not (self._source.obeys(number, silent)
                 or (self._command_input.get_publisher_count() == 1
                     and self._source.obeys(number, True))):
-            self.last_fault = 'commands of a second publisher refused'
-            self.drop('command of a second publisher', 'one controller at a time: it is refused')
+            self.faults.last = 'commands of a second publisher refused'
+            self.faults.drop('command of a second publisher',
+                             'one controller at a time: it is refused')
             return
         if self._lockstep is not None:
             self._command_ns = now
             self._lockstep.on_command(torque)
             return
         if not self.active:
-            self.drop('command while inactive', 'activate the driver first')
+            self.faults.drop('command while inactive', 'activate the driver first')
             return
         self._count_round_trip(info)
         self._command_ns = now
@@ -288,8 +290,9 @@ class ArmDriver(SteppedDriver):
         self.plant.apply(-damping * self.plant.qd)
         if not self.timed_out:
             self.timed_out = True
-            self.fault('no commands', f'no command for {self.settings.command_timeout:g} s: '
-                                      f'{self.settings.timeout_action} torque')
+            self.faults.report('no commands', (
+                f'no command for {self.settings.command_timeout:g} s: '
+                f'{self.settings.timeout_action} torque'))
 
     def _timing(self) -> dict[str, object]:
         parts = (0.5, 0.99, 0.999)

@@ -21,8 +21,8 @@ from sensor_msgs.msg import JointState
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.messages.stamp import stamp_of
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
-from adaptive_blf_control.runtime.answers import stamp_of
 from adaptive_blf_control.runtime.endpoints import full_name
 from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.simulation.plant import Plant
@@ -79,7 +79,7 @@ class ArmLockstep:
         self._awaited_ns = 0
         self._torque = np.zeros(driver.arm.n)
         self._heard = dict.fromkeys(names, 0)
-        self._inputs = {name: driver.data_subscription(
+        self._inputs = {name: driver.topics.subscribe(
             JointState, ANSWERS[name], self._hears(name), reliable=True) for name in names}
 
     def _hears(self, name: str) -> Callable[[bytes, dict[str, int]], None]:
@@ -96,7 +96,7 @@ class ArmLockstep:
         """Take the topics down and end the loop."""
         self._open = False
         for subscription in self._inputs.values():
-            self._driver.end_data_subscription(subscription)
+            self._driver.topics.unsubscribe(subscription)
         self._driver.destroy_publisher(self._time_topic)
 
     @property

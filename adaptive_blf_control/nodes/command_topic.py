@@ -59,13 +59,13 @@ class CommandTopic:
             names = ', '.join(self.senders.wait_for_names(node.stop)) or UNNAMED
             raise BlfError(f'{node.resolve_topic_name(COMMANDS)}: {names} sends commands already: '
                            f'one controller at a time')
-        self._publisher = node.data_publisher(Float64MultiArray, COMMANDS)
+        self._publisher = node.topics.publisher(Float64MultiArray, COMMANDS)
         self.claimed_at = time.monotonic()
 
     def release(self) -> None:
         """Give the topic back."""
         if self._publisher is not None:
-            self._node.end_data_publisher(self._publisher)
+            self._node.topics.end_publisher(self._publisher)
             self._publisher = None
 
     def someone_drives(self) -> bool:

@@ -38,17 +38,13 @@ from adaptive_blf_control.control.refusal import Refusal
 from adaptive_blf_control.control.way import way_through
 from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.messages.joint_state import JointStateReader
-from adaptive_blf_control.messages.topics import (
-    ADAPTATION_TERM,
-    JOINT_STATES,
-    JOINT_TRAJECTORY,
-    THETA_HAT,
-)
+from adaptive_blf_control.messages.stamp import STAMP_LIMIT
+from adaptive_blf_control.messages.topics import JOINT_STATES, JOINT_TRAJECTORY, THETA_HAT
 from adaptive_blf_control.nodes.command_topic import CommandTopic
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
 from adaptive_blf_control.nodes.joint_trajectory import points_of
 from adaptive_blf_control.parameters.table import broadcast
-from adaptive_blf_control.runtime.data_node import LONGEST_WAIT, TOO_LATE
+from adaptive_blf_control.runtime.data_node import LONGEST_WAIT
 from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
@@ -56,7 +52,7 @@ from adaptive_blf_control.runtime.robot_description import arm_of
 __all__ = ['ControllerNode', 'main']
 
 HEAD_START = 0.1  # s from a trajectory's arrival to its beginning
-LOOK_AROUND = 0.1  # s between looks at who hears and who sends commands
+GRAPH_PERIOD = 0.1  # s between looks at who hears and who sends commands
 OLD_ESTIMATE = 1.0  # s
 OF_THE_GUARANTEE = {'k1', 'performance', 'reference'}  # parameters that V depends on
 
@@ -119,24 +115,22 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
     def _make_topics(self, controller: Controller) -> None:
         self.monitors = ControllerMonitors(self, self.arm.joints, self.arm.parameters,
                                            controller.constraints.names)
-        self._term = self.data_publisher(JointState, ADAPTATION_TERM)
         self._trajectories = self.create_subscription(
             JointTrajectory, JOINT_TRAJECTORY, self.on_joint_trajectory, 10)
         self._inputs = []
         if self._hears_estimates:
-            self._inputs.append(self.data_subscription(
+            self._inputs.append(self.topics.subscribe(
                 JointState, THETA_HAT, self.on_theta_hat, wake=self.lockstep,
                 newest_only=not self.lockstep, reliable=self.lockstep))
-        self._inputs.append(self.data_subscription(
+        self._inputs.append(self.topics.subscribe(
             JointState, JOINT_STATES, self.on_joint_states, newest_only=True,
             reliable=self.lockstep))
 
     def cleanup(self) -> None:
         """Take the topics down."""
         for subscription in self._inputs:
-            self.end_data_subscription(subscription)
+            self.topics.unsubscribe(subscription)
         self.destroy_subscription(self._trajectories)
-        self.end_data_publisher(self._term)
         self.monitors.close()
 
     def _check_sampling(self, controller: Controller) -> None:
@@ -194,7 +188,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         try:
             stamp, theta, _, _ = self._theta_reader.read(data)
         except BagError as error:
-            self.drop('unusable estimate', str(error))
+            self.faults.drop('unusable estimate', str(error))
             return False
         refusal = (self.estimates.offer_after(stamp, theta) if self.lockstep
                    else self.estimates.offer(theta))
@@ -206,8 +200,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
 
     def _refuse(self, refusal: Refusal) -> None:
         if refusal.fault:
-            self.last_fault = refusal.detail
-        self.drop(refusal.reason, refusal.detail)
+            self.faults.last = refusal.detail
+        self.faults.drop(refusal.reason, refusal.detail)
 
     def on_joint_trajectory(self, message: JointTrajectory) -> None:
         """Follow the points instead of the reference so far; one that cannot be is dropped whole.
@@ -225,14 +219,14 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         with self.between_samples:
             plan = self.motion.plan(head_start)
         if plan is None:
-            self.drop('trajectory before the motion has begun', 'send it again then')
+            self.faults.drop('trajectory before the motion has begun', 'send it again then')
             return True
         try:
             way = way_through(points_of(message, self.arm.joints), plan.controller, plan.t)
             with self.between_samples:
                 return self.motion.follow(plan, way)
         except BlfError as error:
-            self.drop('unusable trajectory', str(error))
+            self.faults.drop('unusable trajectory', str(error))
             return True
 
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> bool:
@@ -240,17 +234,17 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         try:
             stamp, q, qd, torque = self._state_reader.read(data)
         except BagError as error:
-            self.drop('unusable joint state', str(error))
+            self.faults.drop('unusable joint state', str(error))
             return False
-        if stamp >= TOO_LATE:
-            self.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
+        if stamp >= STAMP_LIMIT:
+            self.faults.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
             return False
         refusal = self.motion.refuse(stamp, q, qd, self.settings.state_timeout)
         if refusal is not None:
             self._refuse(refusal)
             return False
         if not self._ready(stamp, q, qd):
-            self.later(self.on_joint_states, data, info)
+            self.topics.later(self.on_joint_states, data, info)
             return True
         begins = self.motion.controller is None
         controller = self.motion.controller or self._begin(stamp, q, qd)
@@ -294,7 +288,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
                 controller: Controller) -> ControlOutput:
         output = self.motion.answer(stamp, q, qd, self.theta, torque)
         self.commands.send(output.torque)
-        self._term.publish(self.monitors.codecs.adaptation_term(stamp, output))
+        self.monitors.publish_term(stamp, output)
         inside = self.monitors.watch(controller, stamp, output, self.theta)
         self.sampled(stamp)
         if not inside and self.settings.on_violation == 'stop':
@@ -313,7 +307,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self.lockstep or not self.active:
             return
         now = time.monotonic()
-        if now - self._looked_at >= LOOK_AROUND:
+        if now - self._looked_at >= GRAPH_PERIOD:
             self.look_around(now)
         timeout = self.settings.state_timeout
         if self.commands.pushes and self.heard_at and now - self.heard_at > timeout:
@@ -330,15 +324,15 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self.commands.pushes and not self.commands.someone_drives():
             self._stop_motion('nobody listens', 'nobody listens to the commands: zero torque')
         if self.commands.has_to_give_way(now):
-            self.fault('two controllers', 'another controller sends commands, too: this one '
-                                          'gives way')
+            self.faults.report('two controllers',
+                               'another controller sends commands, too: this one gives way')
             self.deactivate_by_itself()
 
     def _stop_motion(self, reason: str, text: str) -> None:
         """Send zero torque; the next state begins another motion."""
         self.motion.lose(reason)
         self.commands.send_zero()
-        self.fault(reason, text)
+        self.faults.report(reason, text)
 
     def finish(self) -> None:
         """Zero torque is the last thing sent; where nothing was sent the brakes stay on."""

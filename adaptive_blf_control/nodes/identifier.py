@@ -17,7 +17,6 @@ from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Int32
 from std_srvs.srv import Trigger
 
 from adaptive_blf_control.configuration.build import build_identifier
@@ -28,19 +27,14 @@ from adaptive_blf_control.identification.estimate_file import (
     recent_estimate,
     write_estimate,
 )
-from adaptive_blf_control.identification.news import HistoryNews
 from adaptive_blf_control.identification.rank_condition import rank_warning
-from adaptive_blf_control.messages.cdr import encode_float64, encode_int32
-from adaptive_blf_control.messages.joint_state import JointStateCodec, JointStateReader
-from adaptive_blf_control.messages.topics import (
-    ADAPTATION_TERM,
-    EXCITATION,
-    HISTORY_RANK,
-    HISTORY_SIGMA_MIN,
-    JOINT_STATES,
-    THETA_HAT,
-)
-from adaptive_blf_control.runtime.data_node import DataNode, DEPTH, TOO_LATE
+from adaptive_blf_control.messages.identifier_codecs import EstimateStream
+from adaptive_blf_control.messages.joint_state import JointStateReader
+from adaptive_blf_control.messages.stamp import STAMP_LIMIT
+from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES
+from adaptive_blf_control.runtime.compiling import compiling
+from adaptive_blf_control.runtime.data_node import DataNode
+from adaptive_blf_control.runtime.data_topics import QUEUE_DEPTH
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
 
@@ -60,29 +54,25 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
         """Build the identifier from the parameters."""
         super().__init__('identifier', IdentifierNodeSettings, context=context, **options)
-        with self.compiling():
+        with compiling(self.get_logger(), self.stop):
             self.arm = arm_of(self, self.settings)
             self.identifier = build_identifier(self.settings, self.arm, self._where_it_was())
             self.identifier.warm_up()
         self._check_rank()
         self._changes = 0
         # A few, because a backlog of states needs the terms of their own times.
-        self._terms: deque[tuple[int, np.ndarray]] = deque(maxlen=DEPTH)
+        self._terms: deque[tuple[int, np.ndarray]] = deque(maxlen=QUEUE_DEPTH)
         self._zero_ns: int | None = None
-        self._news = HistoryNews()
         self._reset_requested = False
         self._state_reader = JointStateReader(self.arm.joints)
         self._term_reader = JointStateReader(self.arm.parameters)
-        self._theta_codec = JointStateCodec(self.arm.parameters, fields=('position',))
-        self._theta = self.data_publisher(JointState, THETA_HAT)
-        self._rank = self.data_publisher(Int32, HISTORY_RANK)
-        self._sigma_min = self.data_publisher(Float64, HISTORY_SIGMA_MIN)
-        self._excitation = self.data_publisher(Float64, EXCITATION)
+        self._stream = EstimateStream(self.arm.parameters)
+        self._outputs = self.topics.declared(self.kind)
         self._last_ns = 0
         self._reported = self.identifier.theta, 0.0
-        self.data_subscription(JointState, ADAPTATION_TERM, self.on_adaptation_term,
+        self.topics.subscribe(JointState, ADAPTATION_TERM, self.on_adaptation_term,
                                wake=self.lockstep, reliable=self.lockstep)
-        self.data_subscription(JointState, JOINT_STATES, self.on_joint_states,
+        self.topics.subscribe(JointState, JOINT_STATES, self.on_joint_states,
                                reliable=self.lockstep)
         self.create_service(Trigger, '~/reset_history', self.on_reset_history)
         self.create_service(Trigger, '~/save_estimate', self.on_save_estimate)
@@ -123,7 +113,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         try:
             self._save()
         except (OSError, ValueError) as error:
-            self.fault('estimate not written', f'estimate not written: {error}')
+            self.faults.report('estimate not written', f'estimate not written: {error}')
 
     def _save(self) -> Path:
         """Write what is known now; OSError names the file and the reason."""
@@ -153,29 +143,30 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         try:
             stamp, term, _, _ = self._term_reader.read(data)
         except BagError as error:
-            self.drop('unusable adaptation term', str(error))
+            self.faults.drop('unusable adaptation term', str(error))
             return
         if np.isfinite(term).all():
             self._terms.append((stamp, term))
         else:
-            self.drop('non-finite adaptation term', 'the last one is kept')
+            self.faults.drop('non-finite adaptation term', 'the last one is kept')
 
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> None:
         """Learn from one joint state and publish θ̂."""
         try:
             stamp, q, qd, tau = self._state_reader.read(data)
         except BagError as error:
-            self.drop('unusable joint state', str(error))
+            self.faults.drop('unusable joint state', str(error))
             return
-        if stamp >= TOO_LATE:
-            self.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
+        if stamp >= STAMP_LIMIT:
+            self.faults.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
             return
         if self.lockstep and self._must_wait(stamp):
-            self.later(self.on_joint_states, data, info)
+            self.topics.later(self.on_joint_states, data, info)
             return
-        self.drain()  # of a backlog every state needs the term that was sent before it
+        self.topics.drain()  # of a backlog every state needs the term that was sent before it
         if stamp < self._last_ns:  # time begins again: the terms of before are of another run
-            self._terms = deque((term for term in self._terms if term[0] < stamp), maxlen=DEPTH)
+            self._terms = deque((term for term in self._terms if term[0] < stamp),
+                                maxlen=QUEUE_DEPTH)
         self._last_ns = stamp
         self.aged(info)
         if self._reset_requested:
@@ -185,15 +176,8 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             self._zero_ns = stamp  # seconds since 1970 as a double would cost 2e-7 s of precision
         theta = self.identifier.update((stamp - self._zero_ns) * 1e-9, q, qd, tau,
                                        self._held_term(stamp))
-        stack = self.identifier.stack
-        if self._news.due(stack.insertions):
-            self._rank.publish(encode_int32(stack.rank))
-            self._sigma_min.publish(encode_float64(stack.sigma_min))
-            excitation = self.identifier.excitation
-            if excitation is not None:
-                self._excitation.publish(encode_float64(excitation))
-        # Last: it is the answer, and in lockstep it ends the sample.
-        self._theta.publish(self._theta_codec.encode(stamp, theta))
+        for topic, message in self._stream.messages(stamp, theta, self.identifier).items():
+            self._outputs[topic].publish(message)
         self.sampled(stamp)
         if self.identifier.monitor.changes != self._changes:
             self._changes = self.identifier.monitor.changes

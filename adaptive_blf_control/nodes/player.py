@@ -22,7 +22,7 @@ from adaptive_blf_control.bags.reader import BagMessage, read_bag
 from adaptive_blf_control.errors import BagError, ParameterError
 from adaptive_blf_control.messages.topics import THETA_HAT
 from adaptive_blf_control.nodes.player_lockstep import choose_topics, Lockstep
-from adaptive_blf_control.runtime.answers import message_class
+from adaptive_blf_control.runtime.message_class import message_class
 from adaptive_blf_control.runtime.process import stop_on_signals
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 

@@ -8,7 +8,6 @@ Nothing tells when other messages, e.g. the adaptation term, are at the identifi
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-import threading
 import time
 
 from rclpy.node import Node
@@ -17,9 +16,10 @@ from rclpy.publisher import Publisher
 from adaptive_blf_control.bags.reader import Bag, BagMessage, JOINT_STATE
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.joint_state import decode_joint_state
+from adaptive_blf_control.messages.stamp import STAMP_LIMIT, stamp_of
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, COMMANDS, JOINT_STATES
-from adaptive_blf_control.runtime.answers import Answers, NoAnswer, stamp_of
-from adaptive_blf_control.runtime.data_node import TOO_LATE
+from adaptive_blf_control.runtime.answers import Answers, NoAnswer
+from adaptive_blf_control.runtime.stop_flag import StopFlag
 
 __all__ = ['Lockstep', 'choose_topics', 'states_topic']
 
@@ -92,7 +92,7 @@ class Lockstep:
     """
 
     def __init__(self, node: Node, bag: Bag, publishers: Mapping[str, Publisher],
-                 answers: Sequence[str], timeout: float, stop: threading.Event) -> None:
+                 answers: Sequence[str], timeout: float, stop: StopFlag) -> None:
         """Prepare; nothing is waited for before :meth:`discover`."""
         self.states = states_topic(bag, [*publishers])
         self._publisher = publishers[self.states]
@@ -217,6 +217,6 @@ def _read_state(data: bytes) -> tuple[tuple[str, ...], int]:
     except BagError:
         return (), 0
     n = len(state.names)
-    sound = (len(set(state.names)) == n and state.stamp_ns < TOO_LATE
+    sound = (len(set(state.names)) == n and state.stamp_ns < STAMP_LIMIT
              and all(len(values) in (0, n) for values in state[3:]))
     return (state.names if sound else ()), state.stamp_ns

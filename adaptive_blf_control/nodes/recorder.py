@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-import importlib
 import sys
 import time
 from typing import Any, NamedTuple
@@ -25,21 +24,22 @@ from adaptive_blf_control.configuration.node_settings import RecorderSettings
 from adaptive_blf_control.configuration.parameter_file import PARAMETERS_KEY
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.definitions import message_definition
-from adaptive_blf_control.messages.topics import JOINT_STATES, TOPICS
-from adaptive_blf_control.runtime.answers import stamp_of
+from adaptive_blf_control.messages.stamp import stamp_of
+from adaptive_blf_control.messages.topics import JOINT_STATES, RECORDED
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.endpoints import full_name
+from adaptive_blf_control.runtime.message_class import message_class
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.sample_dates import has_sample_time, SampleDates
 
 __all__ = ['Recorder', 'main']
 
-LOOK_AROUND = 0.25  # s between looks at the graph
+GRAPH_PERIOD = 0.25  # s between looks at the graph
 # The middleware stamps and keeps what arrives; fetching it in batches leaves the processor to
 # those that have to answer within a millisecond.
 BATCH = 0.01  # s
 SHARED = ('/diagnostics', '/parameter_events', '/rosout')
-DEPTH = 5000
+QUEUE_DEPTH = 5000  # a disk may keep the recorder waiting
 LATEST = 2**63 - 2  # ns; a message with a wild time is one message, not the end of the recording
 
 
@@ -76,7 +76,7 @@ class Recorder(DataNode[RecorderSettings]):
         self._heard: dict[str, _Heard] = {}
         for topic in self.settings.topics:
             name = self.resolve_topic_name(topic)
-            self._pending[name] = TOPICS.get(topic, '')
+            self._pending[name] = RECORDED.get(topic, '')
         self._settings: dict[str, dict[str, Any]] = {}
         self._settings_changed = False
         self._asked: set[str] = set()
@@ -87,7 +87,7 @@ class Recorder(DataNode[RecorderSettings]):
         self._stamped: set[str] = set()  # topics whose messages have the time of their sample
         self._looked_at = self._flushed_at = time.monotonic()
         self._subscribe_known()
-        self.create_timer(LOOK_AROUND, self._ask_for_parameters)
+        self.create_timer(GRAPH_PERIOD, self._ask_for_parameters)
 
     def _subscribe_known(self) -> None:
         graph = dict(self.get_topic_names_and_types()) if '' in self._pending.values() else {}
@@ -98,11 +98,10 @@ class Recorder(DataNode[RecorderSettings]):
                 self._subscribe(topic, type_name)
 
     def _subscribe(self, topic: str, type_name: str) -> None:
-        package, _, name = type_name.partition('/msg/')
         try:
-            message_type = getattr(importlib.import_module(f'{package}.msg'), name)
+            message_type = message_class(type_name)
             message_definition(type_name)  # a bag cannot hold messages without it
-        except (ImportError, AttributeError, BagError):
+        except BagError:
             self.get_logger().error(f'{topic}: message type {type_name!r} is not installed here: '
                                     f'the topic is not recorded')
             return
@@ -118,8 +117,8 @@ class Recorder(DataNode[RecorderSettings]):
 
         reliable, latched = self._offered(topic)
         self._heard[topic] = _Heard(
-            type_name, message_type, reliable, latched, self.data_subscription(
-                message_type, topic, record, wake=False, depth=DEPTH, reliable=reliable,
+            type_name, message_type, reliable, latched, self.topics.subscribe(
+                message_type, topic, record, wake=False, depth=QUEUE_DEPTH, reliable=reliable,
                 latched=latched))
 
     def _offered(self, topic: str) -> tuple[bool, bool]:
@@ -135,7 +134,7 @@ class Recorder(DataNode[RecorderSettings]):
             reliable, latched = self._offered(topic)
             missed = latched and not heard.latched and not self.received[topic]
             if missed or (heard.reliable and not reliable):
-                self.end_data_subscription(heard.subscription)
+                self.topics.unsubscribe(heard.subscription)
                 self._hear(topic, heard.type_name, heard.message_type)
 
     def _record(self, topic: str, type_name: str, data: bytes, info: dict[str, int]) -> None:
@@ -169,7 +168,7 @@ class Recorder(DataNode[RecorderSettings]):
             self._fail(str(error))
 
     def _not_written(self, topic: str, count: int) -> None:
-        self.drops['disk'] = self.drops.get('disk', 0) + count
+        self.faults.drops['disk'] = self.faults.drops.get('disk', 0) + count
         self._unwritten[topic] = self._unwritten.get(topic, 0) + count
 
     def _write_dated(self, now_ns: int | None = None) -> None:
@@ -216,7 +215,7 @@ class Recorder(DataNode[RecorderSettings]):
         if now - self._flushed_at >= self.settings.flush_period:
             self._flushed_at = now
             self._flush()
-        if now - self._looked_at >= LOOK_AROUND:
+        if now - self._looked_at >= GRAPH_PERIOD:
             self._looked_at = now
             self._subscribe_known()
             self._adapt()

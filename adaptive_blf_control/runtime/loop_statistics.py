@@ -84,6 +84,7 @@ class LoopStatistics:
     Attributes:
         samples: Samples worked on.
         missed: Samples that were due by their stamps and not worked on.
+        superseded: Messages not handled, because a newer one of the topic was there already.
         callback: Time spent on a sample.
         age: Time from a message's publication to its being handled.
         histograms: Those that forget what was before :data:`SETTLE`, so that the start of the
@@ -94,6 +95,7 @@ class LoopStatistics:
         """Start with nothing seen."""
         self.samples = 0
         self.missed = 0
+        self.superseded = 0
         self.callback = Histogram()
         self.age = Histogram()
         self.histograms = [self.callback, self.age]

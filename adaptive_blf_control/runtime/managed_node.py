@@ -18,8 +18,9 @@ from rclpy.lifecycle.node import LifecycleNodeMixin
 
 from adaptive_blf_control.configuration.node_settings import LifecycleSettings
 from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.runtime.compiling import compiling
 from adaptive_blf_control.runtime.data_node import DataNode
-from adaptive_blf_control.runtime.direct_wait import (
+from adaptive_blf_control.runtime.rclpy_internals import (
     answer_transitions,
     end_transitions,
     lifecycle_state,
@@ -118,8 +119,9 @@ class ManagedNode(LifecycleNodeMixin, DataNode[ManagedSettings], Generic[Managed
             except RuntimeError as error:  # rcl's
                 asked = request.transition.label or request.transition.id
                 state = lifecycle_state(self)[1]
-                self.fault('refused', f'transition {asked!r}: there is none from {state!r}: '
-                                      f'{str(error).split(", at /")[0]}')
+                self.faults.report('refused', (
+                    f'transition {asked!r}: there is none from {state!r}: '
+                    f'{str(error).split(", at /")[0]}'))
                 response.success = False
                 return response
             return answered
@@ -131,11 +133,11 @@ class ManagedNode(LifecycleNodeMixin, DataNode[ManagedSettings], Generic[Managed
         except BlfError as error:
             self._refused = error
             if not self._by_itself:  # else it is raised, and logged by whoever ends on it
-                self.fault('refused', str(error))
+                self.faults.report('refused', str(error))
             return TransitionCallbackReturn.FAILURE
         except Exception as error:  # rclpy would swallow it and go on half configured
             self._refused = BlfError(f'{type(error).__name__}: {error}')
-            self.fault('failed transition', str(self._refused))
+            self.faults.report('failed transition', str(self._refused))
             return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
 
@@ -148,7 +150,7 @@ class ManagedNode(LifecycleNodeMixin, DataNode[ManagedSettings], Generic[Managed
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; what cannot be used refuses it with its reason."""
         def action() -> None:
-            with self.compiling():
+            with compiling(self.get_logger(), self.stop):
                 self.configure()
         return self._transition(action)
 

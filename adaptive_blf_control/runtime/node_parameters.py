@@ -29,7 +29,7 @@ from adaptive_blf_control.configuration.parameter_file import (
 )
 from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.parameters.table import Parameter, per_joint, validated
-from adaptive_blf_control.runtime.direct_wait import overrides_of
+from adaptive_blf_control.runtime.rclpy_internals import overrides_of
 
 __all__ = ['check_files', 'declare', 'descriptor', 'explain_files', 'on_change', 'refuse_untyped']
 

@@ -47,7 +47,7 @@ def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -
     """Run a node as a process: signals, clear errors, clean shutdown.
 
     A signal takes effect before the next sample; while the node is being made, where that
-    compiles or waits (:meth:`DataNode.compiling`), or else when it is made.
+    compiles or waits (:func:`compiling`), or else when it is made.
 
     Args:
         kind: Name of the node, for messages.

@@ -12,14 +12,30 @@ import platform
 import struct
 import sys
 
+from adaptive_blf_control.configuration.node_settings import RealtimeSettings
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['cpus_of', 'lock_memory', 'raise_priority', 'short_slices',
+__all__ = ['cpus_of', 'go_first', 'lock_memory', 'raise_priority', 'short_slices',
            'stay_on', 'step_back']
 
 MCL_CURRENT_AND_FUTURE = 3
 SCHED_SETATTR = {'x86_64': 314, 'aarch64': 274}  # system call, by machine
 HOW = 'allow it with rtprio and memlock in /etc/security/limits.d, or run without'
+
+
+def go_first(settings: RealtimeSettings, niceness: int) -> list[str]:
+    """Ask the system for what the settings want; return what it does not permit, with the reason.
+
+    Args:
+        settings: Priority, processors, time slice, locked memory.
+        niceness: Of the calling thread, see :func:`step_back`.
+    """
+    stay_on(cpus_of(settings.cpus))
+    short_slices(settings.slice)
+    step_back(niceness)
+    refused = [raise_priority(settings.priority) if settings.priority else None,
+               lock_memory() if settings.lock_memory else None]
+    return [reason for reason in refused if reason is not None]
 
 
 def raise_priority(priority: int) -> str | None:

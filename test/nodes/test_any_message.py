@@ -170,7 +170,7 @@ def _same(before: tuple, after: tuple) -> bool:
 
 
 def _refused(node: Any) -> int:
-    return sum(node.drops.values())
+    return sum(node.faults.drops.values())
 
 
 class _Watched:
@@ -188,7 +188,7 @@ class _Watched:
         self._handler(*message)
         if _refused(self.node) > drops:
             self.refused += 1
-            assert _same(before, self._state()), self.node.drops
+            assert _same(before, self._state()), self.node.faults.drops
         else:
             self.taken += 1
 
@@ -241,7 +241,7 @@ def test_joint_states_of_the_controller(moving) -> None:
     assert watched.taken > 1000
     assert watched.refused > 1000
     assert {'unusable joint state', 'non-finite joint state', 'joint state out of order',
-            'stamp jumps ahead'} <= set(node.drops)
+            'stamp jumps ahead'} <= set(node.faults.drops)
     for data, _ in heard:
         assert np.isfinite(decode_float64_array(data)).all()
 
@@ -267,7 +267,7 @@ def test_estimates_of_the_controller(moving) -> None:
     _feed(_vectors(PARAMETERS), handle)
     assert watched.taken > 200
     assert {'unusable estimate', 'non-finite estimate',
-            'estimate beyond its limit'} <= set(node.drops)
+            'estimate beyond its limit'} <= set(node.faults.drops)
 
 
 def _trajectory(drawn: _Drawn) -> JointTrajectory:
@@ -394,7 +394,7 @@ def test_adaptation_terms_of_the_identifier(graph) -> None:
 
     _feed(_vectors(PARAMETERS), handle)
     assert watched.taken > 1000
-    assert {'unusable adaptation term', 'non-finite adaptation term'} <= set(node.drops)
+    assert {'unusable adaptation term', 'non-finite adaptation term'} <= set(node.faults.drops)
     assert len(node._terms) <= 100
 
 
@@ -432,7 +432,7 @@ def _check_commands(driver: ArmDriver, state: Callable[[], tuple],
     assert watched.taken > 1000
     assert watched.refused > 1000
     assert {'unreadable command', 'command of wrong length', 'non-finite command',
-            'command of a second publisher'} <= set(driver.drops)
+            'command of a second publisher'} <= set(driver.faults.drops)
 
 
 def test_commands_of_the_driver(graph) -> None:

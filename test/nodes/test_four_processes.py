@@ -31,7 +31,7 @@ from adaptive_blf_control.messages.topics import (
     GUARANTEE,
     JOINT_STATES,
     JOINT_TRAJECTORY,
-    TOPICS,
+    RECORDED,
 )
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
@@ -89,7 +89,7 @@ def test_the_demo_leaves_a_picture_a_complete_bag_and_no_process(demo) -> None:
     assert _left_over(output) == []
     bag = read_bag(output / 'bag')
     assert bag.complete, bag.problem
-    assert set(bag.topics) >= {topic if topic[0] == '/' else f'/{topic}' for topic in TOPICS
+    assert set(bag.topics) >= {topic if topic[0] == '/' else f'/{topic}' for topic in RECORDED
                                if topic not in QUIET}
     log = (output / 'recorder.txt').read_text(encoding='utf-8')
     for topic, info in bag.topics.items():

@@ -215,7 +215,7 @@ def test_states_that_cannot_be_read_are_counted_and_leave_no_trace(graph) -> Non
                 _named(EPOCH, ('joint1', 'joint2', 'joint2'), [0.0] * 3, [0.0] * 3, [0.0] * 3),
                 _named(EPOCH, JOINTS, [0.0], [0.0, 0.0], [0.0, 0.0])):
         node.on_joint_states(bad, {})
-    assert node.drops == {'unusable joint state': 5}
+    assert node.faults.drops == {'unusable joint state': 5}
     assert node.identifier.theta is theta
 
 
@@ -280,7 +280,7 @@ def test_an_adaptation_term_that_cannot_be_used_leaves_the_last_one(graph) -> No
     node.on_adaptation_term(_named(EPOCH, PARAMETERS, [1.0, math.nan, 1.0, 1.0, 1.0]), {})
     node.on_adaptation_term(_named(EPOCH, PARAMETERS[:4], [1.0] * 4), {})
     np.testing.assert_array_equal(node._held_term(EPOCH + 10**6), np.ones(5))
-    assert node.drops == {'non-finite adaptation term': 1, 'unusable adaptation term': 1}
+    assert node.faults.drops == {'non-finite adaptation term': 1, 'unusable adaptation term': 1}
 
 
 def test_no_bytes_make_the_estimate_non_finite(graph) -> None:

@@ -215,7 +215,7 @@ class _Live:
     @property
     def drops(self) -> dict[str, int]:
         """What was dropped, but for the first state, which is sent until it is answered."""
-        return {reason: count for reason, count in self.node.drops.items()
+        return {reason: count for reason, count in self.node.faults.drops.items()
                 if reason != 'joint state out of order'}
 
     def step(self, by: float = 1e-3, q=None, qd=QD) -> Any:
@@ -555,7 +555,7 @@ def test_on_violation_set_by_service_acts_on_the_next_violation(controller, wait
 def test_a_state_timeout_set_by_service_is_the_watchdogs(controller, wait_until) -> None:
     live = controller()
     assert live.set({'state_timeout': 0.05}).successful
-    wait_until(lambda: live.node.last_fault == 'no joint state for 0.05 s: zero torque')
+    wait_until(lambda: live.node.faults.last == 'no joint state for 0.05 s: zero torque')
 
 
 def test_a_guarantee_asked_for_while_running_is_stated_with_the_next_motion(

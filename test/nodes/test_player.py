@@ -31,7 +31,7 @@ from adaptive_blf_control.messages.cdr import (
     Float64MultiArrayCodec,
     JointStateCodec,
 )
-from adaptive_blf_control.messages.topics import TOPICS
+from adaptive_blf_control.messages.topics import RECORDED
 from adaptive_blf_control.nodes.player import Player, PlaySettings, qos_of
 from adaptive_blf_control.nodes.recorder import Recorder
 from patience import PATIENCE
@@ -50,7 +50,7 @@ def _write(folder: Path, count: int = COUNT, **qos: list) -> Path:
                                                                         ['position'])
     with BagWriter(folder) as writer:
         for name in PLAYED:
-            writer.add_topic(f'/{name}', TOPICS[name], qos=qos.get(name))
+            writer.add_topic(f'/{name}', RECORDED[name], qos=qos.get(name))
         for i in range(count):
             values = rng.normal(size=(3, 2)) * 10.0 ** rng.integers(-300, 300)
             if i % 7 == 0:
@@ -143,7 +143,7 @@ def test_messages_are_sent_in_the_order_of_their_times_not_of_the_file(
     topics = ('/identifier/history_rank', '/identifier/history_sigma_min')
     with BagWriter(tmp_path / 'bag') as writer:
         for topic in topics:
-            writer.add_topic(topic, TOPICS[topic[1:]])
+            writer.add_topic(topic, RECORDED[topic[1:]])
         for i in range(200):
             writer.write(topics[0], encode_int32(i), START + i * STEP)
         for i in range(200):

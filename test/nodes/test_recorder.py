@@ -30,7 +30,7 @@ from adaptive_blf_control.bench.soak_figures import account_of
 from adaptive_blf_control.configuration.parameter_file import node_values, PARAMETERS_KEY
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.cdr import encode_int32
-from adaptive_blf_control.messages.topics import HISTORY_RANK, JOINT_TRAJECTORY, TOPICS
+from adaptive_blf_control.messages.topics import HISTORY_RANK, JOINT_TRAJECTORY, RECORDED
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
@@ -63,7 +63,7 @@ def recorded(graph, wait_until, tmp_path):
                                  wait_for_subscribers=4, initial_position=[0.01, 0.02])}
     peer = graph.peer()
     heard = {topic if topic[0] == '/' else f'/{topic}': peer.listen(
-        TYPES[kind], topic, QoSProfile(depth=5000)) for topic, kind in TOPICS.items()
+        TYPES[kind], topic, QoSProfile(depth=5000)) for topic, kind in RECORDED.items()
         if topic not in (JOINT_TRAJECTORY, EVENTS)}  # a planner's; and sent before anyone hears
     wait_until(lambda: all(peer.count_subscribers(topic) >= 2 for topic in heard)
                and len(peer.get_publishers_info_by_topic('/diagnostics')) == 4)
@@ -157,7 +157,8 @@ def _check_metadata(bag: Path, heard, hashes) -> None:
     assert set(topics) - {EVENTS} == {topic for topic, messages in heard.items() if messages}
     for topic, item in topics.items():
         assert item['topic_metadata']['type_description_hash'] == hashes[topic]
-        assert item['topic_metadata']['type'] == TOPICS[topic if topic in TOPICS else topic[1:]]
+        name = topic if topic in RECORDED else topic[1:]
+        assert item['topic_metadata']['type'] == RECORDED[name]
         (profile,) = item['topic_metadata']['offered_qos_profiles']
         assert (profile['reliability'], profile['durability']) == ('reliable', 'volatile')
     assert metadata['message_count'] == sum(item['message_count'] for item in topics.values())

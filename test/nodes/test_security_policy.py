@@ -12,7 +12,7 @@ import pytest
 from rclpy.node import Node, NodeNameNonExistentError
 
 from adaptive_blf_control.executables import NODES
-from adaptive_blf_control.messages.topics import JOINT_TRAJECTORY, TOPICS
+from adaptive_blf_control.messages.topics import JOINT_TRAJECTORY, RECORDED
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
@@ -59,7 +59,7 @@ def test_policy_has_one_enclave_for_every_node(policy: Granted) -> None:
 
 def test_policy_grants_every_topic_of_ours_once_to_publish_and_nothing_foreign(
         policy: Granted) -> None:
-    ours = {'/' + topic.lstrip('/') for topic in TOPICS}
+    ours = {'/' + topic.lstrip('/') for topic in RECORDED}
     published = [topic for rules in policy.values() for topic in rules['publish'] - COMMON
                  if topic != '/diagnostics']
     # A trajectory comes from a planner, which is not one of ours.

@@ -23,9 +23,9 @@ from adaptive_blf_control.messages.topics import (
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
+    RECORDED,
     REFERENCE,
     THETA_HAT,
-    TOPICS,
     TRACKING_ERROR,
 )
 
@@ -49,10 +49,10 @@ def named(repository: Path) -> dict[str, tuple[list[str], tuple[str, ...]]]:
 
 
 def test_the_types_behind_the_series_are_those_of_the_topic_table(named) -> None:
-    assert {TOPICS[topic] for topic in named} == {'sensor_msgs/msg/JointState'}
-    assert TOPICS[COMMANDS] == 'std_msgs/msg/Float64MultiArray'
-    assert TOPICS[HISTORY_RANK] == 'std_msgs/msg/Int32'
-    assert TOPICS[HISTORY_SIGMA_MIN] == 'std_msgs/msg/Float64'
+    assert {RECORDED[topic] for topic in named} == {'sensor_msgs/msg/JointState'}
+    assert RECORDED[COMMANDS] == 'std_msgs/msg/Float64MultiArray'
+    assert RECORDED[HISTORY_RANK] == 'std_msgs/msg/Int32'
+    assert RECORDED[HISTORY_SIGMA_MIN] == 'std_msgs/msg/Float64'
 
 
 @pytest.fixture(scope='module')
@@ -123,7 +123,7 @@ def test_foxglove_paths_are_fields_of_our_topics(foxglove, named) -> None:
             match = PLOT_PATH.fullmatch(path['value'])
             assert match is not None, path['value']
             topic, field, index = match[1][1:], match[2], match[3]
-            assert topic in TOPICS
+            assert topic in RECORDED
             if topic in plain:
                 assert (field, index) == ('data', None)
             elif topic == COMMANDS:

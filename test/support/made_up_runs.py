@@ -24,9 +24,9 @@ from adaptive_blf_control.messages.topics import (
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
+    RECORDED,
     REFERENCE,
     THETA_HAT,
-    TOPICS,
     TRACKING_ERROR,
 )
 
@@ -49,7 +49,7 @@ def run_parameters(arm: str, n: int) -> dict[str, Any]:
 
 
 def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: float = 0.05,
-             parameters: bool = True, topics: Collection[str] = tuple(TOPICS),
+             parameters: bool = True, topics: Collection[str] = tuple(RECORDED),
              skip: Collection[int] = (), first_estimate: float = 0.0) -> Path:
     """Write a run: q follows sin t with an error that decays from ``error`` within 0.5 s.
 
@@ -68,7 +68,7 @@ def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: fl
                   barrier_names([MarginName(joint, what) for what in ('safety', 'performance')
                                  for joint in model.joints]), fields=('position',))}
     torque = Float64MultiArrayCodec(model.n)
-    for topic, type_name in TOPICS.items():
+    for topic, type_name in RECORDED.items():
         if topic in topics and topic != '/diagnostics':
             writer.add_topic(f'/{topic}', type_name)
     scale = 1.0 / (1.0 + np.arange(model.n))
