@@ -15,7 +15,7 @@ from adaptive_blf_control.bags.mcap_file import McapFile
 from adaptive_blf_control.bags.reader import storage_files
 from adaptive_blf_control.bench.soak_figures import account_of
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.diagnostics_reader import decode_diagnostics
+from adaptive_blf_control.messages.diagnostics import decode_diagnostics
 from adaptive_blf_control.messages.stamp import stamp_of
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
 

@@ -128,7 +128,7 @@ class ArmDriver(SteppedDriver):
             if self._due_ns != NEVER:
                 self._due_ns += period_ns - self.period_ns
             self.period_ns = period_ns
-            self.statistics.begin_anew()
+            self.statistics.restart()
 
     def on_command(self, data: bytes, info: dict[str, int]) -> None:
         """Apply a command from now on; a wrong length or a non-finite value drops it whole."""
@@ -169,7 +169,7 @@ class ArmDriver(SteppedDriver):
         if not self.started:
             self.started = True
             self._begin_ns = self._moved_ns = now
-            self.statistics.begin_anew()
+            self.statistics.restart()
         self._move_to(now)
         self.timed_out = False
         self.plant.apply(torque)

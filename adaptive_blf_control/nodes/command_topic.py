@@ -23,7 +23,7 @@ __all__ = ['CommandTopic', 'GIVE_WAY']
 
 # Discovery may show another sender of commands only a while after this one has begun.
 GIVE_WAY = 3.0  # s
-LINGER = Duration(seconds=0.1)  # sent is not delivered yet
+DELIVERY_TIMEOUT = Duration(seconds=0.1)  # for the zero torque: sent is not delivered yet
 
 
 class CommandTopic:
@@ -120,4 +120,4 @@ class CommandTopic:
                 self.send(step)
                 time.sleep(RAMP_STEP)
         self.send_zero()
-        self._publisher.wait_for_all_acked(LINGER)
+        self._publisher.wait_for_all_acked(DELIVERY_TIMEOUT)

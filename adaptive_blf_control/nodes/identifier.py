@@ -37,6 +37,7 @@ from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.data_topics import QUEUE_DEPTH
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
+from adaptive_blf_control.runtime.status_report import Status
 
 __all__ = ['IdentifierNode', 'main']
 
@@ -227,7 +228,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         self._reported = theta, t
         return float(np.linalg.norm(theta - before)) / (t - since) if t > since > 0.0 else 0.0
 
-    def status(self) -> tuple[bytes, str, dict[str, object]]:
+    def status(self) -> Status:
         """Report rank, σ_min and what was not used."""
         stack, identifier = self.identifier.stack, self.identifier
         values: dict[str, object] = {

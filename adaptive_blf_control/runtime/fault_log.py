@@ -7,6 +7,8 @@ import time
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
+from adaptive_blf_control.control.refusal import Refusal
+
 __all__ = ['FaultLog']
 
 LOG_PERIOD = 1.0  # s between two log lines about the same reason
@@ -32,6 +34,12 @@ class FaultLog:
         self.drops[reason] = self.drops.get(reason, 0) + 1
         if self._is_due(reason):
             self._logger.warning(f'{reason}: {detail} ({self.drops[reason]} so far)')
+
+    def refuse(self, refusal: Refusal) -> None:
+        """Count what was refused; where the sender is at fault keep it as the last fault."""
+        if refusal.fault:
+            self.last = refusal.detail
+        self.drop(refusal.reason, refusal.detail)
 
     def report(self, reason: str, text: str) -> None:
         """Keep ``text`` as the last fault and log it, at most once a second per ``reason``."""

@@ -7,7 +7,7 @@ from array import array
 
 import numpy as np
 
-__all__ = ['Histogram', 'LoopStatistics', 'SETTLE']
+__all__ = ['Histogram', 'LoopStatistics', 'START_UP']
 
 # Fine bins up to 2 ms and coarse ones up to 50 ms: reading them takes microseconds, too. What is
 # longer counts in the last bin and in the largest value.
@@ -17,8 +17,9 @@ LIMIT_NS = FINE_NS * FINE
 BINS = FINE + COARSE
 EDGES = np.concatenate([np.arange(1, FINE + 1) * FINE_NS,  # upper ones [ms]
                         LIMIT_NS + np.arange(1, COARSE + 1) * COARSE_NS]) * 1e-6
-# s after a node's first sample, and after `begin_anew`; discovery and first requests are over then
-SETTLE = 2.0
+# s that statistics leave out after a node's first sample and after `restart`: discovery and first
+# requests are over then.
+START_UP = 2.0
 NEVER = 2**63  # ns
 
 
@@ -87,7 +88,7 @@ class LoopStatistics:
         superseded: Messages not handled, because a newer one of the topic was there already.
         callback: Time spent on a sample.
         age: Time from a message's publication to its being handled.
-        histograms: Those that forget what was before :data:`SETTLE`, so that the start of the
+        histograms: Those that forget what was before :data:`START_UP`, so that the start of the
             graph does not hide what the loop holds.
     """
 
@@ -99,7 +100,7 @@ class LoopStatistics:
         self.callback = Histogram()
         self.age = Histogram()
         self.histograms = [self.callback, self.age]
-        self._settled_ns = 0
+        self._start_up_ends_ns = 0
         self._since_ns = 0
         self._stamp_ns = 0
         self._interval_ns = 0.0
@@ -116,22 +117,22 @@ class LoopStatistics:
             sums[1] += period
             sums[2] += period * period
         self._at_ns = now_ns
-        if now_ns >= self._settled_ns:
-            self._settle(now_ns)
+        if now_ns >= self._start_up_ends_ns:
+            self._forget_start_up(now_ns)
         if stamp_ns:
             if self._stamp_ns:
                 self._count_missed(stamp_ns - self._stamp_ns)
             self._stamp_ns = stamp_ns
 
-    def _settle(self, now_ns: int) -> None:
-        self._settled_ns = NEVER if self._settled_ns else now_ns + int(SETTLE * 1e9)
+    def _forget_start_up(self, now_ns: int) -> None:
+        self._start_up_ends_ns = NEVER if self._start_up_ends_ns else now_ns + int(START_UP * 1e9)
         self._since_ns = now_ns
         for histogram in self.histograms:
             histogram.forget()
 
-    def begin_anew(self) -> None:
-        """Settle once more from the next sample on: a motion begins, or another rate."""
-        self._settled_ns = 0
+    def restart(self) -> None:
+        """Leave out another START_UP from the next sample on: a new motion, or another rate."""
+        self._start_up_ends_ns = 0
 
     @property
     def span_ns(self) -> int:

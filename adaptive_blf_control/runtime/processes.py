@@ -20,8 +20,8 @@ __all__ = ['FAST_DISCOVERY', 'NODES', 'NodeProcesses', 'Processes', 'scenario']
 
 NODES = ('recorder', 'identifier', 'controller', 'arm_driver')
 Self = TypeVar('Self', bound='Processes')
-GRACE = 15.0  # s for a node to end
-PATIENCE = 90.0  # s until the arm has to move: the first run compiles the laws
+END_TIMEOUT = 15.0  # s for an interrupted node to end
+MOTION_TIMEOUT = 90.0  # s until the arm has to move: the first run compiles the laws
 
 # Announce endpoints often at the start, so that four nodes meet within half a second.
 FAST_DISCOVERY = """<?xml version="1.0" encoding="UTF-8" ?>
@@ -140,7 +140,7 @@ class Processes:
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
                 try:
-                    process.wait(GRACE)
+                    process.wait(END_TIMEOUT)
                 except subprocess.TimeoutExpired:
                     process.kill()
                     process.wait()
@@ -189,7 +189,7 @@ class NodeProcesses(Processes):
         moving: float | None = None
         while driver.poll() is None:
             bad, now = self.failed(), time.monotonic()
-            if bad or now - begin > PATIENCE + 1.5 * self.duration:
+            if bad or now - begin > MOTION_TIMEOUT + 1.5 * self.duration:
                 return bad or ['arm_driver']
             if moving is None and 'motion begins' in self.text('controller'):
                 moving = now

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 __all__ = ['Dated', 'SampleDates', 'has_sample_time']
 
-# ns after which no state sent before a message is still on its way
-SETTLED = 10 * 10**9
+LONGEST_DELIVERY = 10 * 10**9  # ns after which a message is no longer on its way
 # Other times at the beginning, as of /parameter_events and /rosout, are those of a node's start.
 TIMES = (('header', 'std_msgs/Header'), ('clock', 'builtin_interfaces/Time'))
 
@@ -66,7 +65,7 @@ class SampleDates:
         newest = self._states[-1][0] if self._states else 0
         for _ in range(len(self._waiting)):
             sent, topic, type_name, data = self._waiting.popleft()
-            if now_ns is None or sent < newest or sent < now_ns - SETTLED:
+            if now_ns is None or sent < newest or sent < now_ns - LONGEST_DELIVERY:
                 yield Dated(topic, type_name, data, self._date(sent))
             else:
                 self._waiting.append((sent, topic, type_name, data))

@@ -8,7 +8,7 @@ import time
 
 __all__ = ['StopFlag']
 
-LOOK = 0.02  # s between looks of wait
+POLL_PERIOD = 0.02  # s
 
 
 class StopFlag(threading.Event):
@@ -43,8 +43,8 @@ class StopFlag(threading.Event):
         """Return whether it was asked for, at the latest after ``timeout`` [s]."""
         end = None if timeout is None else time.monotonic() + timeout
         while not self._asked:
-            left = LOOK if end is None else end - time.monotonic()
+            left = POLL_PERIOD if end is None else end - time.monotonic()
             if left <= 0.0:
                 break
-            time.sleep(min(left, LOOK))
+            time.sleep(min(left, POLL_PERIOD))
         return self._asked

@@ -254,7 +254,7 @@ def _begin_again(node: ControllerNode) -> None:
 
 def test_estimates_of_the_controller(moving) -> None:
     node, good, _ = moving
-    watched = _Watched(node, node.on_theta_hat, lambda: _motion(node))
+    watched = _Watched(node, node.estimates.receive, lambda: _motion(node))
 
     def handle(data: bytes, info: dict) -> None:
         watched(data, info)
@@ -287,7 +287,7 @@ def _trajectory(drawn: _Drawn) -> JointTrajectory:
 
 def test_trajectories_of_the_controller(moving) -> None:
     node, good, _ = moving
-    watched = _Watched(node, node.on_joint_trajectory, lambda: _motion(node))
+    watched = _Watched(node, node.trajectories.receive, lambda: _motion(node))
 
     def handle(message: JointTrajectory, _: dict) -> None:
         before = watched.taken
@@ -498,7 +498,7 @@ def test_raw_input_of_the_recorder(graph, tmp_path, use_sim_time) -> None:
     def handle(data: bytes, info: dict) -> None:
         topic = next(turn)
         given[topic].append(data)
-        node._record(topic, 'sensor_msgs/msg/JointState', data, {
+        node.record(topic, 'sensor_msgs/msg/JointState', data, {
             'received_timestamp': FIRST, 'source_timestamp': FIRST, **info})
 
     _feed(_vectors(JOINTS), handle)

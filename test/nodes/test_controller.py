@@ -34,7 +34,7 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
     TRACKING_ERROR,
 )
-from adaptive_blf_control.nodes import controller as controller_module
+from adaptive_blf_control.nodes import trajectory_input
 from adaptive_blf_control.nodes.controller import ControllerNode
 
 TASK = {
@@ -262,7 +262,7 @@ def test_no_bytes_on_any_topic_give_a_non_finite_torque(rig) -> None:
         strategies.binary(max_size=120) | corrupted(state) | extreme,
         strategies.binary(max_size=120) | corrupted(estimate) | estimates)
     def any_bytes(joint_state: bytes, theta_hat: bytes) -> None:
-        node.on_theta_hat(theta_hat, {})
+        node.estimates.receive(theta_hat, {})
         node.motion.gate.last_ns = None  # every stamp is a new one
         with np.errstate(all='ignore'):
             node.on_joint_states(joint_state, {})
@@ -291,8 +291,8 @@ def test_an_estimate_acts_from_the_next_state_on_matched_by_name(graph, wait_unt
     plain, other = _Rig(graph, wait_until), _Rig(graph, wait_until, '/other')
     theta = np.array([3.4, 0.19, 0.25, 5.2, 1.3])
     before = plain.answer(_state(0.0)), other.answer(_state(0.0))
-    plain.node.on_theta_hat(_estimate(theta), {})
-    other.node.on_theta_hat(_estimate(theta[::-1], PARAMETERS[::-1]), {})
+    plain.node.estimates.receive(_estimate(theta), {})
+    other.node.estimates.receive(_estimate(theta[::-1], PARAMETERS[::-1]), {})
     for ms in (1.0, 2.0):
         after = plain.answer(_state(ms)), other.answer(_state(ms))
     np.testing.assert_array_equal(*before)
@@ -304,13 +304,13 @@ def test_an_estimate_acts_from_the_next_state_on_matched_by_name(graph, wait_unt
 
 def test_an_estimate_that_cannot_be_used_leaves_the_last_one(rig) -> None:
     rig = rig()
-    rig.node.on_theta_hat(_estimate([3.4, 0.19, 0.25, 5.2, 1.3]), {})
+    rig.node.estimates.receive(_estimate([3.4, 0.19, 0.25, 5.2, 1.3]), {})
     kept = rig.node.theta
     for bad in ([3.0, math.nan, 0.3, 5.0, 1.0], [3.0, 0.2, 0.3, math.inf, 1.0]):
-        rig.node.on_theta_hat(_estimate(bad), {})
-    rig.node.on_theta_hat(_estimate([], []), {})
-    rig.node.on_theta_hat(_estimate([1.0] * 4, PARAMETERS[:4]), {})
-    rig.node.on_theta_hat(b'\0\1\0\0', {})
+        rig.node.estimates.receive(_estimate(bad), {})
+    rig.node.estimates.receive(_estimate([], []), {})
+    rig.node.estimates.receive(_estimate([1.0] * 4, PARAMETERS[:4]), {})
+    rig.node.estimates.receive(b'\0\1\0\0', {})
     assert rig.node.theta is kept
     assert rig.node.faults.drops == {'non-finite estimate': 2, 'unusable estimate': 3}
 
@@ -323,8 +323,8 @@ def test_an_estimate_that_cannot_be_used_leaves_the_last_one(rig) -> None:
 def test_an_estimate_beyond_the_limit_is_refused_and_the_last_good_one_kept(
         rig, capfd, limit, believed, beyond, named) -> None:
     rig = rig(estimate_limit=limit)
-    rig.node.on_theta_hat(_estimate(believed), {})
-    rig.node.on_theta_hat(_estimate(beyond), {})
+    rig.node.estimates.receive(_estimate(believed), {})
+    rig.node.estimates.receive(_estimate(beyond), {})
     np.testing.assert_array_equal(rig.node.theta, believed)
     assert rig.node.faults.drops == {'estimate beyond its limit': 1}
     assert named in capfd.readouterr().err
@@ -534,8 +534,8 @@ def test_a_trajectory_that_took_long_to_compute_begins_later(rig, monkeypatch) -
             rig.answer(_state(200.0))  # past the moment that was meant
         return way_through(points, controller, t)
 
-    monkeypatch.setattr(controller_module, 'way_through', slow)
-    rig.node.on_joint_trajectory(_trajectory([1.0, -0.5]))
+    monkeypatch.setattr(trajectory_input, 'way_through', slow)
+    rig.node.trajectories.receive(_trajectory([1.0, -0.5]))
     np.testing.assert_allclose(begins, [0.1, 0.6])
     assert rig.node.faults.drops == {}
     np.testing.assert_allclose(rig.node.motion.controller.reference.at(2.0).position, [-0.5, 1.0])
@@ -680,7 +680,7 @@ def _trajectory(positions, seconds=1.0, names=('joint2', 'joint1'), **fields) ->
 def test_a_trajectory_replaces_the_reference_smoothly_and_by_joint_name(rig) -> None:
     rig = rig(state_timeout=10.0)
     rig.answer(_state(0.0))
-    rig.node.on_joint_trajectory(_trajectory([1.0, -0.5]))
+    rig.node.trajectories.receive(_trajectory([1.0, -0.5]))
     before = rig.node.motion.controller.reference.at(0.1)
     rig.answer(_state(50.0))
     for part, want in zip(rig.node.motion.controller.reference.at(0.1), before):
@@ -703,7 +703,7 @@ def test_a_first_point_at_0_s_is_checked_and_not_gone_through(rig) -> None:
     rig = rig(state_timeout=10.0)
     rig.answer(_state(0.0))
     wanted = rig.node.motion.controller.reference.at(0.1).position
-    rig.node.on_joint_trajectory(_from_where_it_is(wanted[::-1] + 0.1, [1.0, -0.5]))
+    rig.node.trajectories.receive(_from_where_it_is(wanted[::-1] + 0.1, [1.0, -0.5]))
     assert rig.node.faults.drops == {}
     reference = rig.node.motion.controller.reference
     np.testing.assert_allclose(reference.at(0.1).position, wanted, atol=1e-12)
@@ -724,7 +724,7 @@ def test_a_trajectory_that_cannot_be_followed_is_dropped_whole(rig, capfd, messa
     rig = rig()
     rig.answer(_state(0.0))
     reference = rig.node.motion.controller.reference
-    rig.node.on_joint_trajectory(message)
+    rig.node.trajectories.receive(message)
     assert rig.node.faults.drops == {'unusable trajectory': 1}
     assert what in capfd.readouterr().err
     rig.answer(_state(1.0))

@@ -25,7 +25,7 @@ from adaptive_blf_control.errors import ArmError
 from adaptive_blf_control.executables import NODES
 from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.messages.cdr import decode_float64_array
-from adaptive_blf_control.messages.diagnostics_reader import decode_diagnostics
+from adaptive_blf_control.messages.diagnostics import decode_diagnostics
 from adaptive_blf_control.messages.topics import (
     COMMANDS,
     GUARANTEE,
@@ -218,7 +218,7 @@ def test_an_arm_is_built_from_the_urdf_on_a_latched_topic(graph, pair_urdf, kind
 
 
 def test_a_urdf_that_does_not_come_is_an_error_that_names_the_topic(graph, monkeypatch) -> None:
-    monkeypatch.setattr(robot_description, 'PATIENCE', 0.2)
+    monkeypatch.setattr(robot_description, 'URDF_TIMEOUT', 0.2)
     with pytest.raises(ArmError, match="no URDF arrived on topic 'nowhere' within 0.2 s"):
         graph.make(ControllerNode, arm='urdf', urdf='topic:nowhere', joints=['shoulder', 'elbow'])
 

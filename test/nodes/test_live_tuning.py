@@ -149,7 +149,7 @@ def _controller_uses(node: ControllerNode) -> dict[str, Any]:
     uses = {
         'k1': settings.k1, 'k2': settings.k2, 'coupling': settings.coupling,
         'torque_limit': settings.torque_limit, 'torque_rate_limit': settings.torque_rate_limit,
-        'estimate_limit': node.estimates.limit,
+        'estimate_limit': node.estimates.gate.limit,
         'slotine_li.gamma': settings.slotine_li.gamma,
         'safety.lower': controller.safety.lower, 'safety.upper': controller.safety.upper,
         'performance.lower': node.output.bounds.lower,
@@ -443,14 +443,14 @@ def test_a_refused_request_says_why_and_changes_nothing_not_even_the_torque(
     node = asked.node
     law = node.motion.controller
     before = (node.settings.values(), law.settings, law.safety, law.performance, law.reference,
-              node.estimates.limit, node.theta)
+              node.estimates.gate.limit, node.theta)
     k1 = {'k1': [70.0]}
     result = asked.set({**k1, **request_})
     assert not result.successful
     for word in words:
         assert word in result.reason, result.reason
     after = (node.settings.values(), law.settings, law.safety, law.performance, law.reference,
-             node.estimates.limit, node.theta)
+             node.estimates.gate.limit, node.theta)
     assert before[0] == after[0]
     assert all(a is b for a, b in zip(before[1:], after[1:]))
     assert node.motion.controller is law
@@ -535,10 +535,10 @@ def test_an_estimate_limit_set_by_service_holds_for_the_next_estimate(controller
     theta = np.array(THETA) * 1.5
     message = JointState(name=list(TwoLinkArm().parameters), position=theta.tolist())
     assert live.set({'estimate_limit': [7.0]}).successful
-    live.node.on_theta_hat(serialize_message(message), {})
+    live.node.estimates.receive(serialize_message(message), {})
     assert live.drops == {'estimate beyond its limit': 1}
     assert live.set({'estimate_limit': [8.0]}).successful
-    live.node.on_theta_hat(serialize_message(message), {})
+    live.node.estimates.receive(serialize_message(message), {})
     np.testing.assert_array_equal(live.node.theta, theta)
 
 

@@ -31,7 +31,8 @@ from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.stamp import stamp_of
 from adaptive_blf_control.messages.topics import RECORDED
 from adaptive_blf_control.nodes.identifier import IdentifierNode
-from adaptive_blf_control.nodes.player import account, Player, PlaySettings
+from adaptive_blf_control.nodes.play_settings import PlaySettings
+from adaptive_blf_control.nodes.player import account, Player
 from adaptive_blf_control.runtime import answers
 from adaptive_blf_control.runtime.answers import NoAnswer
 from adaptive_blf_control.tools.identify import main as identify
@@ -317,7 +318,7 @@ def test_what_the_live_nodes_send_is_left_out_unless_it_is_named(graph, bag: Pat
                                 '/controller/tracking_error'}
     assert player.skipped['/effort_controller/commands'].startswith('it moves an arm')
     assert player.skipped[THETA] == 'it is the answer that lockstep waits for'
-    assert player.skipped['/identifier/history_rank'] == 'whoever answers sends it'
+    assert player.skipped['/identifier/history_rank'] == 'the node that answers sends it'
     named = _player(graph, bag, topics=('joint_states', 'effort_controller/commands'))
     assert set(named.sent) == {STATES, '/effort_controller/commands'}
     with pytest.raises(BagError, match=f'{THETA} is the answer'):

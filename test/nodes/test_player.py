@@ -32,7 +32,9 @@ from adaptive_blf_control.messages.cdr import (
     JointStateCodec,
 )
 from adaptive_blf_control.messages.topics import RECORDED
-from adaptive_blf_control.nodes.player import Player, PlaySettings, qos_of
+from adaptive_blf_control.nodes.play_qos import qos_of
+from adaptive_blf_control.nodes.play_settings import PlaySettings
+from adaptive_blf_control.nodes.player import Player
 from adaptive_blf_control.nodes.recorder import Recorder
 from patience import PATIENCE
 
@@ -119,7 +121,7 @@ def test_clock_leads_the_messages_and_covers_the_bag(
     wait_until(lambda: len(order) == 101 + 6, what='the last message')
     ticks = [time for kind, time in order if kind == 'clock']
     assert ticks == [START + 20 * STEP * i for i in range(6)]
-    assert player.ticks == 6
+    assert player.clock.ticks == 6
     states = [time for kind, time in order if kind == 'state']
     assert states == sorted(states)
     assert len(states) == 101

@@ -72,7 +72,7 @@ def recorded(graph, wait_until, tmp_path):
     # Now, because the commands have a publisher only once the controller is active.
     hashes = {topic: str(peer.get_publishers_info_by_topic(topic)[0].topic_type_hash)
               for topic in (*heard, EVENTS)}
-    wait_until(lambda: len(nodes['recorder']._settings) == 4, what="the nodes' parameters")
+    wait_until(lambda: len(nodes['recorder'].output.nodes) == 4, what="the nodes' parameters")
     for name in ('controller', 'identifier'):
         assert runners[name].end() == 0
     assert runners['recorder'].end() == 0
@@ -342,7 +342,7 @@ def test_a_topic_without_a_definition_is_refused_and_the_others_go_on(
     peer.create_publisher(PointStamped, 'point', 10)
     numbers = peer.create_publisher(Int32, 'number', 10)
     runner = graph.run(recorder)
-    wait_until(lambda: numbers.get_subscription_count() == 1 and not recorder._pending)
+    wait_until(lambda: numbers.get_subscription_count() == 1 and not recorder.unknown)
     numbers.publish(Int32(data=7))
     wait_until(lambda: recorder.received['/number'] == 1)
     assert runner.end() == 0
@@ -394,7 +394,7 @@ def test_gaps_in_a_publishers_sequence_are_counted_as_lost(graph, tmp_path) -> N
     recorder = graph.make(Recorder, bag=str(tmp_path / 'bag'), topics=['number'])
     recorder.received['/number'] = recorder.lost['/number'] = 0
     for number in (3, 4, 7, 8, 1, 2):  # two lost, then the publisher starts again
-        recorder._record('/number', 'std_msgs/msg/Int32', encode_int32(number), {
+        recorder.record('/number', 'std_msgs/msg/Int32', encode_int32(number), {
             'received_timestamp': 10**9 + number, 'source_timestamp': 10**9,
             'publication_sequence_number': number})
     recorder.finish()

@@ -96,7 +96,8 @@ def test_everything_a_running_node_uses_is_granted_and_the_other_way_round(
     wait_until(lambda: made['controller'].output, what='the controller, which has the arm now')
     # The recorder asks each of the others for its parameters, once it hears it.
     others = {f'/{name}' for name in KINDS} - {'/recorder'}
-    wait_until(lambda: others <= set(made['recorder']._askers), what='clients of the recorder')
+    wait_until(lambda: others <= set(made['recorder'].survey.clients),
+               what='clients of the recorder')
     # From outside, as `ros2 node info` looks.
     observer = graph_of(graph.context.get_domain_id()).peer()
     for name in made:
