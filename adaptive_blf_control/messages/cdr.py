@@ -59,7 +59,7 @@ class Float64MultiArrayCodec:
 
 
 def decode_float64_array(data: bytes) -> np.ndarray:
-    """Return the `data` of a Float64MultiArray, shape (count,); its layout is checked, then left.
+    """Return the `data` of a Float64MultiArray, shape (count,); its layout is checked and ignored.
 
     Raises:
         BagError: truncated or garbage input, with the offset.

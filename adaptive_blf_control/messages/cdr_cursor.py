@@ -93,7 +93,7 @@ class Cursor:
     def string(self, what: str) -> str:
         """Read a string; bytes that are not UTF-8 become hex escapes, so names stay distinct."""
         length = self.count(1, what)
-        if length == 0:  # not to the letter of CDR, but some writers do it
+        if length == 0:  # not valid CDR, but some writers do it
             return ''
         start = self.take(length, 1, what)
         if self.data[start + length - 1] != 0:

@@ -29,7 +29,7 @@ _COUNT = struct.Struct('<I')
 _DOUBLE = np.dtype('<f8')
 _STAMP_OFFSET = HEADER_SIZE
 _FRAME_OFFSET = HEADER_SIZE + 8
-# A recorder sees one layout per publisher of the topic; more than this many is a fault.
+# There is one layout per publisher of the topic; more than this many are a fault.
 _MAX_LAYOUTS = 8
 
 
@@ -72,9 +72,9 @@ def decode_joint_state(data: bytes) -> JointStateRecord:
 
 
 class JointStateCodec:
-    """Encoder for JointState messages of fixed names: only stamp and numbers are patched.
+    """Encoder for JointState messages with fixed names, of which only stamp and numbers change.
 
-    One template buffer is reused, so an instance belongs to one thread.
+    It reuses one buffer, so an instance belongs to one thread.
     """
 
     def __init__(self, names: Sequence[str], frame_id: str = '',
@@ -172,14 +172,14 @@ class _Layout(NamedTuple):
 
 
 class JointStateReader:
-    """Decoder that returns the numbers in the order of its own joints, matched by name.
+    """Decoder that returns the numbers in the order of given joints, matched by name.
 
-    The permutation is kept per layout (frame_id and names as bytes), so all messages of a
-    publisher after its first take the short way.
+    The permutation is kept for each layout (frame_id and names as bytes), so that only the first
+    message of a publisher is parsed name by name.
     """
 
     def __init__(self, joints: Sequence[str]) -> None:
-        """Remember the joints; BagError where one is listed twice."""
+        """Take the joints; BagError if one is listed twice."""
         self.joints = tuple(joints)
         _refuse_duplicates(self.joints, 'reader')
         self._layouts: list[_Layout] = []
@@ -189,7 +189,7 @@ class JointStateReader:
         """Return stamp [ns], position [rad], velocity [rad/s], effort [N·m].
 
         Each array is fresh, float64, of shape (n,) in the order of `joints`; all NaN where the
-        message leaves it empty. Joints of the message that are not asked for are skipped.
+        message leaves it empty. Other joints of the message are skipped.
 
         Raises:
             BagError: a joint is missing, a name occurs twice, an array is neither empty nor as
@@ -201,7 +201,7 @@ class JointStateReader:
             if data.startswith(layout.key, _FRAME_OFFSET) and data.startswith(b'\0\1'):
                 try:
                     return self._read_arrays(data, layout)
-                except (struct.error, ValueError):  # too short or of uneven lengths: say which
+                except (struct.error, ValueError):  # the slow decoder finds out what is wrong
                     break
         return self._read_slowly(data)
 

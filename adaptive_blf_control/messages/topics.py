@@ -29,7 +29,7 @@ class Topic:
     Attributes:
         name: Relative to the namespace of the nodes, or absolute.
         type_name: Message type.
-        publisher: Kind of the node that publishes it, ALL, or '' where none of ours does.
+        publisher: Kind of the node that publishes it, ALL, or '' if none of these nodes does.
         subscribers: Kinds of the nodes that subscribe to it, besides the recorder.
         content: What its messages mean, in Markdown, with units.
         recorded: Whether the recorder records it by default.

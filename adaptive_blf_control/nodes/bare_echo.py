@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Three plain nodes without any control work: what rclpy's default executor holds by itself.
+"""Three plain nodes without any control work: the rate that rclpy's default executor reaches.
 
 ``driver`` publishes a JointState from a timer, ``echo`` answers each with a Float64MultiArray,
 ``listener`` hears the states and publishes a vector as an estimator would. Typed messages, a
-callback each, ``rclpy.spin``: the floor that the nodes of this package are measured against.
+callback each, ``rclpy.spin``: what the nodes of this package are compared with.
 Run by ``bench rates``, as ``python -m adaptive_blf_control.nodes.bare_echo NODE``.
 """
 

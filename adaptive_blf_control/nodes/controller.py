@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """``controller``: joint states and θ̂ in, torques and the adaptation term out.
 
-Lifecycle: inactive, states are heard and nothing is sent; activation is refused outside the
-safety set, beside another publisher of commands, and without fresh joint states; the motion then
-begins with the next state, joined to the reference. θ̂ may arrive late or never: the controller
+While it is inactive it listens to states and sends nothing. Activation is refused outside the
+safety set, beside another publisher of commands, and without fresh joint states; the motion
+begins with the next state, joined to the reference. Where θ̂ arrives late or never, the controller
 goes on with the last one.
 """
 
@@ -49,19 +49,19 @@ from adaptive_blf_control.runtime.status_report import Status
 __all__ = ['ControllerNode', 'main']
 
 TRAJECTORY_QUEUE_DEPTH = 10
-GRAPH_PERIOD = 0.1  # s between looks at who hears and who sends commands
-OF_THE_GUARANTEE = {'k1', 'performance', 'reference'}  # parameters that V depends on
+GRAPH_PERIOD = 0.1  # s between looks at the publishers and subscriptions of commands
+OF_THE_GUARANTEE = {'k1', 'performance', 'reference'}  # groups of parameters that V depends on
 
 
 class ControllerNode(ManagedNode[ControllerNodeSettings]):
-    """Equation (38) behind the topics of ros2_controllers' effort group controller.
+    """A law, by default (38), behind the topics of ros2_controllers' effort group controller.
 
     Attributes:
-        motion: The motion, or that which is still to begin; from the configuration on.
-        estimates: θ̂ in use, and how it arrives; from the configuration on.
-        monitors: What is shown besides the torque; from the configuration on.
+        motion: The present motion, or the next one; from the configuration on.
+        estimates: θ̂ in use; from the configuration on.
+        monitors: What is published besides the torque; from the configuration on.
         trajectories: Takes the points of a planner; from the configuration on.
-        heard_at: When a state was heard that could be used, by the monotonic clock [s]; or None.
+        heard_at: When the last usable state arrived, monotonic [s]; None before the first.
         commands: The command topic; from the configuration on.
     """
 
@@ -72,7 +72,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
     trajectories: TrajectoryInput
 
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
-        """Make the node; with ``autostart`` validated as far as can be before the arm is seen."""
+        """Make the node; ``autostart`` configures it, which checks all that needs no arm."""
         self.heard_at: float | None = None
         self._looked_at = 0.0
         self._configured = False
@@ -94,7 +94,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.arm = arm_of(self, self.settings)
         self.estimates = EstimateInput(self, self.arm)
         trial = Controller(self.arm, settings)
-        trial.warm_up(self.theta)  # compiled here, not in the first answer
+        trial.warm_up(self.theta)  # compile here, not in the first answer
         self._check_sampling(trial)
         for warning in limit_warnings(self.arm, settings):
             self.get_logger().warning(warning)
@@ -123,7 +123,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             reliable=self.lockstep))
 
     def cleanup(self) -> None:
-        """Take the topics down."""
+        """Destroy the topics."""
         for subscription in self._inputs:
             self.topics.unsubscribe(subscription)
         self.destroy_subscription(self._trajectory_topic)
@@ -143,7 +143,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
 
         Raises:
             SetViolation: the arm is outside the safety set, with joint, value and bound.
-            BlfError: no fresh joint states, or somebody else sends commands.
+            BlfError: no fresh joint states, or another node sends commands.
         """
         self._check_fresh()
         self.motion.check_start()
@@ -158,7 +158,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
                            f'{timeout:g} s: activation needs to know where the arm is')
 
     def deactivate(self) -> None:
-        """Bring the torque down to zero and give the command topic back."""
+        """Bring the torque to zero and release the command topic."""
         if not self.commands.claimed:
             return
         if self.output is not None:
@@ -175,12 +175,12 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         controller = self.motion.retune(settings, changed)
         self.estimates.gate.limit = limit
         if self.motion.controller is not None and groups_of(changed) & OF_THE_GUARANTEE:
-            self.monitors.begin()  # V(0) of Theorem 2 was that of another motion
+            self.monitors.begin()  # V(0) of Theorem 2 belonged to the settings before
         if 'k2' in changed:
             self._check_sampling(controller)
 
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> bool:
-        """Answer a joint state with a torque; False where it cannot be used."""
+        """Answer a joint state with a torque; False if it cannot be used."""
         try:
             stamp, q, qd, torque = self._state_reader.read(data)
         except BagError as error:
@@ -201,7 +201,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.heard_at = time.monotonic()
         self.aged(info)
         output = self._answer(stamp, q, qd, torque, controller)
-        if begins:  # after the answer: writing a log line takes longer than the law
+        if begins:  # after the answer, because a log line takes longer than the law
             self.get_logger().info('motion begins')
             if self.active:
                 self.monitors.state_guarantee(controller, stamp, output)
@@ -214,7 +214,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         return controller
 
     def _ready(self, stamp: int, q: np.ndarray, qd: np.ndarray) -> bool:
-        """Whether this state is to be answered now: active, and somebody hears the answer."""
+        """Whether this state is to be answered now: the node is active and an arm listens."""
         if self.lockstep and self.estimates.misses(self.motion.gate.last_ns):
             return False
         if not self.active:
@@ -246,7 +246,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         return super().spin_data(timeout)
 
     def idle(self) -> None:
-        """Watch the states and who hears the commands; in lockstep the driver does."""
+        """Watch the states and the command topic; in lockstep the driver does."""
         if self.lockstep or not self.active:
             return
         now = time.monotonic()
@@ -258,10 +258,10 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
                               f'no joint state for {timeout:g} s: zero torque')
 
     def look_around(self, now: float) -> None:
-        """Stop where nobody hears the commands; give way to another controller that sends them.
+        """Stop if no arm listens; give way to another controller that sends commands.
 
         Args:
-            now: By the monotonic clock [s].
+            now: Monotonic time [s].
         """
         self._looked_at = now
         if self.commands.pushes and not self.commands.someone_drives():
@@ -272,13 +272,13 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.deactivate_by_itself()
 
     def _stop_motion(self, reason: str, text: str) -> None:
-        """Send zero torque; the next state begins another motion."""
+        """Send zero torque; the next state begins a new motion."""
         self.motion.lose(reason)
         self.commands.send_zero()
         self.faults.report(reason, text)
 
     def finish(self) -> None:
-        """Zero torque is the last thing sent; where nothing was sent the brakes stay on."""
+        """Send zero torque as the last command, unless none was sent and the brakes are on."""
         if self._configured and self.commands.pushes:
             self.commands.send_zero()
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the controller shows besides its torque: margins, Theorem 2, what was left."""
+"""What the controller publishes besides its torque: margins, violations, Theorem 2."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ REPUBLISH_SAMPLES = 500  # after which the guarantee is published again
 
 
 class ControllerMonitors:
-    """Publishes what a user wants to see of the law, and keeps account of the constraints.
+    """Publishes reference, errors, margins and guarantee, and counts violations.
 
     Attributes:
         codecs: Messages of the controller.
         margins: Those of all constraints at the last sample, shape (K,).
         violations: Samples in which a constraint was violated.
-        first_violation: Body, value and bound of the first of them, '' where there is none.
+        first_violation: Body, value and bound of the first of them, '' if there is none.
     """
 
     def __init__(self, node: DataNode[ControllerNodeSettings], joints: tuple[str, ...],
@@ -45,7 +45,7 @@ class ControllerMonitors:
         self._guarantee: GuaranteeMonitor | None = None
 
     def close(self) -> None:
-        """Take the topics down."""
+        """Destroy the topics."""
         for publisher in self._outputs.values():
             self._node.topics.end_publisher(publisher)
 
@@ -59,7 +59,7 @@ class ControllerMonitors:
 
     def watch(self, controller: Controller, stamp: int, output: ControlOutput,
               theta: np.ndarray) -> bool:
-        """Take the margins of a sample, publish what is due; False where one is violated."""
+        """Publish what is due for a sample; return whether all constraints are kept."""
         self.margins = controller.margins(output)
         inside = bool(self.margins.min() > 0.0)
         if not inside:
@@ -81,7 +81,7 @@ class ControllerMonitors:
         self._node.faults.report('set left', str(violation))
 
     def state_guarantee(self, controller: Controller, stamp: int, output: ControlOutput) -> None:
-        """State what Theorem 2 guarantees from here on, given bounds on the unknown arm."""
+        """Publish what Theorem 2 guarantees from here on, given bounds on the unknown arm."""
         settings = self._node.settings.guarantee
         if settings.mode == 'off':
             return
@@ -92,7 +92,7 @@ class ControllerMonitors:
                                   np.array([settings.smallest_gamma]))
             guaranteed = guarantee(value, controller.performance, controller.reference.range(),
                                    smallest)
-        except (BlfError, ArithmeticError) as error:  # nothing that is only shown ends a motion
+        except (BlfError, ArithmeticError) as error:  # what is only shown ends no motion
             self._node.faults.report('guarantee', f'Theorem 2 cannot be stated: {error}')
             return
         self._guarantee = GuaranteeMonitor(guaranteed, controller.performance, self._joints)

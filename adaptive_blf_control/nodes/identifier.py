@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``identifier``: joint states in, parameter estimate and the rank of its history stack out."""
+"""``identifier``: joint states in, parameter estimate and the rank of its history out."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             self.identifier.warm_up()
         self._check_rank()
         self._changes = 0
-        # A few, because a backlog of states needs the terms of their own times.
+        # Several, because each state of a backlog needs the term of its own time.
         self._terms: deque[tuple[int, np.ndarray]] = deque(maxlen=QUEUE_DEPTH)
         self._zero_ns: int | None = None
         self._reset_requested = False
@@ -87,7 +87,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             self.get_logger().warning(warning)
 
     def _where_it_was(self) -> np.ndarray | None:
-        """Return the estimate of an identifier that ended a moment ago, None to start afresh."""
+        """Return the estimate of an identifier that ended a moment ago; None if there is none."""
         within = self.settings.resume_within
         if within <= 0.0:
             return None
@@ -117,7 +117,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             self.faults.report('estimate not written', f'estimate not written: {error}')
 
     def _save(self) -> Path:
-        """Write what is known now; OSError names the file and the reason."""
+        """Write the present estimate; OSError names the file and the reason."""
         path = self._estimate_path()
         with self.between_samples:
             snapshot = self.identifier.snapshot()
@@ -128,7 +128,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         return path
 
     def finish(self) -> None:
-        """Keep what was learned since the last time."""
+        """Write what was learned since the last time."""
         if self.settings.estimate_period > 0.0:
             self._save_now_and_then()
 
@@ -164,8 +164,8 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         if self.lockstep and self._must_wait(stamp):
             self.topics.later(self.on_joint_states, data, info)
             return
-        self.topics.drain()  # of a backlog every state needs the term that was sent before it
-        if stamp < self._last_ns:  # time begins again: the terms of before are of another run
+        self.topics.drain()  # each state of a backlog needs the term that was sent before it
+        if stamp < self._last_ns:  # time starts again: the earlier terms belong to another run
             self._terms = deque((term for term in self._terms if term[0] < stamp),
                                 maxlen=QUEUE_DEPTH)
         self._last_ns = stamp
@@ -196,8 +196,8 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
     def _must_wait(self, stamp: int) -> bool:
         """In lockstep a state is used with the adaptation term of the one before it.
 
-        Once a later term is there, that one does not come any more; nor does it for a state that
-        is sent again, or begins time anew.
+        Once a later term has arrived, that one will not; nor will it for a state that is sent
+        again, or with which time starts again.
         """
         return (0 < self._last_ns < stamp and all(sent < self._last_ns for sent, _ in self._terms)
                 and self.count_publishers(ADAPTATION_TERM) > 0)
@@ -229,7 +229,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         return float(np.linalg.norm(theta - before)) / (t - since) if t > since > 0.0 else 0.0
 
     def status(self) -> Status:
-        """Report rank, σ_min and what was not used."""
+        """Report rank, σ_min and the samples that were not used."""
         stack, identifier = self.identifier.stack, self.identifier
         values: dict[str, object] = {
             'rank': stack.rank, 'parameters': self.arm.m, 'sigma_min': f'{stack.sigma_min:.6g}',

@@ -21,7 +21,7 @@ class PlaySettings:
         loop: Begin again at the end, until stopped.
         wait: How long to wait for a subscriber of each topic [s].
         clock: Ticks of /clock per bag second; 0 for none. A bag that has /clock plays its own.
-        lockstep: Wait for no time, but for the answers to each state.
+        lockstep: Wait for the answers to each state instead of for its time.
         answers: In lockstep, topics that answer, relative to the namespace of the states.
         timeout: In lockstep, how long an answer may take [s].
     """

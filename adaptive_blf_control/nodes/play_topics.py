@@ -14,10 +14,10 @@ __all__ = ['beside', 'choose_topics', 'states_topic']
 
 def choose_topics(bag: Bag, asked: Sequence[str], answers: Sequence[str]
                   ) -> tuple[list[str], dict[str, str]]:
-    """Return which topics to play, states last, and which not with the reason.
+    """Return which topics to play, states last, and which not, with the reason.
 
-    DDS tells a participant of our publishers in the order they were made, so one that has heard
-    the first state knows all the others.
+    DDS announces publishers in the order in which they were made, so a node that has received the
+    first state knows all the others.
 
     Args:
         bag: The bag.
@@ -47,7 +47,7 @@ def choose_topics(bag: Bag, asked: Sequence[str], answers: Sequence[str]
 
 
 def states_topic(bag: Bag, topics: Sequence[str]) -> str:
-    """Return the one topic of states among ``topics``; BagError where it is not one."""
+    """Return the one topic of states among ``topics``; BagError if there is none, or several."""
     found = [topic for topic in topics if bag.topics[topic].type_name == JOINT_STATE]
     named = [topic for topic in found if topic.rpartition('/')[2] == JOINT_STATES]
     if len(named or found) == 1:

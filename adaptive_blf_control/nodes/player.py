@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishes a bag again, byte for byte and with its clock, where there is no rosbag2."""
+"""Publishes a bag again, byte for byte and with its clock, without rosbag2."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Player:
 
     def __init__(self, path: str, settings: PlaySettings, *, context: Context | None = None,
                  namespace: str = '', stop: StopFlag | None = None) -> None:
-        """Open the bag and offer its topics; ``stop`` is the player's own where None.
+        """Open the bag and make its publishers; ``stop`` is the player's own if None.
 
         Raises:
             BagError: the bag cannot be read, a topic is not in it, or none can be published.
@@ -101,7 +101,7 @@ class Player:
         """Wait until every topic has a subscriber; return those that have none in time.
 
         Raises:
-            NoAnswer: in lockstep, nobody listens to the states, or nobody answers.
+            NoAnswer: in lockstep, no node subscribes to the states, or none answers.
         """
         if self.lockstep is not None:
             self.lockstep.discover()
@@ -116,7 +116,7 @@ class Player:
         """Publish the bag once, or again and again, until its end or :attr:`stop`.
 
         Raises:
-            NoAnswer: in lockstep, nobody listens to the states or answers one of them.
+            NoAnswer: in lockstep, no node subscribes to the states or answers one of them.
         """
         if self.lockstep is not None:
             self.lockstep.discover()
@@ -182,7 +182,7 @@ def play(path: str, settings: PlaySettings, ros_arguments: Sequence[str]) -> Pla
     Raises:
         BagError: as :class:`Player`.
         NoAnswer: as :meth:`Player.play`.
-        RuntimeError: ROS does not take an argument.
+        RuntimeError: ROS does not accept an argument.
     """
     stop = stop_on_signals()
     rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
@@ -199,7 +199,7 @@ def play(path: str, settings: PlaySettings, ros_arguments: Sequence[str]) -> Pla
 
 
 def _announce(player: Player) -> None:
-    """Print what is played and what is not, and wait for those who listen."""
+    """Print what is played and what is not, and wait for subscribers."""
     for topic, reason in player.skipped.items():
         print(f'{topic}: not played: {reason}', flush=True)
     for topic in player.wait_for_subscribers():
@@ -212,7 +212,7 @@ def _announce(player: Player) -> None:
 
 
 def account(player: Player) -> str:
-    """Return what was played, in how long, and how it was answered."""
+    """Return how much was played, how long it took, and how it was answered."""
     pace = f'{player.bag_seconds / player.seconds:.3g}' if player.seconds > 0.0 else '-'
     text = (f'{sum(player.sent.values())} messages on {len(player.sent)} topics, '
             f'{player.clock.ticks} ticks of the clock: {player.bag_seconds:.1f} s of the bag in '

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag played in lockstep: no state before the one in front of it has been answered.
+"""A bag played in lockstep: each state is sent once the one before it has been answered.
 
-Nothing tells when other messages, e.g. the adaptation term, are at the identifier. With
-``use_sim_time`` it waits for the term in front of a state; else it may use the one before.
+The arrival of other messages, e.g. of the adaptation term, is not confirmed. With ``use_sim_time``
+the identifier waits for the term that precedes a state; else it may use the one before that.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from adaptive_blf_control.runtime.stop_flag import StopFlag
 
 __all__ = ['Lockstep']
 
-# Best effort readers may lose a state, or not have found us yet when the first one is sent. The
-# identifier does not learn twice from the same stamp, so it can be sent again.
+# Best effort readers may lose a state, or not have discovered the player when the first one is
+# sent. The identifier does not learn twice from the same stamp, so a state can be sent again.
 SEND_AGAIN = 1.0  # s
-AHEAD = 20  # adaptation terms sent at most before their time; an identifier keeps some of them
+AHEAD = 20  # most adaptation terms that are sent before their time; the identifier keeps that many
 
 
 class Lockstep:
@@ -35,11 +35,11 @@ class Lockstep:
 
     Attributes:
         states: Topic of the states in the bag.
-        answers: Where they are answered.
-        answered: How many were.
+        answers: The topics on which they are answered.
+        answered: How many states were answered.
         resent: How often a state was sent again.
-        unanswered: States that were not, counted by the names of their joints: other robots on
-            the same topic. The empty tuple counts messages that cannot be read.
+        unanswered: States that were not, counted by the names of their joints: those of other
+            robots on the same topic. The empty tuple counts messages that cannot be read.
     """
 
     def __init__(self, node: Node, bag: Bag, publishers: Mapping[str, Publisher],
@@ -57,10 +57,10 @@ class Lockstep:
         self._known: set[tuple[str, ...]] = set()  # joints of states that were answered
 
     def discover(self) -> None:
-        """Wait until somebody listens to the states and somebody answers.
+        """Wait until a node subscribes to the states and every answer has a publisher.
 
         Raises:
-            NoAnswer: nobody within the timeout; names the topic.
+            NoAnswer: not within the timeout; names the topic.
         """
         begin = time.monotonic()
         while self._publisher.get_subscription_count() == 0 and not self._stop.wait(0.01):
@@ -73,13 +73,13 @@ class Lockstep:
                  ) -> Iterator[BagMessage]:
         """Yield the messages of ``topics`` in the order in which they can be answered.
 
-        By log time, but for the adaptation terms: an identifier that waits for the term of the
-        state in front does so until that one or a later one is there. In a bag from real time a
-        term may be late, or missing where the controller passed a state over.
+        By log time, except for the adaptation terms: an identifier that waits for the term of the
+        preceding state waits until that one or a later one has arrived. In a bag from real time a
+        term may be late, or missing where the controller did not answer a state.
 
         Args:
             topics: What is played.
-            retire: Ends a topic of which nothing more comes, so that nobody waits for it.
+            retire: Ends a topic that has no further messages, so that no node waits for them.
         """
         terms = beside(self.states, ADAPTATION_TERM)
         if terms not in topics:
@@ -114,7 +114,7 @@ class Lockstep:
         """
         if topic == self.states:
             self._ask(data)
-        else:  # not confirmed: over DDS that takes up to a heartbeat, 3 s by default
+        else:  # not confirmed: DDS takes up to its heartbeat period for that, 3 s by default
             publisher.publish(data)
 
     def _ask(self, data: bytes) -> None:
@@ -142,7 +142,7 @@ class Lockstep:
             self.resent += 1
 
     def _give_up_on(self, names: tuple[str, ...], stamp_ns: int, missing: list[str]) -> None:
-        """Let other robots on the same topic pass; raise where these are the joints meant."""
+        """Go on without answers for another robot on the same topic; raise for the arm itself."""
         if names in self._known or not self._others_than(names):
             raise NoAnswer(', '.join(missing), stamp_ns, f'no answer within {self._timeout:g} s '
                            f'to the state of {stamp_ns} ns with joints {list(names)}')
@@ -162,7 +162,7 @@ class Lockstep:
 
 
 def _read_state(data: bytes) -> tuple[tuple[str, ...], int]:
-    """Return joint names and stamp [ns]; no names where the identifier cannot read the message."""
+    """Return joint names and stamp [ns]; no names if the identifier cannot read the message."""
     try:
         state = decode_joint_state(data)
     except BagError:

@@ -30,8 +30,8 @@ from adaptive_blf_control.runtime.status_report import Status
 __all__ = ['Recorder', 'main']
 
 GRAPH_PERIOD = 0.25  # s between looks at the graph
-# The middleware stamps and keeps what arrives; fetching it in batches leaves the processor to
-# those that have to answer within a millisecond.
+# The middleware stamps and keeps what arrives; fetching it in batches leaves the processor to the
+# nodes that have to answer within a millisecond.
 BATCH_PERIOD = 0.01  # s
 SHARED = ('/diagnostics', '/parameter_events', '/rosout')  # topics that every node publishes
 QUEUE_DEPTH = 5000  # a disk may keep the recorder waiting

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Waiting for the messages that answer a state: those that carry its stamp."""
+"""The messages that answer a state, known by its stamp, and the wait for them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class NoAnswer(BlfError, TimeoutError):
     """A state was not answered in time.
 
     Attributes:
-        topic: Topic on which nobody spoke or listened.
+        topic: Topic without a publisher, a subscription or an answer.
         stamp_ns: Stamp of the state [ns]; None where none was sent yet.
     """
 
@@ -46,7 +46,7 @@ class Answers:
 
     Attributes:
         topics: Their names.
-        stop: Ends every wait once it is set.
+        stop: Set it to end every wait.
     """
 
     def __init__(self, node: Node, topics: Sequence[str], stop: StopFlag) -> None:
@@ -60,13 +60,13 @@ class Answers:
         self._requests = RequestServer(node, stop, lambda text: node.get_logger().error(text))
 
     def discover(self, timeout: float) -> None:
-        """Subscribe to each topic once somebody publishes it, with the type found there.
+        """Subscribe to each topic once it has a publisher, with the type of that publisher.
 
         Calling it again does nothing.
 
         Raises:
-            NoAnswer: nobody does within ``timeout`` [s].
-            BagError: its type is not known here, or has no header.
+            NoAnswer: a topic has no publisher within ``timeout`` [s].
+            BagError: its type is not installed here, or has no header.
         """
         give_up = time.monotonic() + timeout
         if self._wait is not None:
@@ -103,7 +103,7 @@ class Answers:
         self._channels[topic] = new_channel(DIRECT, self._node, kind, topic, qos)
 
     def forget(self) -> None:
-        """Forget what was heard so far: the next answer is one to what is sent next."""
+        """Forget earlier answers, e.g. to the same stamp."""
         self._take()
         for stamps in self._heard.values():
             stamps.clear()

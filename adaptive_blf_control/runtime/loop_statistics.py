@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well a node holds its rate: periods, missed ones, time of the callback, age of the data."""
+"""How well a node keeps its rate: periods, missed ones, time in callbacks, age of the data."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 __all__ = ['Histogram', 'LoopStatistics', 'START_UP']
 
-# Fine bins up to 2 ms and coarse ones up to 50 ms: reading them takes microseconds, too. What is
-# longer counts in the last bin and in the largest value.
+# Fine bins up to 2 ms and coarse ones up to 50 ms: so few that reading them takes microseconds. A
+# longer duration counts in the last bin and as the largest value.
 FINE_NS, FINE = 2_000, 1_000
 COARSE_NS, COARSE = 50_000, 960
 LIMIT_NS = FINE_NS * FINE
@@ -24,10 +24,10 @@ NEVER = 2**63  # ns
 
 
 class Histogram:
-    """Durations, counted in bins, so that adding one costs no memory and little time.
+    """Durations counted in bins: adding one takes no memory and little time.
 
     Attributes:
-        largest_ns: The largest duration so far, since :meth:`forget` where that was called [ns].
+        largest_ns: The largest duration since the start or the last :meth:`forget` [ns].
     """
 
     def __init__(self) -> None:
@@ -48,7 +48,7 @@ class Histogram:
             self.largest_ns = duration_ns
 
     def forget(self) -> None:
-        """Leave what was counted so far out of quantiles and largest value."""
+        """Leave everything counted so far out of the quantiles and the largest value."""
         self._forgotten = np.frombuffer(self._bins, dtype=np.int64).copy()
         self.largest_ns = 0
 
@@ -61,7 +61,7 @@ class Histogram:
         return int(counts[:bins].sum())
 
     def quantiles(self, parts: tuple[float, ...], recent: bool = False) -> tuple[float, ...]:
-        """Return quantiles [ms], the upper edge of their bin; NaN where nothing was counted.
+        """Return quantiles [ms], as the upper edges of their bins; NaN where nothing was counted.
 
         Args:
             parts: Each in 0..1.
@@ -80,20 +80,20 @@ class Histogram:
 
 
 class LoopStatistics:
-    """Statistics of one node's loop; times come in, from one clock.
+    """Statistics of one node's loop; the caller passes the times, all of one clock.
 
     Attributes:
-        samples: Samples worked on.
-        missed: Samples that were due by their stamps and not worked on.
+        samples: Samples processed.
+        missed: Samples that were due by their stamps and not processed.
         superseded: Messages not handled, because a newer one of the topic was there already.
-        callback: Time spent on a sample.
+        callback: Time spent in the handlers of a sample.
         age: Time from a message's publication to its being handled.
         histograms: Those that forget what was before :data:`START_UP`, so that the start of the
             graph does not hide what the loop holds.
     """
 
     def __init__(self) -> None:
-        """Start with nothing seen."""
+        """Start without samples."""
         self.samples = 0
         self.missed = 0
         self.superseded = 0
@@ -108,7 +108,7 @@ class LoopStatistics:
         self._sums = [0, 0.0, 0.0]  # periods in the window, their sum and sum of squares [ms]
 
     def sample(self, now_ns: int, stamp_ns: int = 0) -> None:
-        """Count one sample, worked on at ``now_ns`` and measured at ``stamp_ns`` (0: unknown)."""
+        """Count one sample, processed at ``now_ns`` and measured at ``stamp_ns`` (0: unknown)."""
         self.samples += 1
         if self._at_ns:
             period = (now_ns - self._at_ns) * 1e-6
@@ -149,11 +149,11 @@ class LoopStatistics:
         self._interval_ns *= 1.01 if interval_ns > self._interval_ns else 0.99
 
     def break_off(self) -> None:
-        """Forget the last stamp: the next one begins a new motion and missed nothing."""
+        """Forget the last stamp: the next one begins a new motion, so nothing was missed."""
         self._stamp_ns = 0
 
     def take(self) -> dict[str, str]:
-        """Return the figures of the time since the last call, for the diagnostics."""
+        """Return the figures since the last call, for the diagnostics."""
         count, total, squares = self._sums
         self._sums = [0, 0.0, 0.0]
         figures = {'missed periods': str(self.missed)}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arm of a node: from its parameters, the URDF from a file or from a topic."""
+"""The arm of a node from its parameters, with the URDF from a file or from a topic."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def arm_of(node: DataNode, settings: ArmSettings) -> Arm:
     topic = source.removeprefix('topic:')
     received: list[bytes] = []
     qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    # Taken by hand: a lifecycle request that asks for this holds the node's executor.
+    # Polled here: a lifecycle request that configures the node occupies its executor.
     channel = DirectChannel(node, String, topic, qos)
     give_up = time.monotonic() + URDF_TIMEOUT
     while time.monotonic() < give_up and node.up:

@@ -15,7 +15,7 @@ import pytest
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.configuration.parameter_file import load_yaml, node_values
 from adaptive_blf_control.control.constraints import MarginName
-from adaptive_blf_control.messages.controller_codecs import barrier_names
+from adaptive_blf_control.messages.controller_codecs import margin_names
 from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
     BARRIER,
@@ -43,7 +43,7 @@ def named(repository: Path) -> dict[str, tuple[list[str], tuple[str, ...]]]:
     return {
         JOINT_STATES: (joints, STATE), REFERENCE: (joints, STATE),
         TRACKING_ERROR: (joints, STATE[:2]), THETA_HAT: (parameters, STATE[:1]),
-        ADAPTATION_TERM: (parameters, STATE[:1]), BARRIER: (barrier_names(
+        ADAPTATION_TERM: (parameters, STATE[:1]), BARRIER: (margin_names(
             [MarginName(joint, what) for what in ('safety', 'performance') for joint in joints]),
             STATE[:1])}
 
