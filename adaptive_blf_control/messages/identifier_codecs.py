@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.identification.news import HistoryNews
+from adaptive_blf_control.identification.republish import HistoryPublication
 from adaptive_blf_control.messages.cdr import encode_float64, encode_int32
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import (
@@ -27,7 +27,7 @@ class EstimateStream:
     def __init__(self, parameters: Sequence[str]) -> None:
         """Prepare the messages for the names of the parameters."""
         self._theta = JointStateCodec(parameters, fields=('position',))
-        self._news = HistoryNews()
+        self._history = HistoryPublication()
 
     def messages(self, stamp: int, theta: np.ndarray, identifier: Identifier) -> dict[str, bytes]:
         """Return the messages of a sample by topic; the estimate, which answers it, is the last.
@@ -39,7 +39,7 @@ class EstimateStream:
         """
         messages: dict[str, bytes] = {}
         stack = identifier.stack
-        if self._news.due(stack.insertions):
+        if self._history.due(stack.insertions):
             messages[HISTORY_RANK] = encode_int32(stack.rank)
             messages[HISTORY_SIGMA_MIN] = encode_float64(stack.sigma_min)
             excitation = identifier.excitation

@@ -180,8 +180,8 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         for topic, message in self._stream.messages(stamp, theta, self.identifier).items():
             self._outputs[topic].publish(message)
         self.sampled(stamp)
-        if self.identifier.monitor.changes != self._changes:
-            self._changes = self.identifier.monitor.changes
+        if self.identifier.changes != self._changes:
+            self._changes = self.identifier.changes
             self.get_logger().warning(f'the arm has changed: the history is emptied '
                                       f'({self._changes} so far)')
 
@@ -236,10 +236,14 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             'pairs': stack.count, 'insertions': stack.insertions,
             'change of theta_hat per second, norm': f'{self._drift():.6g}',
             'filter restarts': identifier.restarts,
-            'changes of the arm': identifier.monitor.changes,
+            'changes of the arm': identifier.changes,
+            'artificial noise': 'in use' if identifier.artificial_noise else 'not in use',
             'excitation index': identifier.excitation,
             'norm of theta_hat': f'{np.linalg.norm(identifier.theta):.6g}',
             **{f'samples {reason}': count for reason, count in identifier.dropped.items()}}
+        if identifier.artificial_noise:
+            return DiagnosticStatus.WARN, ('theta_hat is biased: it is learned with artificial '
+                                           'noise (history.noise)'), values
         if stack.rank < self.arm.m:
             return DiagnosticStatus.OK, f'learning: rank {stack.rank} of {self.arm.m}', values
         return DiagnosticStatus.OK, 'rank full', values
