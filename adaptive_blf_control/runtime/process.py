@@ -21,7 +21,7 @@ from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.node_parameters import check_files, explain_files
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['initialise', 'run_node', 'stop_on_signals']
+__all__ = ['initialise', 'run_node', 'stop_on_signals', 'warn_of_leftovers']
 
 SHARED_MEMORY = Path('/dev/shm')
 
@@ -89,7 +89,7 @@ def initialise(kind: str, args: list[str] | None) -> None:
         ParameterError: a parameter file cannot be used; names parameter, value and expectation.
         RuntimeError: ROS does not accept another argument.
     """
-    _warn_of_leftovers(kind)
+    warn_of_leftovers(kind)
     arguments = sys.argv if args is None else args
     check_files(arguments)
     set_logger_level('rcl', LoggingSeverity.FATAL)  # its log line would say less than the error
@@ -105,7 +105,7 @@ def initialise(kind: str, args: list[str] | None) -> None:
             set_logger_level('rcl', LoggingSeverity.UNSET)
 
 
-def _warn_of_leftovers(kind: str) -> None:
+def warn_of_leftovers(kind: str) -> None:
     """Name the files for which every node on this host would wait for ever.
 
     A process that is killed while Fast DDS makes its shared memory leaves an empty port, and a

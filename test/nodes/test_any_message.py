@@ -362,8 +362,8 @@ def test_joint_states_of_the_identifier(graph) -> None:
     node = graph.make(IdentifierNode, filter__settle=0.0)
     identifier = node.identifier
     watched = _Watched(node, node.on_joint_states, lambda: (
-        identifier.theta, identifier.stack.count, identifier.stack.sigma_min, node._last_ns,
-        node._zero_ns, node.statistics.samples))
+        identifier.theta, identifier.stack.count, identifier.stack.sigma_min, node.last_ns,
+        node.statistics.samples))
 
     def handle(data: bytes, info: dict) -> None:
         before = identifier.theta, identifier.stack.insertions, sum(identifier.dropped.values())
@@ -382,8 +382,8 @@ def test_joint_states_of_the_identifier(graph) -> None:
 
 def test_adaptation_terms_of_the_identifier(graph) -> None:
     node = graph.make(IdentifierNode, filter__settle=0.0)
-    watched = _Watched(node, node.on_adaptation_term, lambda: (
-        len(node._terms), node._terms[-1][1] if node._terms else None, node.identifier.theta))
+    watched = _Watched(node, node.terms.receive, lambda: (
+        len(node.terms.terms), *(term for _, term in node.terms.terms), node.identifier.theta))
     stamps = itertools.count(FIRST, 10**6)
 
     def handle(data: bytes, info: dict) -> None:
@@ -395,7 +395,7 @@ def test_adaptation_terms_of_the_identifier(graph) -> None:
     _feed(_vectors(PARAMETERS), handle)
     assert watched.taken > 1000
     assert {'unusable adaptation term', 'non-finite adaptation term'} <= set(node.faults.drops)
-    assert len(node._terms) <= 100
+    assert len(node.terms.terms) <= 100
 
 
 def _command(drawn: _Drawn) -> bytes:

@@ -63,7 +63,7 @@ class Cell:
                  arm: dict[str, Any] | None = None, law: dict[str, Any] | None = None,
                  executor: str = 'direct') -> None:
         """Start the nodes; ``arm`` and ``law`` change their parameters."""
-        self._wait_until = wait_until
+        self.wait_until = wait_until
         self._graph = graph
         self.peer = graph.peer()
         self.sent = {topic: self.peer.listen(kind, f'/{topic}') for topic, kind in (
@@ -101,16 +101,16 @@ class Cell:
         """Wait for that many more messages on a topic and return all of it."""
         heard = self.sent[topic]
         count = len(heard) + more
-        self._wait_until(lambda: len(heard) >= count, what=f'{topic} to go on')
+        self.wait_until(lambda: len(heard) >= count, what=f'{topic} to go on')
         return [data for data, _ in heard]
 
     def knows_the_arm(self) -> None:
         """Wait until the controller has heard a state."""
-        self._wait_until(lambda: self.controller.heard_at is not None)
+        self.wait_until(lambda: self.controller.heard_at is not None)
 
     def is_released(self) -> None:
         """Wait until the driver follows commands."""
-        self._wait_until(lambda: self.driver.started, what='the brakes')
+        self.wait_until(lambda: self.driver.started, what='the brakes')
 
     @property
     def torques(self) -> np.ndarray:
@@ -222,7 +222,7 @@ def test_a_request_in_the_middle_of_a_transition_waits_for_its_end(cell, monkeyp
     cell.hears(JOINT_STATES)  # time for it to be taken
     assert not future.done()
     go_on.set()
-    cell._wait_until(future.done, what='the answer')
+    cell.wait_until(future.done, what='the answer')
     assert future.result().success
     assert cell.state('controller') == 'inactive'
 
@@ -367,11 +367,11 @@ def test_cleaned_up_nodes_are_configured_again_while_their_loops_run(cell) -> No
                    'arm_driver cleanup')
         cell.moves('arm_driver configure', 'arm_driver activate', 'controller configure')
         cell.knows_the_arm()
-        cell._wait_until(lambda: cell.change('controller', 'activate'), what='a joint state')
+        cell.wait_until(lambda: cell.change('controller', 'activate'), what='a joint state')
     cell.hears(COMMANDS)
     for node in (cell.driver, cell.controller):
         assert len(node.topics) == (1 if node is cell.driver else 2)
-        cell._wait_until(lambda node=node: node.topics.leaving == 0)
+        cell.wait_until(lambda node=node: node.topics.leaving == 0)
     assert {runner.error for runner in cell.runners.values()} == {None}
     assert {runner.code for runner in cell.runners.values()} == {None}
 
@@ -385,7 +385,7 @@ def test_shutdown_ends_the_nodes_and_a_moving_arm_gets_zero_torque(cell, autosta
         cell.moves(f'{node} shutdown')
         assert cell.runners[node].join() == 0
     if autostart:  # delivered is not yet handled: the peer takes one message at a time
-        cell._wait_until(lambda: not cell.torques[-1].any(), 'zero torque as the last one')
+        cell.wait_until(lambda: not cell.torques[-1].any(), 'zero torque as the last one')
 
 
 @pytest.mark.parametrize('kind', [ArmDriver, ControllerNode])

@@ -23,6 +23,7 @@ from adaptive_blf_control.control.reference import SumOfSinusoids
 from adaptive_blf_control.messages.topics import COMMANDS, GUARANTEE, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
+from adaptive_blf_control.nodes.estimate_saver import file_of
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
 from adaptive_blf_control.parameters.table import per_joint
@@ -132,8 +133,8 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
 def _identifier_uses(node: IdentifierNode) -> dict[str, Any]:
     identifier, settings = node.identifier, node.identifier.settings
     return {
-        'estimate_file': str(node._estimate_path()),
-        'estimate_period': node._saver.timer_period_ns * 1e-9,
+        'estimate_file': str(file_of(node)),
+        'estimate_period': node.saver.period,
         'gamma': settings.gamma, 'kt': settings.kt, 'kh': settings.kh,
         **{f'filter.{name}': value for name, value in settings.filter.values().items()},
         'filter.state_order': round((identifier.memory - settings.filter.time_constant)

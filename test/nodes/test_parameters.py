@@ -314,7 +314,7 @@ def test_a_port_that_a_killed_process_left_empty_is_named(tmp_path, monkeypatch,
         path = tmp_path / name
         path.write_bytes(b'x' * size)
         os.utime(path, (time.time() - age, time.time() - age))
-    process._warn_of_leftovers('controller')
+    process.warn_of_leftovers('controller')
     said = capsys.readouterr().err
     assert 'fastrtps_port7004 is empty' in said
     assert len(said.splitlines()) == 1
