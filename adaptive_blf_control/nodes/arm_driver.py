@@ -54,6 +54,7 @@ class ArmDriver(SteppedDriver):
         grid: When states are due.
         commands: Which commands count.
         round_trips: From states to the commands that answer them.
+        stepping: Moves the arm in lockstep; None in real time.
     """
 
     grid: StateGrid
@@ -93,7 +94,7 @@ class ArmDriver(SteppedDriver):
         self._states = self.topics.publisher(JointState, JOINT_STATES)
         self._command_input = self.topics.subscribe(Float64MultiArray, COMMANDS, self.on_command,
                                                     reliable=True)
-        self._lockstep = ArmLockstep(self) if self.lockstep else None
+        self.stepping = ArmLockstep(self) if self.lockstep else None
         self._ready = True
 
     def activate(self) -> None:
@@ -102,7 +103,7 @@ class ArmDriver(SteppedDriver):
 
     def deactivate(self) -> None:
         """Begin to bring the torque to zero; the brakes follow."""
-        if self._lockstep is not None:  # its time stands still meanwhile
+        if self.stepping is not None:  # its time stands still meanwhile
             self.plant.brake()
         else:
             self.drives.ramp_down(time.monotonic_ns())
@@ -112,8 +113,8 @@ class ArmDriver(SteppedDriver):
         self._ready = False
         self.topics.unsubscribe(self._command_input)
         self.topics.end_publisher(self._states)
-        if self._lockstep is not None:
-            self._lockstep.close()
+        if self.stepping is not None:
+            self.stepping.close()
         self.grid.end()
 
     def retune(self, settings: DriverSettings, changed: set[str]) -> None:
@@ -145,9 +146,9 @@ class ArmDriver(SteppedDriver):
             if refusal.fault:
                 self.faults.last = 'commands of a second publisher refused'
             self.faults.drop(refusal.reason, refusal.detail)
-        elif self._lockstep is not None:
+        elif self.stepping is not None:
             self.commands.heard_ns = now
-            self._lockstep.on_command(torque)
+            self.stepping.answers.command(torque)
         elif not self.active:
             self.faults.drop('command while inactive', 'activate the driver first')
         else:
@@ -175,7 +176,7 @@ class ArmDriver(SteppedDriver):
             wait_for = self.settings.wait_for_subscribers
             while self.serves and not self.heard_by(wait_for):
                 self.spin_data(0.01)
-            if (self._real_time if self._lockstep is None else self._lockstep.loop)():
+            if (self._real_time if self.stepping is None else self.stepping.loop)():
                 return
 
     def heard_by(self, count: int) -> bool:

@@ -440,32 +440,32 @@ def test_commands_of_the_driver(graph) -> None:
     driver.start_clock()
     _check_commands(driver, lambda: (
         driver.plant.torque, driver.plant._commanded, driver.started,
-        driver.drives.timed_out, driver.commands.heard_ns, driver.commands._source._number),
+        driver.drives.timed_out, driver.commands.heard_ns,
+        driver.commands._source._number),  # the publisher that is obeyed; nothing else shows it
         lambda: driver.plant.torque / LIMIT)
     assert (np.abs(driver.plant.torque) <= LIMIT).all()
 
 
 def test_commands_and_answers_of_the_driver_in_lockstep(graph) -> None:
     driver = graph.make(ArmDriver, use_sim_time=True, command_timeout=60.0)
-    lockstep = driver._lockstep
+    answers = driver.stepping.answers
     _check_commands(driver, lambda: (
-        lockstep._torque, lockstep._commanded, driver.commands.heard_ns,
-        driver.commands._source._number),
-        lambda: lockstep._torque)
+        answers.torque, answers.commanded, driver.commands.heard_ns,
+        driver.commands._source._number),  # the publisher that is obeyed; nothing else shows it
+        lambda: answers.torque)
     awaited = FIRST + 500 * 10**6
-    lockstep._send(awaited, 1e-3)
-    lockstep.on_command(np.zeros(2))
-    hear = {name: lockstep._hears(name) for name in ('controller', 'identifier')}
-    hear['controller'](_good(PARAMETERS, awaited), {})
-    assert lockstep._missing_answers(awaited) == ['identifier']
-    answers = set()
+    answers.expect(awaited)
+    answers.command(np.zeros(2))
+    answers.hear('controller', _good(PARAMETERS, awaited))
+    assert answers.missing() == ['identifier']
+    missing = set()
 
     def handle(data: bytes, info: dict) -> None:
-        hear['controller'](data, info)
-        answers.update(lockstep._missing_answers(awaited))
+        answers.hear('controller', data)
+        missing.update(answers.missing())
 
     _feed(_vectors(PARAMETERS), handle)
-    assert answers == {'identifier'}  # what was answered stays so, whatever follows
+    assert missing == {'identifier'}  # an answer stays one, whatever follows
 
 
 def test_answers_that_a_player_waits_for(graph, wait_until) -> None:
