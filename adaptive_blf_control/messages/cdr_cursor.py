@@ -9,9 +9,11 @@ import numpy as np
 
 from adaptive_blf_control.errors import BagError
 
-__all__ = ['BYTE_ORDERS', 'ENCAPSULATION_LE', 'HEADER_SIZE', 'Cursor', 'align', 'encode_string']
+__all__ = ['BYTE_ORDERS', 'ENCAPSULATION_LE', 'HEADER_SIZE', 'STAMP', 'Cursor', 'align',
+           'encode_string']
 
 HEADER_SIZE = 4
+STAMP = struct.Struct('<iI')  # builtin_interfaces/Time, little endian
 ENCAPSULATION_LE = b'\x00\x01\x00\x00'
 BYTE_ORDERS = {b'\x00\x01': '<', b'\x00\x00': '>'}  # of struct, by representation
 

@@ -10,7 +10,13 @@ from collections.abc import Iterable, Mapping
 import struct
 
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.cdr_cursor import align, Cursor, ENCAPSULATION_LE, encode_string
+from adaptive_blf_control.messages.cdr_cursor import (
+    align,
+    Cursor,
+    ENCAPSULATION_LE,
+    encode_string,
+    STAMP,
+)
 
 __all__ = ['decode_diagnostics', 'drop_counters', 'encode_diagnostics']
 
@@ -27,7 +33,7 @@ def encode_diagnostics(stamp_ns: int, level: bytes, name: str, message: str, har
         hardware_id: ``status.hardware_id``, the arm.
         values: Written as text, each under its key.
     """
-    out = bytearray(ENCAPSULATION_LE + struct.pack('<iI', *divmod(stamp_ns, 10**9)))
+    out = bytearray(ENCAPSULATION_LE + STAMP.pack(*divmod(stamp_ns, 10**9)))
     _string(out, '')  # header.frame_id
     _count(out, 1)
     out += level

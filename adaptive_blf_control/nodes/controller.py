@@ -32,7 +32,7 @@ from adaptive_blf_control.control.laws.protocol import uses_estimate
 from adaptive_blf_control.control.motion import groups_of, Motion
 from adaptive_blf_control.control.ramp import RAMP_STEP
 from adaptive_blf_control.errors import BagError, BlfError
-from adaptive_blf_control.messages.joint_state import JointStateReader
+from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.stamp import STAMP_LIMIT
 from adaptive_blf_control.messages.topics import JOINT_STATES, JOINT_TRAJECTORY, THETA_HAT
 from adaptive_blf_control.nodes.command_topic import CommandTopic

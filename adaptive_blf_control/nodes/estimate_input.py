@@ -13,7 +13,7 @@ from adaptive_blf_control.configuration.build import initial_theta
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.estimate_gate import EstimateGate
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.joint_state import JointStateReader
+from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.topics import THETA_HAT
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.status_report import Status

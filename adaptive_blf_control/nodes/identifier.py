@@ -17,7 +17,7 @@ from adaptive_blf_control.configuration.node_settings import IdentifierNodeSetti
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.messages.identifier_codecs import EstimateStream
-from adaptive_blf_control.messages.joint_state import JointStateReader
+from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.stamp import STAMP_LIMIT
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES
 from adaptive_blf_control.nodes.estimate_saver import EstimateSaver, resumed_estimate

@@ -9,7 +9,7 @@ import numpy as np
 
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.joint_state import JointStateReader
+from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.data_topics import QUEUE_DEPTH
