@@ -40,7 +40,7 @@ from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
 from adaptive_blf_control.nodes.estimate_input import EstimateInput, limit_of
 from adaptive_blf_control.nodes.trajectory_input import TrajectoryInput
 from adaptive_blf_control.parameters.table import broadcast
-from adaptive_blf_control.runtime.data_node import LONGEST_WAIT
+from adaptive_blf_control.runtime.channels import LONGEST_WAIT
 from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of

@@ -22,13 +22,13 @@ from adaptive_blf_control.nodes.play_qos import qos_of
 from adaptive_blf_control.nodes.play_settings import PlaySettings
 from adaptive_blf_control.nodes.play_topics import choose_topics
 from adaptive_blf_control.nodes.player_lockstep import Lockstep
+from adaptive_blf_control.runtime.endpoints import POLL_PERIOD
 from adaptive_blf_control.runtime.message_class import message_class
 from adaptive_blf_control.runtime.process import stop_on_signals
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
 __all__ = ['Player', 'account', 'play']
 
-POLL_PERIOD = 0.01  # s between looks for subscribers
 DELIVERY_TIMEOUT = 5.0  # s for reliable readers to confirm what was sent last
 
 

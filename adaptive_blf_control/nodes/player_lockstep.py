@@ -20,6 +20,7 @@ from adaptive_blf_control.messages.stamp import STAMP_LIMIT, stamp_of
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM
 from adaptive_blf_control.nodes.play_topics import beside, states_topic
 from adaptive_blf_control.runtime.answers import Answers, NoAnswer
+from adaptive_blf_control.runtime.endpoints import POLL_PERIOD
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
 __all__ = ['Lockstep']
@@ -63,7 +64,7 @@ class Lockstep:
             NoAnswer: not within the timeout; names the topic.
         """
         begin = time.monotonic()
-        while self._publisher.get_subscription_count() == 0 and not self._stop.wait(0.01):
+        while self._publisher.get_subscription_count() == 0 and not self._stop.wait(POLL_PERIOD):
             if time.monotonic() - begin >= self._timeout:
                 raise NoAnswer(self._publisher.topic_name, None,
                                f'nobody listens within {self._timeout:g} s')

@@ -13,17 +13,21 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.messages.stamp import stamp_of
-from adaptive_blf_control.runtime.channels import Channel, new_channel, new_wait, Wait
+from adaptive_blf_control.runtime.channels import (
+    Channel,
+    LONGEST_WAIT,
+    new_channel,
+    new_wait,
+    Wait,
+)
 from adaptive_blf_control.runtime.data_topics import QUEUE_DEPTH
+from adaptive_blf_control.runtime.endpoints import POLL_PERIOD
 from adaptive_blf_control.runtime.message_class import message_class
 from adaptive_blf_control.runtime.rclpy_internals import DIRECT
 from adaptive_blf_control.runtime.request_server import RequestServer
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
 __all__ = ['Answers', 'NoAnswer']
-
-POLL_PERIOD = 0.01  # s between looks at the graph: discovery is no event that can be waited for
-LONGEST_WAIT = 0.05  # s before a request to stop is seen
 
 
 class NoAnswer(BlfError, TimeoutError):

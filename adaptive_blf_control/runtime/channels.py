@@ -23,11 +23,13 @@ from adaptive_blf_control.runtime.rclpy_internals import (
     take_message,
 )
 
-__all__ = ['LARGEST_BATCH', 'Channel', 'DirectChannel', 'Handler', 'PlainChannel', 'PlainWait',
-           'Wait', 'new_channel', 'new_wait']
+__all__ = ['LARGEST_BATCH', 'LONGEST_WAIT', 'Channel', 'DirectChannel', 'Handler', 'PlainChannel',
+           'PlainWait', 'Wait', 'new_channel', 'new_wait']
 
 # Called with CDR and message info; False where the message could not be used.
 Handler = Callable[[bytes, dict[str, int]], bool | None]
+# A wait for data alone does not see a request to stop: it ends at least this often to look.
+LONGEST_WAIT = 0.05  # s
 LARGEST_BATCH = 1000  # messages taken at a time: a fast sender must not keep the watchdogs waiting
 
 

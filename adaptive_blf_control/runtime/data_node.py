@@ -16,7 +16,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.runtime.channels import LARGEST_BATCH
+from adaptive_blf_control.runtime.channels import LARGEST_BATCH, LONGEST_WAIT
 from adaptive_blf_control.runtime.data_topics import DataTopics
 from adaptive_blf_control.runtime.fault_log import FaultLog
 from adaptive_blf_control.runtime.loop_statistics import LoopStatistics
@@ -33,10 +33,8 @@ from adaptive_blf_control.runtime.sample_clock import SampleClock
 from adaptive_blf_control.runtime.status_report import Status, StatusReport
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['LONGEST_WAIT', 'DataNode']
+__all__ = ['DataNode']
 
-# A wait for data alone does not see a request to stop: it ends at least this often to look.
-LONGEST_WAIT = 0.05  # s
 DELIVERY_TIMEOUT = 0.3  # s for the last messages at the end
 DRAIN_TIMEOUT = 5.0  # s
 EMPTY_PASSES = 20  # of rclpy's executor, which has other work than data, that mean: all is taken
