@@ -139,13 +139,15 @@ def _settings(rig_, **changed) -> ControllerNodeSettings:
     return rig_.node.settings.replace(**changed)
 
 
-def test_the_torque_is_that_of_the_law_for_the_state_and_the_time_since_the_start(rig) -> None:
+def test_the_torque_is_that_of_the_law_for_the_state_and_the_time_since_the_start(
+        rig, wait_until) -> None:
     rig = rig(state_timeout=1.0)
     law = Controller(TwoLinkArm(), _settings(rig), start=np.array(Q))
     theta = np.array(TASK['initial_estimate'])
     for ms, q, qd in ((0.0, Q, QD), (1.0, [0.02, 1.97], QD), (250.0, [0.1, 1.99], [0.5, -0.3])):
         expected = law.update(ms * 1e-3, np.array(q), np.array(qd), theta)
         np.testing.assert_allclose(rig.answer(_state(ms, q, qd)), expected.torque, rtol=1e-9)
+    wait_until(lambda: len(rig.sent[ADAPTATION_TERM]) == 3, what='the term of the last state')
     term = deserialize_message(rig.sent[ADAPTATION_TERM][-1][0], JointState)
     assert tuple(term.name) == PARAMETERS
     np.testing.assert_allclose(term.position, expected.adaptation_term, rtol=1e-9)

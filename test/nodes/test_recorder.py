@@ -35,6 +35,8 @@ from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
+from adaptive_blf_control.runtime import data_node
+from patience import PATIENCE
 
 TYPES = {'sensor_msgs/msg/JointState': JointState, 'std_msgs/msg/Int32': Int32,
          'std_msgs/msg/Float64': Float64, 'std_msgs/msg/Float64MultiArray': Float64MultiArray,
@@ -302,7 +304,8 @@ def test_a_full_disk_ends_the_recording_with_what_was_written(processes, graph_o
 
 @pytest.mark.parametrize('executor', ['direct', 'plain'])
 def test_all_that_has_piled_up_is_taken_before_the_bag_is_closed(
-        graph, wait_until, tmp_path, executor) -> None:
+        graph, wait_until, tmp_path, monkeypatch, executor) -> None:
+    monkeypatch.setattr(data_node, 'DRAIN_TIMEOUT', PATIENCE)  # a busy machine needs more than 5 s
     recorder = graph.make(Recorder, bag=str(tmp_path / 'bag'), topics=[HISTORY_RANK],
                           executor=executor)
     publisher = graph.peer().create_publisher(Int32, HISTORY_RANK, 5000)
