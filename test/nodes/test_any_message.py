@@ -438,10 +438,11 @@ def _check_commands(driver: ArmDriver, state: Callable[[], tuple],
 def test_commands_of_the_driver(graph) -> None:
     driver = graph.make(ArmDriver, rate=100.0, torque_limit=LIMIT.tolist(), command_timeout=60.0)
     driver.start_clock()
+    # That a command is kept by the plant shows from outside only when it advances.
     _check_commands(driver, lambda: (
         driver.plant.torque, driver.plant._commanded, driver.started,
         driver.drives.timed_out, driver.commands.heard_ns,
-        driver.commands._source._number),  # the publisher that is obeyed; nothing else shows it
+        driver.commands.source.number),
         lambda: driver.plant.torque / LIMIT)
     assert (np.abs(driver.plant.torque) <= LIMIT).all()
 
@@ -451,7 +452,7 @@ def test_commands_and_answers_of_the_driver_in_lockstep(graph) -> None:
     answers = driver.stepping.answers
     _check_commands(driver, lambda: (
         answers.torque, answers.commanded, driver.commands.heard_ns,
-        driver.commands._source._number),  # the publisher that is obeyed; nothing else shows it
+        driver.commands.source.number),
         lambda: answers.torque)
     awaited = FIRST + 500 * 10**6
     answers.expect(awaited)

@@ -80,7 +80,7 @@ class _Arm:
 
     def __init__(self, graph, wait_until, **parameters: Any) -> None:
         self.node = graph.make(ControllerNode, **{**TASK, **parameters})
-        peer = self._peer = graph.peer()
+        peer = self.peer = graph.peer()
         self.commands = peer.listen(Float64MultiArray, COMMANDS)
         self.errors = peer.listen(JointState, TRACKING_ERROR)
         self.references = peer.listen(JointState, REFERENCE)
@@ -271,7 +271,7 @@ def loop(graph, wait_until) -> Iterator[tuple]:
 
 def test_a_publisher_that_shouts_commands_is_refused_and_named(loop, wait_until) -> None:
     driver, controller, peer, states, diagnostics = loop
-    wait_until(lambda: driver.commands._source._number > 300
+    wait_until(lambda: driver.commands.source.number > 300
                and time.monotonic() - controller.commands.claimed_at > GIVE_WAY,
                what='the arm is taken')
     stranger = peer.create_publisher(Float64MultiArray, COMMANDS, 100)
@@ -280,7 +280,7 @@ def test_a_publisher_that_shouts_commands_is_refused_and_named(loop, wait_until)
 
     def refused() -> bool:
         number = next(sent)  # far below that of the controller, whatever is lost on the way
-        wait_until(lambda: driver.commands._source._number > number + 200,
+        wait_until(lambda: driver.commands.source.number > number + 200,
                    'the controller to go on')
         stranger.publish(Float64MultiArray(data=[-77.0, 77.0]))
         return driver.faults.drops.get('command of a second publisher', 0) >= 100
@@ -456,7 +456,7 @@ def test_an_identifier_that_was_killed_goes_on_learning_where_it_was(
 
 def test_an_estimate_that_does_not_come_or_is_old_is_a_warning(arm, wait_until) -> None:
     arm = arm(state_timeout=60.0, reference__joint1__amplitude=[0.0])
-    estimates = arm._peer.create_publisher(JointState, THETA_HAT, 10)
+    estimates = arm.peer.create_publisher(JointState, THETA_HAT, 10)
     arm.begin([0.0, 0.0])
     warn = DiagnosticStatus.WARN
     wait_until(lambda: _says(arm.diagnostics, 'controller', warn, 'no estimate yet',
