@@ -7,6 +7,7 @@ Closed-loop runs with encoders and torque noise, each with a payload, a start an
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ import numpy as np
 
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
-from adaptive_blf_control.identification.residuals import Residuals
+from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import (
     estimate_uncertainty,
     NORMAL,
@@ -24,7 +25,7 @@ from adaptive_blf_control.identification.uncertainty import (
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 from adaptive_blf_control.simulation.plant import known_truth
 
-__all__ = ['STUDIES', 'Coverage', 'Study', 'coverage']
+__all__ = ['STUDIES', 'Coverage', 'Study', 'add_options', 'coverage', 'run']
 
 _EVERY = 50  # samples between predictions that are compared
 
@@ -74,6 +75,23 @@ class Coverage(NamedTuple):
     ratio: float
 
 
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `run`."""
+    parser.add_argument('--runs', type=int, default=50, metavar='N',
+                        help='coverage: simulated runs of each scenario; default: 50')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print a Markdown table of what held."""
+    print('| scenario | runs | parameters | torques Y_f θ* | measured torques | error / std |')
+    print('|---|---|---|---|---|---|')
+    for study in STUDIES:
+        held = np.array(list(coverage(study, options.config, options.runs)))
+        theta, model, measured, ratio = held.mean(axis=0)
+        print(f'| {study.scenario}, {study.train:g} s, then {study.test:g} s | {len(held)} | '
+              f'{theta:.1%} | {model:.1%} | {measured:.1%} | {ratio:.2f} |', flush=True)
+
+
 def coverage(study: Study, folder: Path, runs: int) -> Iterator[Coverage]:
     """Yield what held in each of ``runs`` runs; ``folder`` has the scenarios."""
     data = load_yaml(folder / f'{study.scenario}.yaml')
@@ -88,7 +106,7 @@ def coverage(study: Study, folder: Path, runs: int) -> Iterator[Coverage]:
 
 
 def _run(study: Study, loop: ClosedLoop) -> Coverage:
-    identifier, residuals = loop.identifier, Residuals(loop.arm.n)
+    identifier, seen = loop.identifier, PairTimes()
     judged: Uncertainty | None = None
     theta: Any = None
     model, measured = [], []
@@ -96,10 +114,10 @@ def _run(study: Study, loop: ClosedLoop) -> Coverage:
     truth = known_truth(loop.plant, loop.arm.parameters)[-1][1]
     for k, sample in enumerate(loop.samples(study.train + study.test)):
         if sample.t < study.train:
-            residuals.observe(sample.t, identifier)
+            seen.observe(sample.t, identifier)
             continue
         if judged is None:
-            judged = estimate_uncertainty(identifier.stack, residuals)
+            judged = estimate_uncertainty(identifier, seen)
             theta = identifier.theta
         if judged is not None and k % _EVERY == 0:
             regressor, torque = identifier.pair

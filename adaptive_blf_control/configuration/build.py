@@ -23,7 +23,7 @@ from adaptive_blf_control.control.constraints import Constraint
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.laws.protocol import Law
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.identification.given_parameters import given_parameters, read_estimate
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.plugin import load_plugin, made
@@ -125,16 +125,10 @@ def initial_theta(settings: ControllerNodeSettings, arm: Arm) -> np.ndarray:
     """Return what the controller uses before the first θ̂, or for good (``model: known``), (m,).
 
     Raises:
-        ParameterError: it has neither one element nor m, or the file that is named cannot be
-            used.
+        ParameterError: it has neither one element nor m, or its file cannot be used.
     """
-    kind = 'known_parameters' if settings.model == 'known' else 'initial_estimate'
-    file = getattr(settings, f'{kind}_file')
-    if file:
-        return read_estimate(Path(file), arm.parameters, f'controller.{kind}_file')
-    full = settings.resolved(parameters=arm.m)
-    theta: np.ndarray = getattr(full, kind)
-    return theta.copy()
+    name = 'known_parameters' if settings.model == 'known' else 'initial_estimate'
+    return given_parameters(f'controller.{name}', getattr(settings, name), arm)
 
 
 def initial_estimate(settings: IdentifierNodeSettings, arm: Arm) -> IdentifierNodeSettings:

@@ -83,7 +83,7 @@ def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
     arm, performance = loop.arm, controller.performance
     if why_not(loop) is not None:
         return None
-    truth = known_truth(loop.plant, arm.parameters)
+    truth, weight = known_truth(loop.plant, arm.parameters), _weight(loop)
     values, starts, guaranteed = np.empty(trace.t.size), [], []
     monitor: GuaranteeMonitor | None = None
     first: Departure | None = None
@@ -98,11 +98,12 @@ def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
             epoch += 1
         theta = truth[epoch][1]
         estimate = trace.theta_hat[k] if loop.known is None else loop.known
-        values[k] = lyapunov_value(arm, q, e1, e2, performance, estimate, theta, settings.gamma)
+        values[k] = lyapunov_value(arm, q, e1, e2, performance, estimate, theta, settings.gamma,
+                                   weight)
         if epoch != begun or monitor is None:
             starts.append(float(t))
             guaranteed.append(_run_guarantee(loop, float(values[k]), theta))
-            monitor = GuaranteeMonitor(guaranteed[-1], performance, arm.joints)
+            monitor = GuaranteeMonitor(guaranteed[-1], performance, arm.joints, weight)
         departure = monitor.observe(float(t), e1, float(values[k]))
         first = first or departure
     return RunGuarantee(tuple(starts), tuple(guaranteed), first, values)
@@ -110,6 +111,11 @@ def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
 
 def _run_guarantee(loop: ClosedLoop, value: float, theta: np.ndarray) -> Guarantee:
     performance, reference = loop.controller.performance, loop.controller.reference.range()
-    rough = guarantee(value, performance, reference, 1.0)
+    weight = _weight(loop)
+    rough = guarantee(value, performance, reference, 1.0, weight)
     smallest, _ = mass_range(loop.arm, theta, rough.output_lower, rough.output_upper)
-    return guarantee(value, performance, reference, smallest)
+    return guarantee(value, performance, reference, smallest, weight)
+
+
+def _weight(loop: ClosedLoop) -> np.ndarray:
+    return loop.controller.settings.resolved(joints=loop.arm.n).barrier_weight.copy()

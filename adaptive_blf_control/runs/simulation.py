@@ -27,6 +27,7 @@ from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee, why_not
+from adaptive_blf_control.runs.start_check import loop_warnings
 from adaptive_blf_control.runs.summary import Run, run_of_trace, summarise, table
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
 from adaptive_blf_control.simulation.abilities import contacts_of, unexpressed_by
@@ -169,6 +170,7 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
             require('plant', plant, plant, REQUIRED)
         loop = build_closed_loop(data, OwnParts(arm, plant, sensor, law, update_law, constraints))
         length = duration_of(data, duration)
+        list(loop_warnings(data, loop))  # refuses an unstable loop where the scenario asks for it
     loop.warm_up()
     return Simulation(**vars(loop.run(length, observer)), loop=loop)
 

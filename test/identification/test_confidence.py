@@ -24,7 +24,7 @@ def arm():
 
 
 def judged(arm, regressors, torques):
-    return uncertainty(regressors, torques, np.arange(float(len(torques))), np.full(arm.n, 0.1))
+    return uncertainty(regressors, torques, np.arange(float(len(torques))), 0.1)
 
 
 def told(arm, **changes):
