@@ -288,7 +288,6 @@ def test_a_schedule_that_cannot_be_taken_changes_nothing(made, two_link_settings
 
 
 @pytest.mark.parametrize(('settings', 'message'), [
-    ({'dead_time': 2}, 'actuator.delay in seconds'),
     ({'true_model': 'given', 'true_parameters': [1.0]}, 'nominal: the arm in MuJoCo'),
     ({'schedule': {'time': [1.0, 2.0]}}, 'of the same length'),
     ({'mujoco': {'contact': {'link': 'gripper'}}}, 'contact.link.*one of upper, lower, hand'),

@@ -33,7 +33,9 @@ def scenario(pair_urdf):
                        'reference': dict.fromkeys(JOINTS, SWING)}})
 
 
-def test_two_plants_that_share_no_dynamics_move_alike(scenario):
+@pytest.mark.parametrize('dead_time', [0, 2])
+def test_two_plants_that_share_no_dynamics_move_alike(scenario, dead_time):
+    scenario = apply_changes(scenario, {'arm_driver.dead_time': dead_time})
     ours = simulate(scenario, 2.0, arm_driver={'substeps': 4})  # as MuJoCo: 0.25 ms
     theirs = simulate(scenario, 2.0, arm_driver={'plant': 'mujoco',
                                                  'mujoco': {'integrator': 'rk4'}})
