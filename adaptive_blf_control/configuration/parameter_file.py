@@ -40,23 +40,23 @@ ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML 1.1 as PyYAML reads it, but ``1e-5`` is a number, as for ROS and for YAML 1.2."""
+    """Takes ``1e-5`` for a number, as YAML 1.2 and the parameter files of ROS do."""
 
 
-_Loader.add_implicit_resolver('tag:yaml.org,2002:float',
-                              re.compile(r'^[-+]?(?:\d+|\d+\.\d*|\.\d+)[eE][-+]?\d+$'),
-                              list('-+.0123456789'))
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float', re.compile(r'[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+$'),
+    list('-+.0123456789'))
 
 
-def _parsed(text: str) -> Any:
-    return yaml.load(text, Loader=_Loader)  # a safe loader
+def _loaded(text: str) -> Any:
+    return yaml.load(text, _Loader)  # a SafeLoader
 
 
 def load_yaml(path: str | Path) -> dict[str, Any]:
     """Read a parameter file; ParameterError names the file and line where it is malformed."""
     path = Path(path)
     try:
-        data = _parsed(path.read_text(encoding='utf-8'))
+        data = _loaded(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise ParameterError('params-file', str(path),
                              f'a readable YAML file ({error.strerror})') from None
@@ -177,7 +177,7 @@ def apply_settings(data: Mapping[str, Any], settings: Iterable[str]) -> dict[str
         if not equals or not name:
             raise ParameterError('--set', setting, 'NODE.NAME=VALUE')
         try:
-            value = _parsed(text)
+            value = _loaded(text)
         except yaml.YAMLError:
             raise ParameterError('--set', setting, 'a YAML value after =') from None
         _put(changed, *_addressed(name), value)

@@ -14,9 +14,9 @@ from adaptive_blf_control.messages.cdr_cursor import Cursor
 from adaptive_blf_control.messages.joint_state import (
     decode_joint_state,
     FIELDS,
-    JointStateReader,
     NANOSECONDS,
 )
+from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 
 __all__ = ['DYNAMIC_JOINT_STATE', 'JOINT_STATE', 'JointKind', 'JointReader', 'joint_kind']
 

@@ -242,3 +242,14 @@ def test_a_malformed_setting_is_refused(data, setting, expected):
 def test_a_setting_is_checked_like_the_file(data, setting, expected):
     with pytest.raises(ParameterError, match=expected):
         node_values(apply_settings(data, [setting]), 'identifier')
+
+
+def test_a_number_with_an_exponent_needs_no_point(tmp_path):
+    """As in YAML 1.2 and for ROS; YAML 1.1 takes 1e-5 for a string."""
+    data = apply_settings({}, ['identifier.kt=1e-5', 'controller.k2=[1e2, -.5E+3]'])
+    assert data['/**/identifier']['ros__parameters'] == {'kt': 1e-5}
+    assert data['/**/controller']['ros__parameters'] == {'k2': [100.0, -500.0]}
+    path = tmp_path / 'file.yaml'
+    path.write_text('/**/identifier: {ros__parameters: {kt: 2e3, update_law: e5}}',
+                    encoding='utf-8')
+    assert load_yaml(path)['/**/identifier']['ros__parameters'] == {'kt': 2e3, 'update_law': 'e5'}

@@ -15,7 +15,7 @@ pytest.importorskip('pinocchio')
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.bags.logs import read_log
 from adaptive_blf_control.bags.writer import BagWriter
-from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.identification.given_parameters import read_estimate
 from adaptive_blf_control.identification.torque_filter import TorqueFilter
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.tools.identify import main
