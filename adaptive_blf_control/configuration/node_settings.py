@@ -10,7 +10,7 @@ import numpy as np
 from adaptive_blf_control.arms.settings import ArmSettings
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.identification.settings import IdentifierSettings
-from adaptive_blf_control.messages.topics import TOPICS
+from adaptive_blf_control.messages.topics import RECORDED
 from adaptive_blf_control.parameters.settings import group, parameter, Settings
 from adaptive_blf_control.parameters.table import Table
 from adaptive_blf_control.simulation.settings import PlantSettings, WatchdogSettings
@@ -101,7 +101,8 @@ class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, w
     niceness: int = parameter(
         5, 'Nice value of the loop; above 0 it gives way to the nodes that control.', '', 0, 19)
     initial_estimate_file: str = parameter(
-        '', 'YAML written by ~/save_estimate to start from instead.')
+        '', 'YAML of parameters by name, as identify or ~/save_estimate writes it, in place of '
+        'initial_estimate.')
     estimate_file: str = parameter(
         '',
         'Where theta_hat is written, by ~/save_estimate and every estimate_period. Empty: '
@@ -197,7 +198,7 @@ class RecorderSettings(RuntimeSettings, where='recorder'):
     bag: str = parameter(
         'bag', 'Folder of the bag; must not exist.')
     topics: tuple[str, ...] = parameter(
-        list(TOPICS), 'Topics to record.')
+        list(RECORDED), 'Topics to record.')
     flush_period: float = parameter(
         0.5, 'A chunk reaches the disk at least this often.', 's', 0.01, 1.0)
 

@@ -207,6 +207,17 @@ def test_the_last_of_two_settings_wins(data):
     assert node_values(data, 'identifier')['kt'] == 9.0
 
 
+@pytest.mark.parametrize(('text', 'value'), [
+    ('1e-5', 1e-5), ('2E3', 2e3), ('-3.e+2', -300.0), ('.5e1', 5.0),
+    ('[1.0, -3e-05]', [1.0, -3e-05])])
+def test_a_number_without_a_point_before_its_exponent_is_a_number(tmp_path, text, value):
+    assert apply_settings({}, [f'identifier.gamma={text}']) == {
+        '/**/identifier': {'ros__parameters': {'gamma': value}}}
+    path = tmp_path / 'file.yaml'
+    path.write_text(f'/**/identifier: {{ros__parameters: {{gamma: {text}}}}}')
+    assert load_yaml(path)['/**/identifier']['ros__parameters']['gamma'] == value
+
+
 def test_settings_leave_the_data_they_are_applied_to_as_they_were(data):
     before = copy.deepcopy(data)
     apply_settings(data, ['identifier.kt=8.0'])
