@@ -26,6 +26,7 @@ TOOLS: dict[str, str] = {
     'report': 'an HTML page, or figures for a paper, from bags alone',
     'precompile': 'compile the laws for this machine, so that no first run has to',
     'parameters': 'the parameter tables of the nodes as Markdown',
+    'topics': 'the topics of the nodes as Markdown, or as an SROS 2 policy',
 }
 """Command line tools: name to one line of help. Module: ``adaptive_blf_control.tools.<name>``."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from adaptive_blf_control.arms.settings import ArmSettings
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.identification.settings import IdentifierSettings
-from adaptive_blf_control.messages.topics import TOPICS
+from adaptive_blf_control.messages.topics import RECORDED
 from adaptive_blf_control.parameters.settings import group, parameter, Settings
 from adaptive_blf_control.parameters.table import Table
 from adaptive_blf_control.simulation.settings import PlantSettings, WatchdogSettings
@@ -184,7 +184,7 @@ class RecorderSettings(RuntimeSettings, where='recorder'):
     bag: str = parameter(
         'bag', 'Folder of the bag; must not exist.')
     topics: tuple[str, ...] = parameter(
-        list(TOPICS), 'Topics to record.')
+        list(RECORDED), 'Topics to record.')
     flush_period: float = parameter(
         0.5, 'A chunk reaches the disk at least this often.', 's', 0.01, 1.0)
 

@@ -23,6 +23,7 @@ from adaptive_blf_control.control.reference import SumOfSinusoids
 from adaptive_blf_control.messages.topics import COMMANDS, GUARANTEE, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
+from adaptive_blf_control.nodes.estimate_saver import file_of
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
 from adaptive_blf_control.parameters.table import per_joint
@@ -123,6 +124,7 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
         'sensors.gear_ratio': sensors.gear_ratio,
         'sensors.velocity_time_constant': sensors.velocity_time_constant,
         'sensors.torque_noise': sensors.torque_noise, 'sensors.seed': sensors.seed,
+        # Nothing public tells the torques that are delayed from the setting.
         'dead_time': len(plant._under_way) + 1 if plant._under_way else plant.settings.dead_time,
         'substeps': plant.settings.substeps,
         'torque_limit': plant.torque_limit,
@@ -132,8 +134,8 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
 def _identifier_uses(node: IdentifierNode) -> dict[str, Any]:
     identifier, settings = node.identifier, node.identifier.settings
     return {
-        'estimate_file': str(node._estimate_path()),
-        'estimate_period': node._saver.timer_period_ns * 1e-9,
+        'estimate_file': str(file_of(node)),
+        'estimate_period': node.saver.period,
         'gamma': settings.gamma, 'kt': settings.kt, 'kh': settings.kh,
         **{f'filter.{name}': value for name, value in settings.filter.values().items()},
         'filter.state_order': round((identifier.memory - settings.filter.time_constant)
@@ -154,7 +156,7 @@ def _controller_uses(node: ControllerNode) -> dict[str, Any]:
     uses = {
         'k1': settings.k1, 'k2': settings.k2, 'coupling': settings.coupling,
         'torque_limit': settings.torque_limit, 'torque_rate_limit': settings.torque_rate_limit,
-        'estimate_limit': node.estimates.limit,
+        'estimate_limit': node.estimates.gate.limit,
         'slotine_li.gamma': settings.slotine_li.gamma,
         'safety.lower': controller.safety.lower, 'safety.upper': controller.safety.upper,
         'performance.lower': node.output.bounds.lower,
@@ -220,7 +222,7 @@ class _Live:
     @property
     def drops(self) -> dict[str, int]:
         """What was dropped, but for the first state, which is sent until it is answered."""
-        return {reason: count for reason, count in self.node.drops.items()
+        return {reason: count for reason, count in self.node.faults.drops.items()
                 if reason != 'joint state out of order'}
 
     def step(self, by: float = 1e-3, q=None, qd=QD) -> Any:
@@ -448,14 +450,14 @@ def test_a_refused_request_says_why_and_changes_nothing_not_even_the_torque(
     node = asked.node
     law = node.motion.controller
     before = (node.settings.values(), law.settings, law.safety, law.performance, law.reference,
-              node.estimates.limit, node.theta)
+              node.estimates.gate.limit, node.theta)
     k1 = {'k1': [70.0]}
     result = asked.set({**k1, **request_})
     assert not result.successful
     for word in words:
         assert word in result.reason, result.reason
     after = (node.settings.values(), law.settings, law.safety, law.performance, law.reference,
-             node.estimates.limit, node.theta)
+             node.estimates.gate.limit, node.theta)
     assert before[0] == after[0]
     assert all(a is b for a, b in zip(before[1:], after[1:]))
     assert node.motion.controller is law
@@ -540,10 +542,10 @@ def test_an_estimate_limit_set_by_service_holds_for_the_next_estimate(controller
     theta = np.array(THETA) * 1.5
     message = JointState(name=list(TwoLinkArm().parameters), position=theta.tolist())
     assert live.set({'estimate_limit': [7.0]}).successful
-    live.node.on_theta_hat(serialize_message(message), {})
+    live.node.estimates.receive(serialize_message(message), {})
     assert live.drops == {'estimate beyond its limit': 1}
     assert live.set({'estimate_limit': [8.0]}).successful
-    live.node.on_theta_hat(serialize_message(message), {})
+    live.node.estimates.receive(serialize_message(message), {})
     np.testing.assert_array_equal(live.node.theta, theta)
 
 
@@ -560,7 +562,7 @@ def test_on_violation_set_by_service_acts_on_the_next_violation(controller, wait
 def test_a_state_timeout_set_by_service_is_the_watchdogs(controller, wait_until) -> None:
     live = controller()
     assert live.set({'state_timeout': 0.05}).successful
-    wait_until(lambda: live.node.last_fault == 'no joint state for 0.05 s: zero torque')
+    wait_until(lambda: live.node.faults.last == 'no joint state for 0.05 s: zero torque')
 
 
 def test_a_guarantee_asked_for_while_running_is_stated_with_the_next_motion(

@@ -31,8 +31,10 @@ from adaptive_blf_control.messages.cdr import (
     Float64MultiArrayCodec,
     JointStateCodec,
 )
-from adaptive_blf_control.messages.topics import TOPICS
-from adaptive_blf_control.nodes.player import Player, PlaySettings, qos_of
+from adaptive_blf_control.messages.topics import RECORDED
+from adaptive_blf_control.nodes.play_qos import qos_of
+from adaptive_blf_control.nodes.play_settings import PlaySettings
+from adaptive_blf_control.nodes.player import Player
 from adaptive_blf_control.nodes.recorder import Recorder
 from patience import PATIENCE
 
@@ -50,7 +52,7 @@ def _write(folder: Path, count: int = COUNT, **qos: list) -> Path:
                                                                         ['position'])
     with BagWriter(folder) as writer:
         for name in PLAYED:
-            writer.add_topic(f'/{name}', TOPICS[name], qos=qos.get(name))
+            writer.add_topic(f'/{name}', RECORDED[name], qos=qos.get(name))
         for i in range(count):
             values = rng.normal(size=(3, 2)) * 10.0 ** rng.integers(-300, 300)
             if i % 7 == 0:
@@ -119,7 +121,7 @@ def test_clock_leads_the_messages_and_covers_the_bag(
     wait_until(lambda: len(order) == 101 + 6, what='the last message')
     ticks = [time for kind, time in order if kind == 'clock']
     assert ticks == [START + 20 * STEP * i for i in range(6)]
-    assert player.ticks == 6
+    assert player.clock.ticks == 6
     states = [time for kind, time in order if kind == 'state']
     assert states == sorted(states)
     assert len(states) == 101
@@ -143,7 +145,7 @@ def test_messages_are_sent_in_the_order_of_their_times_not_of_the_file(
     topics = ('/identifier/history_rank', '/identifier/history_sigma_min')
     with BagWriter(tmp_path / 'bag') as writer:
         for topic in topics:
-            writer.add_topic(topic, TOPICS[topic[1:]])
+            writer.add_topic(topic, RECORDED[topic[1:]])
         for i in range(200):
             writer.write(topics[0], encode_int32(i), START + i * STEP)
         for i in range(200):
