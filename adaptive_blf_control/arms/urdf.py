@@ -72,6 +72,7 @@ class UrdfArm:
         velocity_limit: Shape (n,) [rad/s]; infinite where the URDF gives none or zero.
         position_lower: Shape (n,) [rad]; minus infinity for a continuous joint.
         position_upper: Shape (n,) [rad]; infinity for a continuous joint.
+        xml: Text of the URDF.
         model: Pinocchio model of the sub-chain (joints in the tree's order).
         chain: The same arm as arrays, what compiled functions take.
         xml: Text of the URDF.

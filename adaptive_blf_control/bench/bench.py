@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bench import coverage, rates
+from adaptive_blf_control.bench import arms, coverage, rates
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
@@ -28,7 +28,7 @@ __all__ = ['main']
 
 SCENARIOS = (('two_link_paper', 50.0), ('two_link_paper', 100.0), ('two_link', 20.0),
              ('two_link_payload_step', 100.0), ('three_link', 143.0), ('three_link_paper', 143.0),
-             ('three_link_encoder', 120.0), ('panda', 20.0))
+             ('three_link_encoder', 120.0), ('panda_ideal', 20.0))
 REPEATS = 3
 # Held-out RMSE [N·m] of batch least squares with the same torque filter (0.1 s), joint by joint.
 MEASURED = {
@@ -159,9 +159,15 @@ def _rates(options: argparse.Namespace) -> None:
     rates.run(options)
 
 
+def _arms(options: argparse.Namespace) -> None:
+    print('\n## Arms as `configure` leaves them (`bench arms`)\n')
+    _machine()
+    arms.run(options)
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
     'scenarios': _scenarios, 'processes': _processes, 'measured': _measured, 'models': _models,
-    'coverage': _coverage, 'rates': _rates}
+    'coverage': _coverage, 'arms': _arms, 'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -175,6 +181,7 @@ def main(args: list[str] | None = None) -> int:
                         help='folder of the measured logs')
     coverage.add_options(parser)
     rates.add_options(parser)
+    arms.add_options(parser)
     options = parser.parse_args(args)
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:

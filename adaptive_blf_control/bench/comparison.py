@@ -130,7 +130,7 @@ def _loop_of(data: Data, variant: _Variant) -> ClosedLoop:
     if variant.from_error:
         learning = plain.identifier.settings
         settings += [f'controller.slotine_li.gamma={(ERROR_GAMMA * learning.gamma).tolist()}',
-                     f'controller.initial_estimate={learning.initial_estimate.tolist()}']
+                     f'controller.initial_estimate={learning.values()["initial_estimate"]}']
     data = apply_settings(copy.deepcopy(dict(data)), settings)
     if variant.law is None:
         return build_closed_loop(data)

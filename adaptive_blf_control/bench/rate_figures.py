@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from adaptive_blf_control.bags.mcap_file import McapFile
-from adaptive_blf_control.bags.reader import storage_files
+from adaptive_blf_control.bags.storage_files import storage_files
 from adaptive_blf_control.bench.soak_figures import account_of
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.diagnostics import decode_diagnostics

@@ -14,12 +14,12 @@ import threading
 from typing import Any
 
 import numpy as np
-import yaml
 
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.given_parameters import load_estimate, theta_of
 from adaptive_blf_control.identification.identifier import Snapshot
 
-__all__ = ['estimate_path', 'read_estimate', 'recent_estimate', 'write_estimate', 'write_text']
+__all__ = ['estimate_path', 'recent_estimate', 'write_estimate', 'write_text']
 
 FOLDER = 'adaptive_blf_control'
 FILE = 'theta_hat.yaml'
@@ -138,47 +138,6 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-def _load(path: Path, name: str) -> Any:
-    try:
-        return yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ParameterError(name, str(path), f'a readable file ({error.strerror})') from None
-    except (ValueError, yaml.YAMLError):
-        raise _no_mapping(name, path) from None
-
-
-def _no_mapping(name: str, path: Path) -> ParameterError:
-    return ParameterError(name, str(path), 'a mapping theta_hat of parameter names to numbers')
-
-
-def _theta(content: Any, path: Path, parameters: tuple[str, ...], name: str) -> np.ndarray:
-    try:
-        values = content['theta_hat']
-        theta = np.array([float(values[parameter]) for parameter in parameters])
-    except KeyError as error:
-        raise ParameterError(name, str(path), f'an entry {error.args[0]!r}') from None
-    except (TypeError, ValueError, OverflowError):
-        raise _no_mapping(name, path) from None
-    if not np.isfinite(theta).all():
-        raise ParameterError(name, str(path), 'finite values in theta_hat')
-    return theta
-
-
-def read_estimate(path: Path, parameters: tuple[str, ...],
-                  name: str = 'identifier.initial_estimate_file') -> np.ndarray:
-    """Read θ̂ that :func:`write_estimate` wrote, in the order of ``parameters``, shape (m,).
-
-    Args:
-        path: The file.
-        parameters: Names in the order wanted.
-        name: Of the parameter that names the file, for messages.
-
-    Raises:
-        ParameterError: the file cannot be read or lacks a parameter.
-    """
-    return _theta(_load(path, name), path, parameters, name)
-
-
 def recent_estimate(path: Path, parameters: tuple[str, ...], now: str,
                     within: float) -> np.ndarray | None:
     """Read θ̂ of an identifier that was killed a moment ago, to go on from there.
@@ -200,9 +159,9 @@ def recent_estimate(path: Path, parameters: tuple[str, ...], now: str,
     name = 'identifier.estimate_file'
     if within <= 0.0 or not os.path.exists(path):
         return None
-    content = _load(path, name)
+    content = load_estimate(path, name)
     age = _seconds(now) - _written_at(content, path, name)
-    return _theta(content, path, parameters, name) if abs(age) <= within else None
+    return theta_of(content, path, parameters, name) if abs(age) <= within else None
 
 
 def _written_at(content: Any, path: Path, name: str) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from adaptive_blf_control.errors import BagError
 
 __all__ = ['BYTE_ORDERS', 'ENCAPSULATION_LE', 'HEADER_SIZE', 'STAMP', 'Cursor', 'align',
-           'encode_string']
+           'encode_string', 'is_cdr']
 
 HEADER_SIZE = 4
 STAMP = struct.Struct('<iI')  # builtin_interfaces/Time, little endian
@@ -21,6 +21,15 @@ BYTE_ORDERS = {b'\x00\x01': '<', b'\x00\x00': '>'}  # of struct, by representati
 def align(offset: int, size: int) -> int:
     """Return the next offset that is a multiple of `size` counted after the header."""
     return offset + (HEADER_SIZE - offset) % size
+
+
+
+def is_cdr(data: bytes) -> bool:
+    """Return whether data begin with the encapsulation header of some CDR representation.
+
+    Those of DDS-XTypes 1.3, 7.6.2.1.2, are 0x0000 to 0x000b.
+    """
+    return len(data) >= HEADER_SIZE and data[0] == 0 and data[1] <= 0x0b
 
 
 def encode_string(text: str, what: str) -> bytes:

@@ -22,14 +22,10 @@ from trajectory_msgs.msg import JointTrajectory
 
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.arm_limits import limit_warnings
-from adaptive_blf_control.control.controller import (
-    Controller,
-    ControlOutput,
-    sampling_model,
-    sampling_number,
-)
+from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.control.laws.protocol import uses_estimate
 from adaptive_blf_control.control.motion import groups_of, Motion
+from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.ramp import RAMP_STEP
 from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.messages.joint_state_reader import JointStateReader
@@ -45,11 +41,16 @@ from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
 from adaptive_blf_control.runtime.status_report import Status
+from adaptive_blf_control.tuning.inertia import COUNT
+from adaptive_blf_control.tuning.loop_check import check_loop, warnings_of_loop
+from adaptive_blf_control.tuning.stated_loop import stated_delay
 
 __all__ = ['ControllerNode', 'main']
 
 TRAJECTORY_QUEUE_DEPTH = 10
 GRAPH_PERIOD = 0.1  # s between looks at the publishers and subscriptions of commands
+COUNT_LIVE = 25  # postures that a live change is checked in, between two samples
+OF_THE_LOOP = {'k1', 'k2', 'barrier_weight', 'performance', 'reference'}  # its stability
 OF_THE_GUARANTEE = {'k1', 'performance', 'reference'}  # groups of parameters that V depends on
 
 
@@ -95,7 +96,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.estimates = EstimateInput(self, self.arm)
         trial = Controller(self.arm, settings)
         trial.warm_up(self.theta)  # compile here, not in the first answer
-        self._check_sampling(trial)
+        self._check_loop(settings, COUNT)
         for warning in limit_warnings(self.arm, settings):
             self.get_logger().warning(warning)
         self.estimates.wanted = settings.model == 'estimated' and uses_estimate(trial.law)
@@ -129,14 +130,13 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.destroy_subscription(self._trajectory_topic)
         self.monitors.close()
 
-    def _check_sampling(self, controller: Controller) -> None:
-        start, k2 = controller.reference.at(0.0).position, controller.settings.k2
-        number = sampling_number(self.arm, k2, start, self.theta, 1e-3)
-        if number >= 2.0:
-            model = sampling_model(self.arm, start, self.theta)
-            self.get_logger().warning(
-                f'k2 λ_max(M⁻¹) dt = {number:.2f} at 1 kHz with the {model} parameters: 2 or '
-                f'more is unstable in a sampled loop; lower k2 or check the model')
+    def _check_loop(self, settings: ControllerNodeSettings, count: int) -> None:
+        """Warn of gains that do not fit the loop, along ``count`` postures, or refuse them."""
+        reference = controller_parts(settings, self.arm.joints).reference
+        check = check_loop(self.arm, settings, reference, self.theta,
+                           stated_delay(settings.loop), count=count)
+        for warning in warnings_of_loop(check, settings.loop.unstable):
+            self.get_logger().warning(warning)
 
     def activate(self) -> None:
         """Check state and sets; claim the command topic.
@@ -172,12 +172,12 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if not self._configured:
             return
         limit = limit_of(settings, self.arm)
-        controller = self.motion.retune(settings, changed)
+        if groups_of(changed) & OF_THE_LOOP:
+            self._check_loop(settings, COUNT_LIVE)
+        self.motion.retune(settings, changed)
         self.estimates.gate.limit = limit
         if self.motion.controller is not None and groups_of(changed) & OF_THE_GUARANTEE:
             self.monitors.begin()  # V(0) of Theorem 2 belonged to the settings before
-        if 'k2' in changed:
-            self._check_sampling(controller)
 
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> bool:
         """Answer a joint state with a torque; False if it cannot be used."""

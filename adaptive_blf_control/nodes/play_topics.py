@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from adaptive_blf_control.bags.reader import Bag, JOINT_STATE
+from adaptive_blf_control.bags.reader import Bag
 from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.joint_readers import JOINT_STATE
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES
 
 __all__ = ['beside', 'choose_topics', 'states_topic']

@@ -16,6 +16,7 @@ from rclpy.utilities import try_shutdown
 
 from adaptive_blf_control.bags.reader import BagMessage, read_bag
 from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.cdr_cursor import is_cdr
 from adaptive_blf_control.messages.topics import CLOCK
 from adaptive_blf_control.nodes.play_clock import PlayClock
 from adaptive_blf_control.nodes.play_qos import qos_of
@@ -88,8 +89,13 @@ class Player:
         return [plain[topic.lstrip('/')] for topic in self.settings.topics]
 
     def _offer(self, topic: str) -> None:
+        info = self.bag.topics[topic]
+        if info.encoding != 'cdr' or not info.type_name:
+            self.skipped[topic] = ('the bag states no type' if info.encoding == 'cdr' else
+                                   f'its messages are encoded as {info.encoding!r}, not as CDR')
+            return
         try:
-            kind = message_class(self.bag.topics[topic].type_name)
+            kind = message_class(info.type_name)
         except BagError as error:
             self.skipped[topic] = str(error)
             return
@@ -117,6 +123,7 @@ class Player:
 
         Raises:
             NoAnswer: in lockstep, no node subscribes to the states or answers one of them.
+            BagError: a message is not what its topic claims; nothing of it is published.
         """
         if self.lockstep is not None:
             self.lockstep.discover()
@@ -145,6 +152,9 @@ class Player:
             self.clock.tick_until(last_ns)
             if not self.clock.wait_until(message.log_time_ns):
                 return
+            if not is_cdr(message.data):
+                raise BagError(f'{self.bag.path}: a message of {message.topic} is no CDR: first '
+                               f'bytes 0x{message.data[:4].hex()}')
             publisher = self._offers[message.topic]
             if self.lockstep is None:
                 publisher.publish(message.data)

@@ -49,7 +49,8 @@ LARGEST_INT = 2**31 - 1  # rqt's sliders hold no more
 def descriptor(parameter: Parameter) -> ParameterDescriptor:
     """Return the ROS descriptor of a declaration: text, unit, range, read-only."""
     message = ParameterDescriptor(name=parameter.name, type=ROS_TYPES[parameter.kind],
-                                  read_only=parameter.read_only)
+                                  read_only=parameter.read_only,
+                                  dynamic_typing=parameter.source)
     unit = f' [{parameter.unit}]' if parameter.unit else ''
     message.description = parameter.description + unit
     message.additional_constraints = ', '.join(filter(None, [

@@ -53,17 +53,16 @@ def written(tmp_path):
 
 
 def test_they_may_come_from_a_file_by_name(written):
-    np.testing.assert_array_equal(theta(GIVEN, f'arm_driver.true_parameters_file={written}'),
+    np.testing.assert_array_equal(theta(GIVEN, f'arm_driver.true_parameters={written}'),
                                   [4.0, 0.2, 0.3, 5.6, 0.8])
 
 
 @pytest.mark.parametrize(('more', 'message'), [
-    ((), 'true_parameters_file.*true_model: given'),
-    ((GIVEN, 'arm_driver.true_parameters=[4.0, 0.2, 0.3, 5.6, 0.8]'), 'beside'),
-    ((GIVEN, *THREE), "true_parameters_file.*an entry 'p4'")])
+    ((), 'true_parameters.*true_model: given'),
+    ((GIVEN, *THREE), "true_parameters.*an entry 'p4'")])
 def test_a_file_that_does_not_fit_is_refused(written, more, message):
     with pytest.raises(ParameterError, match=message):
-        theta(f'arm_driver.true_parameters_file={written}', *more)
+        theta(f'arm_driver.true_parameters={written}', *more)
 
 
 @pytest.mark.parametrize(('settings', 'message'), [

@@ -23,7 +23,7 @@ from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.configuration.parameter_file import load_yaml, node_values
 from adaptive_blf_control.errors import ArmError
 from adaptive_blf_control.executables import NODES
-from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.identification.given_parameters import read_estimate
 from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.diagnostics import decode_diagnostics
 from adaptive_blf_control.messages.topics import (

@@ -83,7 +83,7 @@ NEW: dict[str, dict[str, Any]] = {
         'reference.smooth_start': 1.0, 'reference.resume_time': 1.5, 'guarantee.mode': 'bound',
         'guarantee.theta_error': 5.0, 'guarantee.smallest_gamma': 0.5,
         'guarantee.mass': [0.2, 5.0], 'state_timeout': 30.0, 'monitor_decimation': 3,
-        'slotine_li.gamma': [100.0],
+        'slotine_li.gamma': [100.0], 'barrier_weight': [0.5, 0.2],
     },
     'recorder': {},
 }
@@ -155,6 +155,7 @@ def _controller_uses(node: ControllerNode) -> dict[str, Any]:
     controller, settings = node.motion.controller, node.motion.controller.settings
     uses = {
         'k1': settings.k1, 'k2': settings.k2, 'coupling': settings.coupling,
+        'barrier_weight': settings.barrier_weight,
         'torque_limit': settings.torque_limit, 'torque_rate_limit': settings.torque_rate_limit,
         'estimate_limit': node.estimates.gate.limit,
         'slotine_li.gamma': settings.slotine_li.gamma,
@@ -531,10 +532,21 @@ def test_a_k2_too_large_for_sampling_warns_and_is_taken(controller, capfd) -> No
     assert live.set({'k2': [5000.0, 3000.0]}).successful
     log = capfd.readouterr().err
     assert '[WARN]' in log
-    assert 'k2 λ_max(M⁻¹) dt = ' in log
-    assert 'unstable in a sampled loop' in log
+    assert 'k2: λ_max(M⁻¹ k2) reaches' in log
+    assert 'is unstable from 2000 1/s' in log
     assert not live.set({'k2': [9000.0], 'k1': [-1.0]}).successful
     assert 'λ_max' not in capfd.readouterr().err
+
+
+def test_a_k2_too_large_for_the_stated_loop_is_refused_with_one_that_would_do(controller) -> None:
+    live = controller(loop__unstable='refuse', loop__delay=0.02)
+    before = live.node.motion.settings.k2
+    result = live.set({'k2': [500.0, 300.0]})
+    assert not result.successful
+    assert 'controller.k2' in result.reason
+    assert '20.5 ms of delay at 1000 Hz' in result.reason
+    assert 'would do (lower for joint' in result.reason
+    np.testing.assert_array_equal(live.node.motion.settings.k2, before)
 
 
 def test_an_estimate_limit_set_by_service_holds_for_the_next_estimate(controller) -> None:

@@ -25,7 +25,7 @@ from adaptive_blf_control.configuration.parameter_file import (
     node_settings,
 )
 from adaptive_blf_control.errors import BagError, ParameterError
-from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.identification.given_parameters import read_estimate
 from adaptive_blf_control.messages.cdr import decode_joint_state
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.stamp import stamp_of

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from adaptive_blf_control.arms.pseudo_inertia import pseudo_inertias
 from adaptive_blf_control.arms.urdf import UrdfArm
-from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.identification.given_parameters import read_estimate
 from adaptive_blf_control.messages.joint_state import decode_joint_state, JointStateCodec
 from adaptive_blf_control.messages.topics import CONSISTENT_MODEL, THETA_STD
 from adaptive_blf_control.nodes.identifier import IdentifierNode
