@@ -15,7 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.configuration.build import build_closed_loop
-from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
+from adaptive_blf_control.configuration.parameter_file import (
+    apply_changes,
+    apply_settings,
+    load_yaml,
+)
 from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import (
     estimate_uncertainty,
@@ -99,10 +103,11 @@ def coverage(study: Study, folder: Path, runs: int) -> Iterator[Coverage]:
     start = np.array(data['/**/arm_driver']['ros__parameters']['initial_position'])
     for run in range(runs):
         begin = (start + random.uniform(-2e-3, 2e-3, start.size)).round(6).tolist()
-        yield _run(study, build_closed_loop(apply_settings(data, [
-            *study.settings, f'arm_driver.sensors.seed={run}',
-            f'arm_driver.payload={random.uniform(0.0, study.payload):.4f}',
-            f'arm_driver.initial_position={begin}', 'controller.reference.smooth_start=2.0'])))
+        yield _run(study, build_closed_loop(apply_changes(apply_settings(data, study.settings), {
+            'arm_driver.sensors.seed': run,
+            'arm_driver.payload': random.uniform(0.0, study.payload),
+            'arm_driver.initial_position': begin,
+            'controller.reference.smooth_start': 2.0})))
 
 
 def _run(study: Study, loop: ClosedLoop) -> Coverage:

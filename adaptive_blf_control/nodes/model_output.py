@@ -70,6 +70,11 @@ class ModelOutput:
         self._timer: Timer | None = None
         self.retune(node.settings.model_period)
 
+    @property
+    def period(self) -> float:
+        """Interval between two publications [s]; 0 if there are none."""
+        return 0.0 if self._timer is None else self._timer.timer_period_ns * 1e-9
+
     def observe(self, stamp: int, t: float) -> None:
         """Look at the identifier after a sample of stamp ``stamp`` [ns] and time ``t`` [s]."""
         self._stamp = stamp
