@@ -20,6 +20,7 @@ from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,
     load_yaml,
 )
+from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import (
     estimate_uncertainty,
@@ -54,7 +55,7 @@ class Study(NamedTuple):
 
 STUDIES = (
     Study('three_link_encoder', 40.0, 20.0, 2.0),
-    Study('panda', 20.0, 10.0, 1.0, (
+    Study('panda_ideal', 20.0, 10.0, 1.0, (
         'arm_driver.sensors.model=encoder', 'arm_driver.sensors.torque_noise=0.05',
         'identifier.filter.time_constant=0.05', 'identifier.filter.settle=5.0',
         'identifier.filter.state_order=2', 'identifier.filter.state_time_constant=0.004',
@@ -129,7 +130,8 @@ def _run(study: Study, loop: ClosedLoop) -> Coverage:
             model.append(np.abs(regressor @ (theta - truth))
                          <= judged.half_width(regressor, measured=False))
             measured.append(np.abs(regressor @ theta - torque) <= judged.half_width(regressor))
-    assert judged is not None
+    if judged is None:
+        raise ParameterError('train', study.train, 'a time in which a pair is recorded')
     scaled = (theta - truth) / judged.std
     return Coverage(float(np.mean(np.abs(scaled) <= NORMAL)), float(np.mean(model)),
                     float(np.mean(measured)), float(np.sqrt(np.mean(scaled ** 2))))
