@@ -35,7 +35,7 @@ def test_the_file_states_the_loop_and_sensors_that_were_stated(panda: Path) -> N
     data = load_yaml(panda)
     driver, controller = (node_settings(data, kind) for kind in (DriverSettings,
                                                                  ControllerNodeSettings))
-    assert (driver.dead_time, driver.rate) == (4, 1000.0)
+    assert (driver.actuator.delay, driver.rate) == (0.004, 1000.0)
     assert driver.sensors.model == 'encoder'
     assert driver.sensors.encoder_counts * driver.sensors.gear_ratio == 200000.0
     assert driver.sensors.torque_noise == 0.05
