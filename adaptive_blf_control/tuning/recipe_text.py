@@ -69,8 +69,9 @@ def _sensors(recipe: Recipe) -> Iterator[str]:
     yield f'start      the error of the first second, with {begin}'
     if robot.payload:
         worst = int(np.argmax(recipe.payload_error / recipe.motion.bound))
-        yield (f'payload    {robot.payload:g} kg put on at once moves '
-               f'{recipe.arm.joints[worst]} by {recipe.payload_error[worst]:.2g} rad, before it is learned')
+        joint, error = recipe.arm.joints[worst], recipe.payload_error[worst]
+        yield (f'payload    {robot.payload:g} kg put on at once moves {joint} by {error:.2g} rad, '
+               'before it is learned')
     if recipe.dry_friction.any():
         yield ('friction   the error that a dry friction of 1 % of the torque limit leaves, which '
                'the model does not have (--coulomb learns it)')
