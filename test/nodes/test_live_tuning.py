@@ -594,7 +594,7 @@ def test_a_guarantee_asked_for_while_running_is_stated_with_the_next_motion(
     message = deserialize_message(heard[0][0], JointState)
     output = live.node.output
     value = dict(zip(message.name, message.position))['V0']
-    assert value == pytest.approx(barrier(output.e1, output.bound)
+    assert value == pytest.approx(barrier(output.e1, output.bound, np.ones(2))
                                   + 0.5 * 5.0 * output.e2 @ output.e2 + 0.5 * 0.5**2)
 
 
