@@ -109,6 +109,7 @@ class _Tuning(NamedTuple):
     settings: ControllerSettings
     law: Law
     constraints: tuple[Constraint, ...]
+    barrier_weight: np.ndarray
     torque_limit: np.ndarray
     torque_rate_limit: np.ndarray
 
@@ -201,10 +202,11 @@ class Controller:
             law = (make_law(self.arm, full) if given is None else
                    checked_law('law', given, given, self.arm, full))
         names = (name for name in full.constraints if name)
-        # Copies that may be written to: the limits are compiled for those.
+        # Copies that may be written to: the compiled functions take those.
         return _Tuning(full, law, tuple(made_constraint(self.arm, full, each)
                                         for each in (*names, *self._given_constraints)),
-                       full.torque_limit.copy(), full.torque_rate_limit.copy())
+                       full.barrier_weight.copy(), full.torque_limit.copy(),
+                       full.torque_rate_limit.copy())
 
     def _checked(self, t: float, safety: JointInterval, performance: JointInterval,
                  reference: Reference) -> _Sets:
@@ -219,7 +221,8 @@ class Controller:
                      GrowingBounds(performance, safety, begun.start, begun.duration))
 
     def _take(self, tuning: _Tuning, sets: _Sets) -> None:
-        self.settings, self._law, _, self._limit, self._rate_limit = self._tuning = tuning
+        (self.settings, self._law, _, self._weight, self._limit,
+         self._rate_limit) = self._tuning = tuning
         self.safety, self.performance, self.reference, self._bounds = sets
         joints = self.arm.joints
         self.constraints = Constraints(
@@ -337,7 +340,7 @@ class Controller:
     def lyapunov(self, output: ControlOutput, theta: np.ndarray) -> float:
         """V = V1 + ½ e2ᵀ M(q) e2 (30), M from ``theta``; a monitor, not part of the law."""
         kinetic = 0.5 * output.e2 @ self.arm.Y1(output.state.q, output.e2) @ theta
-        return barrier(output.e1, output.bound) + float(kinetic)
+        return barrier(output.e1, output.bound, self._weight) + float(kinetic)
 
     def warm_up(self, theta: np.ndarray) -> None:
         """Compile all that a motion calls, without a trace in this controller.

@@ -83,17 +83,19 @@ class ControllerMonitors:
         settings = self._node.settings.guarantee
         if settings.mode == 'off':
             return
+        weight = controller.settings.resolved(joints=len(self._joints)).barrier_weight.copy()
         try:
             smallest, largest = settings.mass
             value = bounded_value(output.e1, output.e2, controller.performance, largest,
                                   settings.theta_error,
-                                  np.array([settings.smallest_gamma]))
+                                  np.array([settings.smallest_gamma]), weight)
             guaranteed = guarantee(value, controller.performance, controller.reference.range(),
-                                   smallest)
+                                   smallest, weight)
         except (BlfError, ArithmeticError) as error:  # nothing that is only shown ends a motion
             self._node.fault('guarantee', f'Theorem 2 cannot be stated: {error}')
             return
-        self._guarantee = GuaranteeMonitor(guaranteed, controller.performance, self._joints)
+        self._guarantee = GuaranteeMonitor(guaranteed, controller.performance, self._joints,
+                                           weight)
         self._topics[GUARANTEE].publish(self.codecs.guarantee(stamp, guaranteed))
         bounds = ', '.join(f'{joint} {low:.4g} .. {high:.4g} rad' for joint, low, high in zip(
             self._joints, guaranteed.error_lower, guaranteed.error_upper))

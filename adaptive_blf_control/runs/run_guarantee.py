@@ -68,6 +68,7 @@ def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
     """
     controller, settings = loop.controller, loop.identifier.settings
     arm, performance = loop.arm, controller.performance
+    weight = _weight(loop)
     truth = truth_of(loop.plant, arm.parameters)
     if truth is None or not isinstance(controller.law, AblfLaw):
         return None
@@ -85,11 +86,12 @@ def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
             epoch += 1
         theta = truth[epoch][1]
         estimate = trace.theta_hat[k] if loop.known is None else loop.known
-        values[k] = lyapunov_value(arm, q, e1, e2, performance, estimate, theta, settings.gamma)
+        values[k] = lyapunov_value(arm, q, e1, e2, performance, estimate, theta, settings.gamma,
+                                   weight)
         if epoch != begun or monitor is None:
             starts.append(float(t))
             guaranteed.append(_run_guarantee(loop, float(values[k]), theta))
-            monitor = GuaranteeMonitor(guaranteed[-1], performance, arm.joints)
+            monitor = GuaranteeMonitor(guaranteed[-1], performance, arm.joints, weight)
         departure = monitor.observe(float(t), e1, float(values[k]))
         first = first or departure
     return RunGuarantee(tuple(starts), tuple(guaranteed), first, values)
@@ -97,6 +99,11 @@ def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
 
 def _run_guarantee(loop: ClosedLoop, value: float, theta: np.ndarray) -> Guarantee:
     performance, reference = loop.controller.performance, loop.controller.reference.range()
-    rough = guarantee(value, performance, reference, 1.0)
+    weight = _weight(loop)
+    rough = guarantee(value, performance, reference, 1.0, weight)
     smallest, _ = mass_range(loop.arm, theta, rough.output_lower, rough.output_upper)
-    return guarantee(value, performance, reference, smallest)
+    return guarantee(value, performance, reference, smallest, weight)
+
+
+def _weight(loop: ClosedLoop) -> np.ndarray:
+    return loop.controller.settings.resolved(joints=loop.arm.n).barrier_weight.copy()

@@ -667,7 +667,7 @@ def test_theorem_2_is_stated_at_the_start_from_bounds(rig, wait_until) -> None:
     guaranteed = dict(zip(message.name, message.position))
     e2 = np.array(rig.node.output.e2)
     output = rig.node.output
-    value = (barrier(output.e1, output.bound) + 0.5 * 5.0 * e2 @ e2 + 0.5 * 0.5**2)
+    value = (barrier(output.e1, output.bound, np.ones(2)) + 0.5 * 5.0 * e2 @ e2 + 0.5 * 0.5**2)
     part = math.sqrt(2 * value / (1 + 2 * value))
     assert guaranteed['V0'] == pytest.approx(value)
     assert guaranteed['joint1.error_upper'] == pytest.approx(0.2 * part)
