@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One sample of the controller as a compiled function over arrays.
+
+`controller_step` is (38) with its limits, for an arm that has arrays
+(:mod:`adaptive_blf_control.arms.regressors`). `Controller` holds the arrays and checks what comes
+in; the closed loop calls the step itself, for many samples in one compiled function.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.arms.regressors import law_regressor
+from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.control.law import (
+    add_unwound,
+    joint_errors,
+    rate_limited_joint,
+    write_torque,
+)
+from adaptive_blf_control.control.reference import ReferencePoint
+from adaptive_blf_control.control.sets import Bounds
+
+__all__ = ['AblfGains', 'Answer', 'controller_step', 'ControllerArrays', 'FIRST_INTERVAL',
+           'Memory', 'new_answer', 'new_memory']
+
+FIRST_INTERVAL = 1e-3  # s that the first torque of a motion may have taken to rise from zero
+
+
+class AblfGains(NamedTuple):
+    """Gains of (38); arrays of shape (n,).
+
+    Attributes:
+        k1: Of the stabilising function (27) [1/(s·rad⁴)].
+        k2: On e2 [N·m·s/rad].
+        weight: Of the barrier [J].
+        smooth: Whether the barrier acts joint by joint; else by the paper's pseudoinverse.
+    """
+
+    k1: np.ndarray
+    k2: np.ndarray
+    weight: np.ndarray
+    smooth: bool
+
+
+class Memory(NamedTuple):
+    """What a motion remembers of the sample before; changed in place.
+
+    Attributes:
+        torque: Commanded then, shape (n,) [N·m].
+        time: Of that sample, shape (1,) [s]; NaN before the first one.
+    """
+
+    torque: np.ndarray
+    time: np.ndarray
+
+
+class ControllerArrays(NamedTuple):
+    """A controller as compiled functions take it.
+
+    Attributes:
+        arm: Arrays of the arm.
+        gains: Of the law.
+        torque_limit: Shape (n,) [N·m].
+        torque_rate_limit: Shape (n,) [N·m/s].
+        memory: Of the motion.
+    """
+
+    arm: Any
+    gains: AblfGains
+    torque_limit: np.ndarray
+    torque_rate_limit: np.ndarray
+    memory: Memory
+
+
+class Answer(NamedTuple):
+    """What a step writes; arrays of shape (n,) unless said.
+
+    Attributes:
+        torque: Commanded torque after the limits [N·m]; always finite.
+        term: Adaptation term Xᵀe2 (37) without what would wind up against a limit, shape (m,).
+        e1: Tracking error (5) [rad].
+        e2: q̇ − α [rad/s].
+        alpha: Stabilising function (27) [rad/s].
+        alpha_dot: Its derivative [rad/s²].
+        bound: Active bound (11) [rad].
+        wanted: Torque before the limits [N·m].
+    """
+
+    torque: np.ndarray
+    term: np.ndarray
+    e1: np.ndarray
+    e2: np.ndarray
+    alpha: np.ndarray
+    alpha_dot: np.ndarray
+    bound: np.ndarray
+    wanted: np.ndarray
+
+
+def new_memory(n: int) -> Memory:
+    """Return the memory of a motion of ``n`` joints that begins."""
+    return Memory(np.zeros(n), np.full(1, np.nan))
+
+
+@jit
+def new_answer(n: int, m: int) -> Answer:
+    """Return room for an answer for ``n`` joints and ``m`` parameters."""
+    return Answer(np.zeros(n), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+                  np.zeros(n), np.zeros(n))
+
+
+@jit
+def controller_step(controller: ControllerArrays, answer: Answer, t: float, q: np.ndarray,
+                    qd: np.ndarray, theta: np.ndarray, point: ReferencePoint,
+                    bounds: Bounds) -> np.ndarray:
+    """Answer one sample with (38) within the limits of torque and its rate.
+
+    Args:
+        controller: Its ``memory`` takes the torque and the time.
+        answer: Is written.
+        t: Time of the sample since the start of the motion [s].
+        q: Measured positions, shape (n,) [rad].
+        qd: Measured velocities, shape (n,) [rad/s].
+        theta: θ̂, shape (m,).
+        point: Reference with two derivatives.
+        bounds: Performance bounds in use, with their rates.
+
+    Returns:
+        Regressor X, shape (n, m).
+    """
+    gains, memory = controller.gains, controller.memory
+    for i in range(q.size):
+        (answer.e1[i], answer.e2[i], answer.alpha[i], answer.alpha_dot[i],
+         answer.bound[i]) = joint_errors(
+            q[i], qd[i], point.position[i], point.velocity[i], point.acceleration[i],
+            bounds.lower[i], bounds.upper[i], bounds.lower_rate[i], bounds.upper_rate[i],
+            gains.k1[i])
+    x = law_regressor(controller.arm, q, qd, answer.alpha, answer.alpha_dot)
+    write_torque(answer.wanted, x, theta, gains.k2, answer.e1, answer.e2, answer.bound,
+                 gains.weight, gains.smooth)
+    dt = FIRST_INTERVAL if np.isnan(memory.time[0]) else t - memory.time[0]
+    for i in range(q.size):
+        answer.torque[i] = rate_limited_joint(
+            answer.wanted[i], controller.torque_limit[i], memory.torque[i],
+            controller.torque_rate_limit[i], dt)
+        memory.torque[i] = answer.torque[i]
+    memory.time[0] = t
+    answer.term[:] = 0.0
+    add_unwound(answer.term, x, answer.e2, answer.wanted, answer.torque)
+    return x
