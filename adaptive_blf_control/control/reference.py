@@ -195,9 +195,9 @@ class Crossfade:
             last[:, None], along(self.after, times), along(self.before, times)))
         between = ~(first | last)
         if between.any():
-            blend = uncompiled(_blend)(  # type: ignore[arg-type]
-                since[between, None], self.duration, *along(self.before, times[between]),
-                *along(self.after, times[between]))
+            blend = uncompiled(_blend)(
+                since[between, None], self.duration,  # type: ignore[arg-type]
+                *along(self.before, times[between]), *along(self.after, times[between]))
             for row, part in zip(rows, blend):
                 row[between] = part
         return rows
