@@ -5,8 +5,8 @@ The symmetric one (SBLF) is the case of equal bounds. The functions are defined 
 and beyond a bound the error is replaced by ``INTERIOR`` of that bound, so that the barrier is
 large, finite and still pushes inward. Inside, nothing is changed.
 
-V (30) adds the barrier to a kinetic energy, so the paper's barrier stands for 1 J in every joint: a
-stiffness of 1 J/b² at e1 = 0, whatever the joint moves. A weight per joint says how many joules;
+V (30) adds the barrier to a kinetic energy, so the paper's barrier stands for 1 J in every joint,
+a stiffness of 1 J/b² at e1 = 0, whatever the joint moves. A weight per joint says how many joules;
 (23) to (29), (57) and the proofs hold for any positive one, with g scaled alike.
 """
 

@@ -56,8 +56,7 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.parameters.settings import Settings
 
-__all__ = ['Controller', 'ControlOutput', 'sampling_model',
-           'sampling_number']
+__all__ = ['Controller', 'ControlOutput']
 
 _Group = Mapping[str, Any] | Settings
 _ASKED = {'safety': ('lower', 'upper', 'margin'), 'performance': ('lower', 'upper', 'margin'),
@@ -403,36 +402,3 @@ def _check_reference(reference: Reference, arm: Arm) -> None:
         raise ParameterError('reference.at(0.0)', point, 'a ReferencePoint')
     for name, value in (*point._asdict().items(), *zip(('lower', 'upper'), reference.range())):
         checked_array(f'reference.{name}', value, (arm.n,), arm.joints)
-
-
-def sampling_model(arm: Arm, q: np.ndarray, theta: np.ndarray) -> str:
-    """Return the model that can say what M(q) is: ``estimate``, ``nominal`` or ``none``.
-
-    That is ``theta`` where its M(q) is positive definite, else the nominal parameters of the arm.
-    """
-    for name, model in (('estimate', theta), ('nominal', arm.nominal)):
-        mass = _mass(arm, q, model)
-        if np.isfinite(mass).all() and np.linalg.eigvalsh(mass)[0] > 0.0:
-            return name
-    return 'none'
-
-
-def sampling_number(arm: Arm, k2: np.ndarray, q: np.ndarray, theta: np.ndarray,
-                    dt: float) -> float:
-    """Return dt λ_max(M⁻¹ diag(k2)); a loop sampled every ``dt`` [s] needs it below 2.
-
-    M(q) is that of `sampling_model`; where there is none nothing can be said: NaN.
-    """
-    model = sampling_model(arm, q, theta)
-    if model == 'none':
-        return float('nan')
-    mass = _mass(arm, q, theta if model == 'estimate' else arm.nominal)
-    matrix = np.linalg.solve(mass, np.diag(k2))
-    if not np.isfinite(matrix).all():
-        return float('inf')
-    return float(dt * np.max(np.abs(np.linalg.eigvals(matrix))))
-
-
-def _mass(arm: Arm, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    mass = np.column_stack([arm.Y1(q, unit) @ theta for unit in np.eye(arm.n)])
-    return np.asarray(0.5 * (mass + mass.T))

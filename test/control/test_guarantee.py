@@ -81,8 +81,8 @@ def test_e2_within_its_bound_whatever_the_posture():
         v = value(q, e1, e2, theta_hat)
         guaranteed = guarantee(v, PERFORMANCE, REFERENCE, smallest, WEIGHT)
         assert np.linalg.norm(e2) <= guaranteed.e2_norm
-        assert v <= bounded_value(e1, e2, PERFORMANCE, largest,
-                                  float(np.linalg.norm(theta_hat - ARM.nominal)), np.ones(5), WEIGHT)
+        error = float(np.linalg.norm(theta_hat - ARM.nominal))
+        assert v <= bounded_value(e1, e2, PERFORMANCE, largest, error, ONES, WEIGHT)
 
 
 def test_mass_range_holds_the_eigenvalues_of_the_mass_matrix():
@@ -136,8 +136,8 @@ def test_equal_and_opposite_bounds_make_the_barrier_symmetric_joint_by_joint():
 
 @pytest.fixture
 def monitor():
-    return GuaranteeMonitor(guarantee(0.5, PERFORMANCE, REFERENCE, 0.1, ONE), PERFORMANCE, ('a', 'b'),
-                            ONE)
+    guaranteed = guarantee(0.5, PERFORMANCE, REFERENCE, 0.1, ONE)
+    return GuaranteeMonitor(guaranteed, PERFORMANCE, ('a', 'b'), ONE)
 
 
 def test_monitor_is_silent_inside(monitor):
