@@ -9,7 +9,14 @@ from adaptive_blf_control.control.laws.protocol import LawAnswer, LawSample
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.control.step import AblfGains
 
-__all__ = ['AblfLaw']
+__all__ = ['AblfLaw', 'ablf_gains']
+
+
+def ablf_gains(settings: ControllerSettings) -> AblfGains:
+    """Return the gains of (38) from settings with arrays of full length."""
+    # Copies that may be written to: the law is compiled for those.
+    return AblfGains(settings.k1.copy(), settings.k2.copy(), settings.barrier_weight.copy(),
+                     settings.coupling == 'per_joint')
 
 
 class AblfLaw:
@@ -22,9 +29,7 @@ class AblfLaw:
     def __init__(self, arm: Arm, settings: ControllerSettings) -> None:
         """Take the arm and the gains."""
         self._arm = arm
-        # Copies that may be written to: the law is compiled for those.
-        self.gains = AblfGains(settings.k1.copy(), settings.k2.copy(),
-                               settings.barrier_weight.copy(), settings.coupling == 'per_joint')
+        self.gains = ablf_gains(settings)
 
     def answer(self, sample: LawSample) -> LawAnswer:
         """Answer one sample; see `Law`."""
