@@ -125,7 +125,7 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
         'sensors.velocity_time_constant': sensors.velocity_time_constant,
         'sensors.torque_noise': sensors.torque_noise, 'sensors.seed': sensors.seed,
         # Nothing public tells the torques that are delayed from the setting.
-        'dead_time': len(plant._under_way) + 1 if plant._under_way else plant.settings.dead_time,
+        'dead_time': len(plant._line.commands) * (plant.settings.dead_time > 0),
         'substeps': plant.settings.substeps,
         'torque_limit': plant.torque_limit,
     }
