@@ -18,7 +18,7 @@ from adaptive_blf_control.identification.excitation import Excitation
 from adaptive_blf_control.identification.history import History
 from adaptive_blf_control.identification.pair_filter import PairFilter
 from adaptive_blf_control.identification.parts import named, PartMaker
-from adaptive_blf_control.identification.recorded_pairs import RecordedPairs
+from adaptive_blf_control.identification.recorded_data import RecordedPairs
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.state_filter import StateFilter
 from adaptive_blf_control.identification.update_laws import Evidence, UpdateLaw

@@ -12,7 +12,7 @@ from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.parts import Given, PartMaker
-from adaptive_blf_control.identification.recorded_pairs import RecordedPairs
+from adaptive_blf_control.identification.recorded_data import RecordedPairs
 from adaptive_blf_control.identification.settings import IdentifierSettings
 
 
