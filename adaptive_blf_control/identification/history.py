@@ -8,7 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
-__all__ = ['History', 'SELECTIONS']
+from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.compiled import by_type
+
+__all__ = ['History', 'SELECTIONS', 'facts', 'forget_pairs', 'offer', 'pairs', 'sums']
 
 SELECTIONS = ('algorithm_1',)
 """The names of our ways to select pairs."""
@@ -68,3 +71,44 @@ class History(Protocol):
         The recorded pairs stay. The values have been checked.
         """
         ...
+
+
+# What compiled functions ask of a history, by its type; here of one in Python.
+
+
+@by_type
+def offer(history: History, regressor: np.ndarray, torque: np.ndarray) -> bool:
+    """Offer a pair, see `History.offer`; False where LAPACK could not judge it."""
+    try:
+        history.offer(regressor, torque)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+@by_type
+def forget_pairs(history: History) -> None:
+    """Forget every pair."""
+    history.clear()
+
+
+@by_type
+def facts(history: History) -> tuple[int, int, int, int]:
+    """Return count, size, rank and revision."""
+    return history.count, history.size, history.rank, history.revision
+
+
+@by_type
+def pairs(history: History) -> tuple[np.ndarray, np.ndarray]:
+    """Return the regressors, shape (P, n, m), and torques, shape (P, n), of a full history."""
+    return history.regressors, history.torques
+
+
+@by_type
+def sums(history: History) -> tuple[np.ndarray, np.ndarray]:
+    """Return Q, shape (m, m), and Σ Y_fjᵀ τ_fj, shape (m,); ParameterError for other shapes."""
+    name = type(history).__name__
+    gram = checked_array(f'{name}.gram', history.gram, (-1, -1))
+    if gram.shape[0] != gram.shape[1]:
+        gram = checked_array(f'{name}.gram', gram, (gram.shape[1],) * 2)
+    return gram, checked_array(f'{name}.moment', history.moment, gram.shape[:1])

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One sample of the identifier: from a joint state to θ̂, as one function over its state.
+
+It is compiled where the arm and every part are known as arrays, and runs as it stands here where
+one of them is an object in Python. Parts are asked by functions with one implementation for each
+type, see `adaptive_blf_control.compiled.by_type`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.arms.regressors import regressors
+from adaptive_blf_control.compiled import all_finite, jit
+from adaptive_blf_control.identification.artificial_noise import (
+    in_use,
+    noisy_revision,
+    noisy_sums,
+    offer_with_noise,
+)
+from adaptive_blf_control.identification.change_monitor import contradicted, forget_residuals
+from adaptive_blf_control.identification.excitation import accumulate, ExcitationArrays
+from adaptive_blf_control.identification.history import facts, forget_pairs, offer, sums
+from adaptive_blf_control.identification.state_filter import filtered, forget_states
+from adaptive_blf_control.identification.torque_filter import (
+    filter_pair,
+    forget_pair,
+    TorqueFilterArrays,
+)
+from adaptive_blf_control.identification.update_laws import Evidence, stepped
+
+__all__ = ['AGE', 'BEGUN', 'CHANGES', 'Learner', 'NOT_FINITE', 'REPEATED', 'RESTARTS', 'TIME',
+           'TOO_LARGE', 'UPDATES', 'WENT_BACK', 'identifier_step', 'learn_step', 'new_counts',
+           'observe_step']
+
+# Filtered regressors (rad/s², rad²/s², m/s² and the like) and torques [N·m] of a robot stay far
+# below this; the squares of what does not would drown the update law in rounding.
+LARGEST = 1e6
+
+# Elements of `Learner.counts`
+RESTARTS, NOT_FINITE, TOO_LARGE, REPEATED, WENT_BACK, CHANGES, UPDATES, BEGUN = range(8)
+# Elements of `Learner.clock`
+TIME, AGE = range(2)
+
+
+class Learner(NamedTuple):
+    """The state of an identifier with its settings; arrays are changed in place.
+
+    Attributes:
+        theta: θ̂, shape (m,).
+        counts: Restarts of the filters; samples dropped as not finite, too large, with a repeated
+            stamp, with one that went back; changes of the arm; steps of θ̂; and whether there is
+            a last sample; shape (8,).
+        clock: Time of the last sample and time since the filters began [s], shape (2,).
+        state_filter: What filters the measured state.
+        torque_filter: The torque filter.
+        history: The recorded pairs.
+        noise: Those with artificial noise.
+        monitor: What finds that the arm has changed.
+        excitation: The integral of (21).
+        law: What moves θ̂.
+        gap: Longest interval that is filtered across [s].
+        settling: Age at which the filters have forgotten their start [s].
+    """
+
+    theta: np.ndarray
+    counts: np.ndarray
+    clock: np.ndarray
+    state_filter: Any
+    torque_filter: TorqueFilterArrays
+    history: Any
+    noise: Any
+    monitor: Any
+    excitation: ExcitationArrays
+    law: Any
+    gap: float
+    settling: float
+
+
+def new_counts() -> tuple[np.ndarray, np.ndarray]:
+    """Return `Learner.counts` and `Learner.clock` at the start."""
+    return np.zeros(8, dtype=np.int64), np.zeros(2)
+
+
+@jit
+def _interval(counts: np.ndarray, clock: np.ndarray, gap: float, t: float) -> float:
+    """Return the time since the last sample [s], 0 for the first; NaN where it is dropped."""
+    if not counts[BEGUN]:
+        return 0.0
+    dt = t - clock[TIME]
+    if -gap < dt <= 0.0:
+        counts[REPEATED if dt == 0.0 else WENT_BACK] += 1
+        return np.nan
+    return dt
+
+
+@jit
+def _finite_sample(t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> bool:
+    return math.isfinite(t) and all_finite(q) and all_finite(qd) and all_finite(tau)
+
+
+@jit
+def _usable(pair: TorqueFilterArrays) -> bool:
+    return bool((np.abs(pair.regressor) < LARGEST).all()
+                and (np.abs(pair.torque) < LARGEST).all())
+
+
+@jit
+def observe_step(arm: Any, learner: Learner, t: float, q: np.ndarray, qd: np.ndarray,
+                 tau: np.ndarray) -> float:
+    """Filter one sample without learning from it.
+
+    Args:
+        arm: The arm, see `adaptive_blf_control.arms.regressors`.
+        learner: The state, changed in place.
+        t: Time of the sample [s].
+        q: Positions, shape (n,) [rad].
+        qd: Velocities, shape (n,) [rad/s].
+        tau: Mean torque over the interval that ends at ``t``, shape (n,) [N·m].
+
+    Returns:
+        The interval [s] the filters advanced by; 0 where they (re)started or the sample was
+        dropped.
+    """
+    counts, clock, pair = learner.counts, learner.clock, learner.torque_filter
+    if not _finite_sample(t, q, qd, tau):
+        counts[NOT_FINITE] += 1
+        return 0.0
+    dt = _interval(counts, clock, learner.gap, t)
+    if math.isnan(dt):
+        return 0.0
+    if not 0.0 < dt <= learner.gap:  # the first sample, a gap, or the clock jumped back
+        forget_states(learner.state_filter)
+        forget_pair(pair)
+    clock[TIME] = t
+    counts[BEGUN] = 1
+    q, qd, tau = filtered(learner.state_filter, dt, q, qd, tau)
+    y1, y2 = regressors(arm, q, qd)
+    if not filter_pair(pair, dt, y1, y2, tau):
+        counts[RESTARTS] += 1
+        clock[AGE] = 0.0
+        return 0.0
+    if not _usable(pair):  # the filter would carry it on for ever
+        counts[TOO_LARGE] += 1
+        counts[BEGUN] = 0
+        clock[AGE] = 0.0
+        forget_pair(pair)
+        return 0.0
+    clock[AGE] += dt
+    return dt
+
+
+@jit
+def learn_step(learner: Learner, dt: float, term: np.ndarray) -> None:
+    """Record the present pair, or forget the recorded ones, and advance θ̂.
+
+    Args:
+        learner: The state after `observe_step`, changed in place.
+        dt: What that returned, > 0 [s].
+        term: Xᵀe2 held over the interval, shape (m,).
+    """
+    counts, clock, pair = learner.counts, learner.clock, learner.torque_filter
+    settled = clock[AGE] >= learner.settling
+    if settled and contradicted(learner.monitor, dt, pair.regressor, pair.torque,
+                                learner.history):
+        forget_pairs(learner.history)
+        forget_residuals(learner.monitor)
+        counts[CHANGES] += 1
+        clock[AGE] = 0.0  # the filters still remember the arm of before
+        settled = learner.settling <= 0.0
+    if settled:
+        if not offer(learner.history, pair.regressor, pair.torque):
+            counts[NOT_FINITE] += 1
+        _, _, rank, _ = facts(learner.history)
+        offer_with_noise(learner.noise, pair.regressor, pair.torque, rank)
+    accumulate(learner.excitation, dt, pair.regressor)
+    _, _, _, revision = facts(learner.history)
+    gram, moment = sums(learner.history)
+    if in_use(learner.noise):
+        revision = noisy_revision(learner.noise)
+        gram, moment = noisy_sums(learner.noise)
+    evidence = Evidence(pair.regressor, pair.torque, settled, gram, moment, term)
+    theta = stepped(learner.law, learner.theta, dt, evidence, revision)
+    if all_finite(theta):
+        learner.theta[:] = theta
+        counts[UPDATES] += 1
+    else:  # overflow in data beyond reason: the last good estimate stays
+        counts[NOT_FINITE] += 1
+
+
+@jit
+def identifier_step(arm: Any, learner: Learner, t: float, q: np.ndarray, qd: np.ndarray,
+                    tau: np.ndarray, term: np.ndarray) -> float:
+    """Filter one sample, record its pair and advance θ̂; see `observe_step` and `learn_step`."""
+    dt = observe_step(arm, learner, t, q, qd, tau)
+    if dt > 0.0:
+        learn_step(learner, dt, term)
+    return dt
