@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from adaptive_blf_control.arrays import checked_array
-from adaptive_blf_control.identification.update_law import implicit_step
+from adaptive_blf_control.identification.update_law import advance, kept_history, KeptHistory
 from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made
 
 __all__ = ['AblfConcurrent', 'Concurrent', 'Evidence', 'Gains', 'Gradient', 'UPDATE_LAWS',
@@ -76,12 +76,17 @@ class AblfConcurrent:
         """Take the gains; ``gamma`` of full length."""
         self._gamma = settings.gamma.copy()  # writable, as the step is compiled for it
         self._kt, self._kh = settings.kt, settings.kh
+        self._kept: KeptHistory | None = None
 
     def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
         """See `UpdateLaw`; one implicit step, stable for every gain."""
-        return implicit_step(theta, dt, self._gamma, self._kt if evidence.settled else 0.0,
-                             self._kh, evidence.regressor, evidence.torque, evidence.gram,
-                             evidence.moment, evidence.adaptation_term)
+        if self._kept is None:
+            self._kept = kept_history(*evidence.regressor.shape)
+        result = theta.copy()
+        advance(self._kept, result, dt, self._gamma, self._kt if evidence.settled else 0.0,
+                self._kh, evidence.regressor, evidence.torque, evidence.gram, evidence.moment,
+                evidence.adaptation_term)
+        return result
 
 
 class Concurrent(AblfConcurrent):
