@@ -88,10 +88,11 @@ clean:  ## remove .venv and everything that was built, not your bags
 $(STAMP): setup.py setup.cfg
 	@command -v $(PYTHON) >/dev/null || { echo "make: no $(PYTHON) found: expected Python 3.10 to 3.13, try make PYTHON=/path/to/python3" >&2; exit 1; }
 	@$(PYTHON) -c "$$CHECK_PYTHON"
-	@echo "Making $(VENV) with $$($(PYTHON) --version): about $(SIZE), one to three minutes."
+	@echo "Making $(VENV) with $$($(PYTHON) --version): about $(SIZE), two to four minutes."
 	@$(PYTHON) -m venv --clear $(VENV_FLAGS) $(VENV)
 	@$(if $(ROS),$(PYTHON) -c 'import numpy; print("numpy==" + numpy.__version__)' > $(VENV)/constraints.txt)
 	@$(PY) -m pip install --quiet --disable-pip-version-check --prefer-binary --use-pep517 $(PIP_FLAGS) --editable '.[$(EXTRAS)]'
 	@$(if $(ROS),$(PY) -c 'import pinocchio' 2>/dev/null || echo "No pinocchio: arms from a URDF need ros-jazzy-pinocchio from apt.")
 	@mkdir -p "$(ROS_LOG_DIR)" "$(MPLCONFIGDIR)"
+	@$(PY) -m adaptive_blf_control precompile
 	@touch $@

@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import singledispatch
-import hashlib
-import os
-from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
+
+from adaptive_blf_control.machine_code import cache_folder
 
 __all__ = ['ByType', 'COMPILED', 'all_finite', 'before_each_compilation', 'by_type', 'jit',
            'uncompiled']
@@ -33,36 +32,15 @@ except ImportError:  # plain numpy is the documented fallback
     COMPILED = False
 
 
-def _cache_folder() -> str:
-    """Return a folder for machine code that belongs to exactly these sources, '' if none.
-
-    numba itself checks only the file of the compiled function, not those of the functions that it
-    calls: after an update it would still run the old barrier inside the new law.
-    """
-    package = Path(__file__).parent
-    digest = hashlib.sha256(Path(__file__).read_bytes())
-    for room in ('arms', 'control', 'identification'):  # where the compiled functions are
-        for source in sorted((package / room).rglob('*.py')):
-            digest.update(source.read_bytes())
-    folder = package / '__pycache__' / f'numba_{digest.hexdigest()[:16]}'
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return ''
-    return str(folder) if os.access(folder, os.W_OK) else ''
-
-
-CACHE = _cache_folder() if COMPILED else ''
-
-
 def jit(function: Function) -> Function:
     """Compile a module-level function; the machine code is cached on disk."""
     if numba is None:
         return function
+    folder = cache_folder(function.__module__) if COMPILED else ''
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = CACHE or before
+    numba.config.CACHE_DIR = folder or before
     try:
-        compiled = numba.njit(cache=bool(CACHE), error_model='numpy')(function)
+        compiled = numba.njit(cache=bool(folder), error_model='numpy')(function)
     finally:
         numba.config.CACHE_DIR = before
     return compiled  # type: ignore[no-any-return]

@@ -23,6 +23,7 @@ TOOLS: dict[str, str] = {
     'play': 'publish a bag again with its clock, on machines without rosbag2',
     'recover': 'make a bag that a crash left unfinished readable again',
     'report': 'an HTML page, or figures for a paper, from bags alone',
+    'precompile': 'compile the laws for this machine, so that no first run has to',
     'parameters': 'the parameter tables of the nodes as Markdown',
 }
 """Command line tools: name to one line of help. Module: ``adaptive_blf_control.tools.<name>``."""

@@ -14,6 +14,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from adaptive_blf_control.compilation_notice import CompilationNotice
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,
@@ -100,7 +101,8 @@ def main(args: list[str] | None = None) -> int:
     """Run the command; 0 if parameters were learned, 2 on bad input."""
     options = _parser().parse_args(args)
     try:
-        figures = _identify(options)
+        with CompilationNotice():
+            figures = _identify(options)
     except BlfError as error:
         print(f'identify: {" ".join(str(error).split())}', file=sys.stderr)
         return 2

@@ -9,6 +9,7 @@ from pathlib import Path
 import sys
 
 from adaptive_blf_control.command_line import seconds
+from adaptive_blf_control.compilation_notice import CompilationNotice
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.control.arm_limits import limit_warnings
@@ -42,12 +43,13 @@ def main(args: list[str] | None = None) -> int:
                 *limit_warnings(loop.arm, loop.controller.settings))):
             print(f'simulate: warning: {warning}', file=sys.stderr)
         duration = duration_of(data, options.duration)
-        if options.bag is None:
-            run = simulate(loop, duration)
-        else:
-            from adaptive_blf_control.runs.bag_observer import BagObserver
-            with BagObserver(options.bag, loop, data) as observer:
-                run = simulate(loop, duration, observer=observer)
+        with CompilationNotice():
+            if options.bag is None:
+                run = simulate(loop, duration)
+            else:
+                from adaptive_blf_control.runs.bag_observer import BagObserver
+                with BagObserver(options.bag, loop, data) as observer:
+                    run = simulate(loop, duration, observer=observer)
     except BlfError as error:
         print(f'simulate: {error}', file=sys.stderr)
         return 2

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A line that says why a command is silent: it compiles the laws for this machine."""
+
+from __future__ import annotations
+
+import sys
+from types import TracebackType
+from typing import TextIO
+
+from adaptive_blf_control.compiled import before_each_compilation
+
+__all__ = ['CompilationNotice']
+
+
+class CompilationNotice:
+    """A context that says on a stream how far compiling is, if anything is compiled in it.
+
+    On a terminal the line counts the functions and goes when the work is done; elsewhere it is
+    written once.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        """Write to ``stream``, standard error where None."""
+        self._stream = sys.stderr if stream is None else stream
+        self._functions = 0
+
+    def __enter__(self) -> CompilationNotice:
+        self._listening = before_each_compilation(self._one_more)
+        self._listening.__enter__()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self._listening.__exit__(kind, error, trace)
+        if self._functions and self._stream.isatty():
+            self._say('')
+
+    def _one_more(self) -> None:
+        self._functions += 1
+        if self._stream.isatty():
+            self._say(f'compiling for this machine, once: {self._functions} functions')
+        elif self._functions == 1:
+            self._say('compiling for this machine, once: up to a minute\n')
+
+    def _say(self, text: str) -> None:
+        clear = '\r\x1b[K' if self._stream.isatty() else ''
+        self._stream.write(clear + text)
+        self._stream.flush()
