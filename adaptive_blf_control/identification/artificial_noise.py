@@ -22,7 +22,7 @@ from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.pair_selection import is_different
 
 __all__ = ['NoNoise', 'NoisyHistory', 'NoisyHistoryArrays', 'in_use', 'no_noise',
-           'noisy_revision', 'noisy_sums', 'offer_with_noise']
+           'noisy_sums', 'offer_with_noise']
 
 # Elements of `NoisyHistoryArrays.counts`
 ACTIVE, NOISY = range(2)
@@ -85,12 +85,6 @@ def noisy_sums(noise: Any) -> tuple[np.ndarray, np.ndarray]:
     raise TypeError(f'{type(noise).__name__} holds no pairs with artificial noise')
 
 
-@by_type
-def noisy_revision(noise: Any) -> int:
-    """Return another number whenever the pairs with noise are others; none of a history's."""
-    raise TypeError(f'{type(noise).__name__} holds no pairs with artificial noise')
-
-
 @jit
 def _offer_nothing(noise: NoNoise, regressor: np.ndarray, torque: np.ndarray, rank: int) -> None:
     pass
@@ -104,11 +98,6 @@ def _not_in_use(noise: NoNoise) -> bool:
 @jit
 def _no_sums(noise: NoNoise) -> tuple[np.ndarray, np.ndarray]:
     return noise.gram, noise.moment
-
-
-@jit
-def _no_revision(noise: NoNoise) -> int:
-    return -1
 
 
 @jit
@@ -140,15 +129,9 @@ def _noisy_sums(noise: NoisyHistoryArrays) -> tuple[np.ndarray, np.ndarray]:
     return sums(noise.history)
 
 
-@jit
-def _noisy_revision(noise: NoisyHistoryArrays) -> int:
-    _, _, _, revision = facts(noise.history)
-    return -2 - revision
-
-
 for _function, _none, _some in (
         (offer_with_noise, _offer_nothing, _offer_with_noise), (in_use, _not_in_use, _in_use),
-        (noisy_sums, _no_sums, _noisy_sums), (noisy_revision, _no_revision, _noisy_revision)):
+        (noisy_sums, _no_sums, _noisy_sums)):
     _function.register(NoNoise, _none)
     _function.register(NoisyHistoryArrays, _some)
 

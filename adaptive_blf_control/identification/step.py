@@ -17,7 +17,6 @@ from adaptive_blf_control.arms.regressors import regressors
 from adaptive_blf_control.compiled import all_finite, jit
 from adaptive_blf_control.identification.artificial_noise import (
     in_use,
-    noisy_revision,
     noisy_sums,
     offer_with_noise,
 )
@@ -177,13 +176,11 @@ def learn_step(learner: Learner, dt: float, term: np.ndarray) -> None:
         _, _, rank, _ = facts(learner.history)
         offer_with_noise(learner.noise, pair.regressor, pair.torque, rank)
     accumulate(learner.excitation, dt, pair.regressor)
-    _, _, _, revision = facts(learner.history)
     gram, moment = sums(learner.history)
     if in_use(learner.noise):
-        revision = noisy_revision(learner.noise)
         gram, moment = noisy_sums(learner.noise)
     evidence = Evidence(pair.regressor, pair.torque, settled, gram, moment, term)
-    theta = stepped(learner.law, learner.theta, dt, evidence, revision)
+    theta = stepped(learner.law, learner.theta, dt, evidence)
     if all_finite(theta):
         learner.theta[:] = theta
         counts[UPDATES] += 1

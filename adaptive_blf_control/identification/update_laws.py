@@ -9,16 +9,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from adaptive_blf_control.arrays import checked_array
-from adaptive_blf_control.compiled import all_finite, by_type, jit
-from adaptive_blf_control.identification.update_basis import (
-    basis_is_known,
-    basis_step,
-    new_basis,
-    SMALLEST,
-    spectral_step,
-    UpdateBasis,
-)
-from adaptive_blf_control.identification.update_law import implicit_step
+from adaptive_blf_control.compiled import by_type, jit
+from adaptive_blf_control.identification.update_law import advance, kept_history, KeptHistory
 from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made
 
 __all__ = ['AblfConcurrent', 'Concurrent', 'Evidence', 'Gains', 'Gradient', 'ImplicitArrays',
@@ -79,8 +71,7 @@ class UpdateLaw(Protocol):
 
 
 @by_type
-def stepped(law: UpdateLaw, theta: np.ndarray, dt: float, evidence: Evidence,
-            revision: int) -> np.ndarray:
+def stepped(law: UpdateLaw, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
     """Return θ̂ after ``dt`` [s], shape (m,); NaN where LAPACK finds no solution.
 
     Args:
@@ -88,7 +79,6 @@ def stepped(law: UpdateLaw, theta: np.ndarray, dt: float, evidence: Evidence,
         theta: θ̂, shape (m,).
         dt: Step [s].
         evidence: What there is to learn from.
-        revision: Another number whenever ``evidence.gram`` is another.
 
     Raises:
         ParameterError: the law returns another shape.
@@ -105,71 +95,56 @@ class ImplicitArrays(NamedTuple):
 
     Attributes:
         gamma: Diagonal of Γ, shape (m,).
-        basis: Eigenvectors of the recorded information, changed in place.
+        kept: What is kept of the recorded pairs from step to step, changed in place.
         kt: k_t.
         kh: k_h, 0 for the gradient law.
         hears: Whether the law uses Xᵀe2.
     """
 
     gamma: np.ndarray
-    basis: UpdateBasis
+    kept: KeptHistory
     kt: float
     kh: float
     hears: bool
 
 
-LARGEST = 1e12  # beyond that 1 is lost in the rounding of a matrix of 1e-16 times as much
-
-
 @jit
-def implicitly_stepped(law: ImplicitArrays, theta: np.ndarray, dt: float, evidence: Evidence,
-                       revision: int) -> np.ndarray:
-    """Take the step (37) in the fastest way that is exact; NaN where a value overflows."""
-    regressor, torque = evidence.regressor, evidence.torque
-    kt = law.kt if evidence.settled else 0.0
-    term = evidence.adaptation_term if law.hears else np.zeros_like(theta)
-    slope = (kt * np.dot(torque - np.dot(regressor, theta), regressor)
-             + law.kh * (evidence.moment - np.dot(evidence.gram, theta)) - term)
-    root = np.sqrt(law.gamma)
-    scaled = regressor * root
-    size = dt * (kt * np.sum(scaled * scaled)
-                 + law.kh * np.sum(law.gamma * np.diag(evidence.gram)))
-    if not (all_finite(slope) and size < np.inf):
-        return np.full_like(theta, np.nan)
-    if size > LARGEST:
-        information = kt * np.dot(regressor.T, regressor) + law.kh * evidence.gram
-        return theta + spectral_step(slope, dt, root, information)
-    if theta.size >= SMALLEST and basis_is_known(law.basis, evidence.gram, root, revision):
-        return theta + basis_step(law.basis, slope, dt, root, kt, law.kh, regressor)
-    return implicit_step(theta, dt, law.gamma, kt, law.kh, regressor, torque, evidence.gram,
-                         evidence.moment, term)
+def implicitly_stepped(law: ImplicitArrays, theta: np.ndarray, dt: float,
+                       evidence: Evidence) -> np.ndarray:
+    """Return θ̂ after one implicit step of (37), stable for every gain."""
+    result = theta.copy()
+    advance(law.kept, result, dt, law.gamma, law.kt if evidence.settled else 0.0, law.kh,
+            evidence.regressor, evidence.torque, evidence.gram, evidence.moment,
+            evidence.adaptation_term if law.hears else np.zeros_like(theta))
+    return result
 
 
 stepped.register(ImplicitArrays, implicitly_stepped)
 
 
 class AblfConcurrent:
-    """Equation (37): the present pair, the recorded ones, and Xᵀe2, which Theorem 2 needs.
-
-    Attributes:
-        arrays: The law as compiled functions take it.
-    """
+    """Equation (37): the present pair, the recorded ones, and Xᵀe2, which Theorem 2 needs."""
 
     hears = True
 
     def __init__(self, settings: Gains) -> None:
         """Take the gains; ``gamma`` of full length."""
-        self.arrays = ImplicitArrays(  # a copy, which is writable: what the step is compiled for
-            settings.gamma.copy(), new_basis(settings.gamma.size), settings.kt, settings.kh,
-            self.hears)
+        self._gamma = settings.gamma.copy()  # writable, as the step is compiled for it
+        self._kt, self._kh = settings.kt, settings.kh
+        self._arrays: ImplicitArrays | None = None
+
+    def arrays(self, n: int) -> ImplicitArrays:
+        """Return the law as compiled functions take it, the same each time, for n joints."""
+        if self._arrays is None:
+            self._arrays = ImplicitArrays(self._gamma, kept_history(n, self._gamma.size),
+                                          self._kt, self._kh, self.hears)
+        return self._arrays
 
     def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
         """See `UpdateLaw`; one implicit step, stable for every gain."""
-        arrays = self.arrays
-        return implicit_step(
-            theta, dt, arrays.gamma, arrays.kt if evidence.settled else 0.0, arrays.kh,
-            evidence.regressor, evidence.torque, evidence.gram, evidence.moment,
-            evidence.adaptation_term if arrays.hears else np.zeros_like(theta))
+        result: np.ndarray = implicitly_stepped(self.arrays(evidence.torque.size), theta, dt,
+                                                evidence)
+        return result
 
 
 class Concurrent(AblfConcurrent):
@@ -184,7 +159,7 @@ class Gradient(Concurrent):
     def __init__(self, settings: Gains) -> None:
         """Take the gains; ``kh`` is not used."""
         super().__init__(settings)
-        self.arrays = self.arrays._replace(kh=0.0)
+        self._kh = 0.0
 
 
 _OURS: dict[str, Any] = {'gradient': Gradient, 'concurrent': Concurrent,
