@@ -31,69 +31,84 @@ from adaptive_blf_control.identification.torque_filter import (
 )
 from adaptive_blf_control.identification.update_laws import Evidence, stepped
 
-__all__ = ['AGE', 'BEGUN', 'CHANGES', 'Learner', 'NOT_FINITE', 'REPEATED', 'RESTARTS', 'TIME',
-           'TOO_LARGE', 'UPDATES', 'WENT_BACK', 'identifier_step', 'learn_step', 'new_counts',
-           'observe_step']
+__all__ = ['AGE', 'BEGUN', 'CHANGES', 'IdentifierState', 'LearnerState', 'NOT_FINITE', 'PairState',
+           'REPEATED', 'RESTARTS', 'TIME', 'TOO_LARGE', 'UPDATES', 'WENT_BACK', 'identifier_step',
+           'learn_step', 'observe_step']
 
 # Filtered regressors (rad/s², rad²/s², m/s² and the like) and torques [N·m] of a robot stay far
 # below this; the squares of what does not would drown the update law in rounding.
 LARGEST = 1e6
 
-# Elements of `Learner.counts`
+# Elements of `PairState.counts` ...
 RESTARTS, NOT_FINITE, TOO_LARGE, REPEATED, WENT_BACK, CHANGES, UPDATES, BEGUN = range(8)
-# Elements of `Learner.clock`
+# ... and of `PairState.clock`.
 TIME, AGE = range(2)
 
 
-class Learner(NamedTuple):
-    """The state of an identifier with its settings; arrays are changed in place.
+class PairState(NamedTuple):
+    """The present pair, and how the samples came; arrays are changed in place.
+
+    Attributes:
+        filter: The torque filter, which has the pair.
+        counts: By name: RESTARTS of the filters; samples dropped as NOT_FINITE, TOO_LARGE, with a
+            stamp that was REPEATED or WENT_BACK; CHANGES of the arm; UPDATES of θ̂; and whether
+            there is a last sample, BEGUN; shape (8,).
+        clock: By name: TIME of the last sample and AGE of the filters [s], shape (2,).
+        gap: Longest interval that is filtered across [s].
+        settling: Age at which the filters have forgotten their start [s].
+    """
+
+    filter: TorqueFilterArrays
+    counts: np.ndarray
+    clock: np.ndarray
+    gap: float
+    settling: float
+
+
+class LearnerState(NamedTuple):
+    """What is learned from pairs, and by which parts; arrays are changed in place.
 
     Attributes:
         theta: θ̂, shape (m,).
-        counts: Restarts of the filters; samples dropped as not finite, too large, with a repeated
-            stamp, with one that went back; changes of the arm; steps of θ̂; and whether there is
-            a last sample; shape (8,).
-        clock: Time of the last sample and time since the filters began [s], shape (2,).
-        state_filter: What filters the measured state.
-        torque_filter: The torque filter.
         history: The recorded pairs.
         noise: Those with artificial noise.
         monitor: What finds that the arm has changed.
         excitation: The integral of (21).
         law: What moves θ̂.
-        gap: Longest interval that is filtered across [s].
-        settling: Age at which the filters have forgotten their start [s].
     """
 
     theta: np.ndarray
-    counts: np.ndarray
-    clock: np.ndarray
-    state_filter: Any
-    torque_filter: TorqueFilterArrays
     history: Any
     noise: Any
     monitor: Any
     excitation: ExcitationArrays
     law: Any
-    gap: float
-    settling: float
 
 
-def new_counts() -> tuple[np.ndarray, np.ndarray]:
-    """Return `Learner.counts` and `Learner.clock` at the start."""
-    return np.zeros(8, dtype=np.int64), np.zeros(2)
+class IdentifierState(NamedTuple):
+    """An identifier with its settings, as the step takes it.
+
+    Attributes:
+        state_filter: What filters the measured state.
+        pair: The present pair.
+        learner: What is learned.
+    """
+
+    state_filter: Any
+    pair: PairState
+    learner: LearnerState
 
 
 @jit
-def _interval(counts: np.ndarray, clock: np.ndarray, gap: float, t: float) -> float:
+def _interval(pair: PairState, t: float) -> float:
     """Return the time since the last sample [s], 0 for the first; NaN where it is dropped."""
-    if not counts[BEGUN]:
+    if not pair.counts[BEGUN]:
         return 0.0
-    dt = t - clock[TIME]
-    if -gap < dt <= 0.0:
-        counts[REPEATED if dt == 0.0 else WENT_BACK] += 1
+    dt = t - pair.clock[TIME]
+    if -pair.gap < dt <= 0.0:
+        pair.counts[REPEATED if dt == 0.0 else WENT_BACK] += 1
         return np.nan
-    return dt
+    return float(dt)
 
 
 @jit
@@ -108,13 +123,14 @@ def _usable(pair: TorqueFilterArrays) -> bool:
 
 
 @jit
-def observe_step(arm: Any, learner: Learner, t: float, q: np.ndarray, qd: np.ndarray,
-                 tau: np.ndarray) -> float:
+def observe_step(arm: Any, state_filter: Any, pair: PairState, t: float, q: np.ndarray,
+                 qd: np.ndarray, tau: np.ndarray) -> float:
     """Filter one sample without learning from it.
 
     Args:
         arm: The arm, see `adaptive_blf_control.arms.regressors`.
-        learner: The state, changed in place.
+        state_filter: What filters the measured state; changed in place.
+        pair: The present pair; changed in place.
         t: Time of the sample [s].
         q: Positions, shape (n,) [rad].
         qd: Velocities, shape (n,) [rad/s].
@@ -124,63 +140,62 @@ def observe_step(arm: Any, learner: Learner, t: float, q: np.ndarray, qd: np.nda
         The interval [s] the filters advanced by; 0 where they (re)started or the sample was
         dropped.
     """
-    counts, clock, pair = learner.counts, learner.clock, learner.torque_filter
+    counts, clock = pair.counts, pair.clock
     if not _finite_sample(t, q, qd, tau):
         counts[NOT_FINITE] += 1
         return 0.0
-    dt = _interval(counts, clock, learner.gap, t)
+    dt = _interval(pair, t)
     if math.isnan(dt):
         return 0.0
-    if not 0.0 < dt <= learner.gap:  # the first sample, a gap, or the clock jumped back
-        forget_states(learner.state_filter)
-        forget_pair(pair)
+    if not 0.0 < dt <= pair.gap:  # the first sample, a gap, or the clock jumped back
+        forget_states(state_filter)
+        forget_pair(pair.filter)
     clock[TIME] = t
     counts[BEGUN] = 1
-    q, qd, tau = filtered(learner.state_filter, dt, q, qd, tau)
+    q, qd, tau = filtered(state_filter, dt, q, qd, tau)
     y1, y2 = regressors(arm, q, qd)
-    if not filter_pair(pair, dt, y1, y2, tau):
+    if not filter_pair(pair.filter, dt, y1, y2, tau):
         counts[RESTARTS] += 1
         clock[AGE] = 0.0
         return 0.0
-    if not _usable(pair):  # the filter would carry it on for ever
+    if not _usable(pair.filter):  # the filter would carry it on for ever
         counts[TOO_LARGE] += 1
         counts[BEGUN] = 0
         clock[AGE] = 0.0
-        forget_pair(pair)
+        forget_pair(pair.filter)
         return 0.0
     clock[AGE] += dt
     return dt
 
 
 @jit
-def learn_step(learner: Learner, dt: float, term: np.ndarray) -> None:
+def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarray) -> None:
     """Record the present pair, or forget the recorded ones, and advance θ̂.
 
     Args:
-        learner: The state after `observe_step`, changed in place.
-        dt: What that returned, > 0 [s].
-        term: Xᵀe2 held over the interval, shape (m,).
+        pair: The present pair.
+        learner: What is learned; changed in place.
+        dt: Time since the last pair [s], > 0.
+        term: Xᵀe2 held over that interval, shape (m,).
     """
-    counts, clock, pair = learner.counts, learner.clock, learner.torque_filter
-    settled = clock[AGE] >= learner.settling
-    if settled and contradicted(learner.monitor, dt, pair.regressor, pair.torque,
-                                learner.history):
+    counts, regressor, torque = pair.counts, pair.filter.regressor, pair.filter.torque
+    settled = bool(pair.clock[AGE] >= pair.settling)
+    if settled and contradicted(learner.monitor, dt, regressor, torque, learner.history):
         forget_pairs(learner.history)
         forget_residuals(learner.monitor)
         counts[CHANGES] += 1
-        clock[AGE] = 0.0  # the filters still remember the arm of before
-        settled = learner.settling <= 0.0
+        pair.clock[AGE] = 0.0  # the filters still remember the arm of before
+        settled = pair.settling <= 0.0
     if settled:
-        if not offer(learner.history, pair.regressor, pair.torque):
+        if not offer(learner.history, regressor, torque):
             counts[NOT_FINITE] += 1
-        _, _, rank, _ = facts(learner.history)
-        offer_with_noise(learner.noise, pair.regressor, pair.torque, rank)
-    accumulate(learner.excitation, dt, pair.regressor)
+        offer_with_noise(learner.noise, regressor, torque, facts(learner.history)[2])
+    accumulate(learner.excitation, dt, regressor)
     gram, moment = sums(learner.history)
     if in_use(learner.noise):
         gram, moment = noisy_sums(learner.noise)
-    evidence = Evidence(pair.regressor, pair.torque, settled, gram, moment, term)
-    theta = stepped(learner.law, learner.theta, dt, evidence)
+    theta = stepped(learner.law, learner.theta, dt,
+                    Evidence(regressor, torque, settled, gram, moment, term))
     if all_finite(theta):
         learner.theta[:] = theta
         counts[UPDATES] += 1
@@ -189,10 +204,10 @@ def learn_step(learner: Learner, dt: float, term: np.ndarray) -> None:
 
 
 @jit
-def identifier_step(arm: Any, learner: Learner, t: float, q: np.ndarray, qd: np.ndarray,
+def identifier_step(arm: Any, state: IdentifierState, t: float, q: np.ndarray, qd: np.ndarray,
                     tau: np.ndarray, term: np.ndarray) -> float:
     """Filter one sample, record its pair and advance θ̂; see `observe_step` and `learn_step`."""
-    dt = observe_step(arm, learner, t, q, qd, tau)
+    dt = observe_step(arm, state.state_filter, state.pair, t, q, qd, tau)
     if dt > 0.0:
-        learn_step(learner, dt, term)
+        learn_step(state.pair, state.learner, dt, term)
     return dt
