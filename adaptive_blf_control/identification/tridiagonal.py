@@ -44,6 +44,7 @@ class Tridiagonal(NamedTuple):
     work: np.ndarray
 
 
+@jit
 def tridiagonal(m: int) -> Tridiagonal:
     """Return room for matrices of up to ``m`` rows."""
     return Tridiagonal(np.zeros((m, m)), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((4, m)))
