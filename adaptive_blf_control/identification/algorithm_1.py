@@ -21,12 +21,6 @@ __all__ = ['arrays_of_stack']
 
 
 @jit
-def _offer(pairs: Pairs, regressor: np.ndarray, torque: np.ndarray) -> bool:
-    history_step.offer(pairs, regressor, torque)
-    return True
-
-
-@jit
 def _facts(pairs: Pairs) -> tuple[int, int, int, int]:
     counters = pairs.counters
     return counters[COUNT], counters[SIZE], counters[RANK], counters[REVISION]
@@ -43,7 +37,7 @@ def _sums(pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
     return pairs.gram, pairs.moment
 
 
-history.offer.register(Pairs, _offer)
+history.offer.register(Pairs, history_step.offer)
 history.forget_pairs.register(Pairs, clear_pairs)
 history.facts.register(Pairs, _facts)
 history.pairs.register(Pairs, _pairs)

@@ -11,7 +11,7 @@ import numpy as np
 from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.compiled import by_type
 
-__all__ = ['History', 'SELECTIONS', 'facts', 'forget_pairs', 'offer', 'pairs', 'sums']
+__all__ = ['History', 'SELECTIONS', 'UNJUDGED', 'facts', 'forget_pairs', 'offer', 'pairs', 'sums']
 
 SELECTIONS = ('algorithm_1',)
 """The names of our ways to select pairs."""
@@ -76,14 +76,17 @@ class History(Protocol):
 # What compiled functions ask of a history, by its type; here of one in Python.
 
 
+UNJUDGED = -2
+"""What `offer` returns for a pair that LAPACK could not judge."""
+
+
 @by_type
-def offer(history: History, regressor: np.ndarray, torque: np.ndarray) -> bool:
-    """Offer a pair, see `History.offer`; False where LAPACK could not judge it."""
+def offer(history: History, regressor: np.ndarray, torque: np.ndarray) -> int:
+    """Offer a pair, see `History.offer`."""
     try:
-        history.offer(regressor, torque)
+        return history.offer(regressor, torque)
     except np.linalg.LinAlgError:
-        return False
-    return True
+        return UNJUDGED
 
 
 @by_type
