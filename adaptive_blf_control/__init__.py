@@ -9,8 +9,9 @@ What a program needs is imported from here, when it is first used; `dir` lists i
     control      Controller with ControllerSettings; SumOfSinusoids
     simulation   simulate (a Simulation), ClosedLoop
     bags         read_bag
-    own parts    Arm, ForwardDynamics, Plant, Measurement, Reference, ReferencePoint, Law,
-                 LawSample, LawAnswer, UpdateLaw, Evidence, StateFilter, History, ChangeMonitor
+    own parts    Arm, ForwardDynamics, Plant, Sensor, Measurement, Reference, ReferencePoint,
+                 Law, LawSample, LawAnswer, Constraint, MotionState, Bounded, UpdateLaw,
+                 Evidence, StateFilter, History, ChangeMonitor
     errors       BlfError and what inherits from it
 
 Arrays may be lists or of any real type. Units are SI, angles radians. What cannot be used is
@@ -81,7 +82,10 @@ if TYPE_CHECKING:
     from adaptive_blf_control.runs.simulation import simulate as simulate, Simulation as Simulation
     from adaptive_blf_control.simulation.closed_loop import ClosedLoop as ClosedLoop
     from adaptive_blf_control.simulation.plant import Plant as Plant
-    from adaptive_blf_control.simulation.sensors import Measurement as Measurement
+    from adaptive_blf_control.simulation.sensors import (
+        Measurement as Measurement,
+        Sensor as Sensor,
+    )
 
 _NAMES = {
     'arms.arm': ('Arm', 'ForwardDynamics'),
@@ -109,7 +113,7 @@ _NAMES = {
     'runs.simulation': ('Simulation', 'simulate'),
     'simulation.closed_loop': ('ClosedLoop',),
     'simulation.plant': ('Plant',),
-    'simulation.sensors': ('Measurement',),
+    'simulation.sensors': ('Measurement', 'Sensor'),
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = sorted(_MODULES)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stranger's plant, laws and constraint, named in parameters, through the real nodes."""
+"""A stranger's plant, sensor, laws and constraint, named in parameters, through real nodes."""
 
 from __future__ import annotations
 
@@ -64,6 +64,25 @@ def test_the_nodes_drive_a_foreign_plant_and_learn_with_foreign_parts(graph, wai
     assert identifier.status()[2]['changes of the arm'] == 1
     assert np.isfinite([decode_joint_state(data).position for data, _ in errors]).all()
     assert not np.any([decode_joint_state(data).position for data, _ in terms])
+
+
+def test_a_foreign_sensor_measures_the_arm_of_the_driver(graph, wait_until, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOMS / 'simulation'))
+    driver = graph.make(ArmDriver, rate=200.0, initial_position=[0.123, 2.0],
+                        sensors__model='foreign_sensor:Coarse')
+    controller = graph.make(ControllerNode, performance__lower=[-0.6], performance__upper=[0.6],
+                            state_timeout=60.0, **SWING)
+    states = graph.peer().listen(JointState, f'/{JOINT_STATES}')
+    for node in (driver, controller):
+        graph.run(node)
+
+    def moved() -> bool:
+        return len(np.unique([decode_joint_state(data).position[0] for data, _ in states])) > 5
+
+    wait_until(moved, what='a motion that is seen')
+    steps = np.array([decode_joint_state(data).position for data, _ in states]) / 0.01
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+    assert steps[0, 0] == pytest.approx(12.0)
 
 
 @pytest.fixture
