@@ -136,8 +136,10 @@ def sum_anew(pairs: Pairs) -> None:
     """Sum Q and the moment over the pairs."""
     pairs.gram[:, :] = 0.0
     pairs.moment[:] = 0.0
-    for slot in range(pairs.counters[COUNT]):
-        add_square(pairs.gram, pairs.regressors[slot], 1.0)
+    slots, n, m = pairs.regressors.shape
+    count = pairs.counters[COUNT]
+    add_square(pairs.gram, pairs.regressors.reshape(slots * n, m), count * n, 1.0)
+    for slot in range(count):
         _add_moment(pairs.moment, pairs.regressors[slot], pairs.torques[slot], 1.0)
     pairs.figures[ROUNDING] = 0.0
 
@@ -148,7 +150,7 @@ def sums_follow(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarr
 
     Only with rank full: in a deficient Q the rounding of earlier pairs would pass for rank.
     """
-    m = pairs.moment.size
+    n, m = regressor.shape
     if pairs.counters[RANK] < m:
         return False
     before, figures = trace(pairs.gram), pairs.figures
@@ -157,8 +159,8 @@ def sums_follow(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarr
     figures[ROUNDING] += EPSILON * max(before, after)
     if figures[ROUNDING] > min(UNITS * EPSILON * after, NEGLIGIBLE * figures[SIGMA_MIN]):
         return False
-    add_square(pairs.gram, regressor, 1.0)
-    add_square(pairs.gram, pairs.regressors[slot], -1.0)
+    add_square(pairs.gram, regressor, n, 1.0)
+    add_square(pairs.gram, pairs.regressors[slot], n, -1.0)
     _add_moment(pairs.moment, regressor, torque, 1.0)
     _add_moment(pairs.moment, pairs.regressors[slot], pairs.torques[slot], -1.0)
     return True
