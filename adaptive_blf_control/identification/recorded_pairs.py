@@ -38,7 +38,7 @@ __all__ = ['clear_pairs', 'COUNT', 'GROWTH', 'INSERTIONS', 'is_full',
 # Q may follow from the one before while what rounding has left in it is surely below this part
 # of σ_min and this many units in its last place; otherwise it is summed anew.
 NEGLIGIBLE = 1e-6
-UNITS = 16.0
+UNITS = 64.0
 
 # Elements of `Pairs.counters` ...
 SIZE, COUNT, INSERTIONS, REVISION, RANK, TURN = range(6)

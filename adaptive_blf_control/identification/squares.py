@@ -21,22 +21,25 @@ def dot(x: np.ndarray, y: np.ndarray, size: int) -> float:
 
 @jit
 def add_square(matrix: np.ndarray, rows: np.ndarray, count: int, sign: float) -> None:
-    """Add ± YᵀY of the first ``count`` rows of Y, shape (·, m), to a matrix, shape (m, m)."""
+    """Add ± YᵀY of the first ``count`` rows of Y, shape (·, m), to a symmetric matrix, (m, m)."""
     m = matrix.shape[0]
-    blocks = count // 4
-    for block in range(blocks):
-        k = 4 * block
+    whole = count - count % 4
+    for k in range(0, whole, 4):
         y0, y1, y2, y3 = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
         for i in range(m):
             row, a, b, c, d = matrix[i], sign * y0[i], sign * y1[i], sign * y2[i], sign * y3[i]
-            for j in range(m):
+            for j in range(i + 1):
                 row[j] += (a * y0[j] + b * y1[j]) + (c * y2[j] + d * y3[j])
-    for k in range(4 * blocks, count):
+    for k in range(whole, count):
         y0 = rows[k]
         for i in range(m):
             row, a = matrix[i], sign * y0[i]
-            for j in range(m):
+            for j in range(i + 1):
                 row[j] += a * y0[j]
+    for i in range(m):
+        row = matrix[i]
+        for j in range(i):
+            matrix[j, i] = row[j]
 
 
 @jit
