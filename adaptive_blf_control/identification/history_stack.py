@@ -14,7 +14,7 @@ import numpy as np
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.history_step import offer
 from adaptive_blf_control.identification.pair_selection import is_different
-from adaptive_blf_control.identification.recorded_pairs import (
+from adaptive_blf_control.identification.stack_arrays import (
     clear_pairs,
     COUNT,
     GROWTH,

@@ -11,7 +11,7 @@ from adaptive_blf_control.identification.rank_selection import (
     oldest_least_missed,
     replacement_for_rank,
 )
-from adaptive_blf_control.identification.recorded_pairs import (
+from adaptive_blf_control.identification.stack_arrays import (
     COUNT,
     GROWTH,
     INSERTIONS,

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from adaptive_blf_control.compiled import jit
-from adaptive_blf_control.identification.recorded_pairs import COUNT, Pairs, trace
+from adaptive_blf_control.identification.stack_arrays import COUNT, Pairs, trace
 from adaptive_blf_control.identification.squares import (
     add_square,
     dot,
