@@ -17,7 +17,6 @@ import math
 import numpy as np
 
 from adaptive_blf_control.compiled import jit
-from adaptive_blf_control.identification.stack_arrays import COUNT, Pairs, trace
 from adaptive_blf_control.identification.squares import (
     add_square,
     dot,
@@ -25,6 +24,7 @@ from adaptive_blf_control.identification.squares import (
     project,
     seen_square,
 )
+from adaptive_blf_control.identification.stack_arrays import COUNT, Pairs, trace
 from adaptive_blf_control.identification.tridiagonal import (
     eigenvector,
     EPSILON,

@@ -86,7 +86,8 @@ def new_pairs(n: int, m: int, slots: int) -> Pairs:
 
 def with_slots(pairs: Pairs, slots: int) -> Pairs:
     """Return the same stack with more slots."""
-    result = new_pairs(*pairs.last.shape, slots)
+    n, m = pairs.last.shape
+    result = new_pairs(n, m, slots)
     count, source, target = pairs.counters[COUNT], pairs.directions, result.directions
     for new, old in ((result.regressors, pairs.regressors), (result.torques, pairs.torques),
                      (result.turns, pairs.turns), (target.seen, source.seen),
