@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bench import rates
+from adaptive_blf_control.bench import identifier_steps, rates
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
@@ -68,6 +68,14 @@ def _scenarios(options: argparse.Namespace) -> None:
               f'{converged} | {figures["theta_error_norm"]:.2g} | '
               f'{figures["theta_true_norm"]:.3g} | '
               f'{figures["history_rank"]} | {statistics.median(speeds):.1f} |', flush=True)
+
+
+def _steps(options: argparse.Namespace) -> None:
+    print('\n## Steps of the identifier\n')
+    _machine()
+    print('panda, 20 s: 50 parameters, 60 pairs; candidates after the history has full rank.\n')
+    times = identifier_steps.times_of(load_yaml(options.config / 'panda.yaml'), 20.0)
+    print(identifier_steps.table(times), flush=True)
 
 
 def _run_json(arguments: list[str]) -> dict[str, Any]:
@@ -131,7 +139,8 @@ def _rates(options: argparse.Namespace) -> None:
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
-    'scenarios': _scenarios, 'processes': _processes, 'measured': _measured, 'rates': _rates}
+    'scenarios': _scenarios, 'steps': _steps, 'processes': _processes, 'measured': _measured,
+    'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:

@@ -22,29 +22,68 @@ class History(Protocol):
 
     θ̂ converges once its rank is m (Theorem 1), the faster the larger σ_min.
 
-    Attributes:
-        regressors: Y_fj, shape (at least ``count``, n, m), zero where no pair is.
-        torques: τ_fj, shape (at least ``count``, n) [N·m], likewise.
-        gram: Q = Σ Y_fjᵀ Y_fj, shape (m, m).
-        moment: Σ Y_fjᵀ τ_fj, shape (m,).
-        size: Number of pairs that it holds when it is full.
-        count: Number of pairs that it holds.
-        insertions: Number of pairs taken since it was empty.
-        revision: Another number whenever the pairs are others.
-        rank: Rank of Q.
-        sigma_min: Smallest eigenvalue of Q, 0 where the rank is not full.
+    What follows may as well be attributes.
     """
 
-    regressors: np.ndarray
-    torques: np.ndarray
-    gram: np.ndarray
-    moment: np.ndarray
-    size: int
-    count: int
-    insertions: int
-    revision: int
-    rank: int
-    sigma_min: float
+    @property
+    @abstractmethod
+    def regressors(self) -> np.ndarray:
+        """Y_fj, shape (at least ``count``, n, m), zero where no pair is."""
+        ...
+
+    @property
+    @abstractmethod
+    def torques(self) -> np.ndarray:
+        """τ_fj, shape (at least ``count``, n) [N·m], likewise."""
+        ...
+
+    @property
+    @abstractmethod
+    def gram(self) -> np.ndarray:
+        """Q = Σ Y_fjᵀ Y_fj, shape (m, m)."""
+        ...
+
+    @property
+    @abstractmethod
+    def moment(self) -> np.ndarray:
+        """Σ Y_fjᵀ τ_fj, shape (m,)."""
+        ...
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of pairs that it holds when it is full."""
+        ...
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """Number of pairs that it holds."""
+        ...
+
+    @property
+    @abstractmethod
+    def insertions(self) -> int:
+        """Number of pairs taken since it was empty."""
+        ...
+
+    @property
+    @abstractmethod
+    def revision(self) -> int:
+        """Another number whenever the pairs are others."""
+        ...
+
+    @property
+    @abstractmethod
+    def rank(self) -> int:
+        """Rank of Q."""
+        ...
+
+    @property
+    @abstractmethod
+    def sigma_min(self) -> float:
+        """Smallest eigenvalue of Q, 0 where the rank is not full."""
+        ...
 
     @abstractmethod
     def offer(self, regressor: np.ndarray, torque: np.ndarray) -> int:

@@ -1,212 +1,115 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arrays of a history stack, changed in place by compiled functions, and what is known of Q.
-
-Q = Σ Y_fjᵀ Y_fj follows a replacement by a sum and a difference while what rounding leaves in it
-is surely negligible; otherwise it is summed anew.
-"""
+"""The recorded pairs: which history teaches, and when it is forgotten."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
-from adaptive_blf_control.identification.squares import add_square
-from adaptive_blf_control.identification.tridiagonal import (
-    count_up_to,
-    eigenvector,
-    EPSILON,
-    largest_eigenvalue,
-    reduce,
-    smallest_eigenvalue,
-    Tridiagonal,
-    tridiagonal,
-)
-from adaptive_blf_control.identification.weak_directions import (
-    clear_directions,
-    Directions,
-    new_directions,
-    set_weakest,
-)
+from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.identification.artificial_noise import NoisyHistory
+from adaptive_blf_control.identification.change_monitor import ChangeMonitor
+from adaptive_blf_control.identification.history import History
+from adaptive_blf_control.identification.history_stack import HistoryStack
+from adaptive_blf_control.identification.parts import PartMaker
+from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.identification.torque_filter import FilteredPair
 
-__all__ = ['clear_pairs', 'COUNT', 'GROWTH', 'INSERTIONS', 'is_full',
-           'measure', 'new_pairs', 'Pairs', 'RANK', 'rank_of', 'REVISION', 'SIGMA_MIN', 'SIZE',
-           'sum_anew', 'sums_follow', 'surely_full_rank', 'THRESHOLD', 'TOLERANCE', 'trace',
-           'TURN', 'with_slots']
-
-# Q may follow from the one before while what rounding has left in it is surely below this part
-# of σ_min and this many units in its last place; otherwise it is summed anew.
-NEGLIGIBLE = 1e-6
-UNITS = 16.0
-
-# Elements of `Pairs.counters` ...
-SIZE, COUNT, INSERTIONS, REVISION, RANK, TURN = range(6)
-# ... and of `Pairs.figures`.
-THRESHOLD, GROWTH, SIGMA_MIN, TOLERANCE, ROUNDING = range(5)
+__all__ = ['RecordedPairs']
 
 
-class Pairs(NamedTuple):
-    """A history stack of up to P pairs.
+class RecordedPairs:
+    """History, change monitor and, while the rank is short, the pairs with artificial noise.
 
     Attributes:
-        regressors: Y_fj, shape (slots, n, m), of which ``counters[COUNT]`` are filled.
-        torques: τ_fj, shape (slots, n) [N·m].
-        gram: Q, shape (m, m).
-        moment: Σ Y_fjᵀ τ_fj, shape (m,).
-        last: The regressor taken last, shape (n, m).
-        turns: When each slot was filled or passed over last, shape (slots,).
-        counters: By name: SIZE P, COUNT, INSERTIONS, REVISION, RANK of Q, and TURN, the last turn.
-        figures: By name: THRESHOLD ε, GROWTH (part of σ_min by which a replacement must raise it),
-            SIGMA_MIN, the TOLERANCE of the rank, and what ROUNDING may have left in Q.
-        directions: In which Q is weakest, for the search.
-        grown: Q + YᵀY of a candidate, shape (m, m).
-        trial: Room for the matrix of one replacement, or for Q.
+        stack: The measured pairs.
+        monitor: Finds that they contradict present data.
+        changes: How often it has.
     """
 
-    regressors: np.ndarray
-    torques: np.ndarray
-    gram: np.ndarray
-    moment: np.ndarray
-    last: np.ndarray
-    turns: np.ndarray
-    counters: np.ndarray
-    figures: np.ndarray
-    directions: Directions
-    grown: np.ndarray
-    trial: Tridiagonal
+    def __init__(self, make: PartMaker, settings: IdentifierSettings) -> None:
+        """Start without a pair."""
+        self._make = make
+        self._settings = settings
+        self.stack = make.history(settings)
+        self.monitor = make.monitor(settings)
+        self.changes = 0
+        self._noisy = self._new_noisy_history()
 
+    def _new_noisy_history(self) -> NoisyHistory | None:
+        history, arm = self._settings.history, self._make.arm
+        if history.noise == 0.0:
+            return None
+        return NoisyHistory(arm.n, arm.m, history.size, history.epsilon, history.noise,
+                            history.noise_seed)
 
-def new_pairs(n: int, m: int, slots: int) -> Pairs:
-    """Return an empty stack of as many slots; the caller sets SIZE, THRESHOLD and GROWTH."""
-    return Pairs(np.zeros((slots, n, m)), np.zeros((slots, n)), np.zeros((m, m)), np.zeros(m),
-                 np.zeros((n, m)), np.zeros(slots, dtype=np.int64), np.zeros(6, dtype=np.int64),
-                 np.zeros(5), new_directions(n, m, slots), np.zeros((m, m)), tridiagonal(m))
+    @property
+    def rank_is_full(self) -> bool:
+        """Whether the measured pairs determine every parameter."""
+        return self.stack.rank == self._make.arm.m
 
+    @property
+    def artificial_noise(self) -> bool:
+        """Whether pairs with artificial noise teach (Remark 3)."""
+        return self._noisy is not None and self._noisy.noisy > 0
 
-def with_slots(pairs: Pairs, slots: int) -> Pairs:
-    """Return the same stack with more slots."""
-    result = new_pairs(*pairs.last.shape, slots)
-    count, source, target = pairs.counters[COUNT], pairs.directions, result.directions
-    for new, old in ((result.regressors, pairs.regressors), (result.torques, pairs.torques),
-                     (result.turns, pairs.turns), (target.seen, source.seen),
-                     (target.energies, source.energies)):
-        new[:count] = old[:count]
-    return pairs._replace(
-        regressors=result.regressors, torques=result.torques, turns=result.turns,
-        directions=source._replace(seen=target.seen, energies=target.energies,
-                                   bounds=target.bounds, stages=target.stages))
+    def clear(self) -> None:
+        """Forget every pair."""
+        self.stack.clear()
+        self.monitor.reset()
+        self._noisy = self._new_noisy_history()
 
+    def retune(self, settings: IdentifierSettings, stack: History | None,
+               monitor: ChangeMonitor | None) -> None:
+        """Use other settings and parts.
 
-@jit
-def clear_pairs(pairs: Pairs) -> None:
-    """Forget every pair; size and thresholds stay."""
-    for array in (pairs.gram, pairs.last):
-        array[:] = 0.0
-    pairs.regressors[:] = 0.0
-    pairs.torques[:] = 0.0
-    pairs.moment[:] = 0.0
-    pairs.turns[:] = 0
-    for counter in (COUNT, INSERTIONS, RANK, TURN):
-        pairs.counters[counter] = 0
-    pairs.counters[REVISION] += 1
-    for figure in (SIGMA_MIN, TOLERANCE, ROUNDING):
-        pairs.figures[figure] = 0.0
-    clear_directions(pairs.directions)
+        Args:
+            settings: The new ones.
+            stack: An empty history that the pairs of the present one are offered to, or None.
+            monitor: Another one, or None.
+        """
+        before, self._settings = self._settings, settings
+        history, change = settings.history, settings.change
+        if monitor is not None:
+            self.monitor = monitor
+        self.monitor.retune(change.window, change.threshold, change.resolution)
+        if stack is not None:
+            for j in range(self.stack.count):
+                stack.offer(self.stack.regressors[j], self.stack.torques[j])
+            self.stack = stack
+        self.stack.retune(history.size, history.epsilon, history.minimum_growth)
+        noise = history.noise, history.noise_seed
+        if noise != (before.history.noise, before.history.noise_seed):
+            self._noisy = None if self.rank_is_full else self._new_noisy_history()
+        elif self._noisy is not None:
+            self._noisy.stack.retune(history.size, history.epsilon, 0.0)
 
+    def contradict(self, dt: float, pair: FilteredPair) -> bool:
+        """Forget the pairs where the present one shows that the arm has changed; else False."""
+        if not self.monitor.watch(dt, *pair, self.stack):
+            return False
+        self.stack.clear()
+        self.monitor.reset()
+        self.changes += 1
+        return True
 
-@jit
-def is_full(pairs: Pairs) -> bool:
-    """Whether all P slots are filled."""
-    return bool(pairs.counters[COUNT] >= pairs.counters[SIZE])
+    def offer(self, pair: FilteredPair) -> None:
+        """Offer the present pair; artificial noise ends with the rank of the measured pairs."""
+        self.stack.offer(*pair)
+        if self._noisy is not None:
+            self._noisy.offer(*pair)
+            if self.rank_is_full:
+                self._noisy = None
 
+    @property
+    def teaching(self) -> History:
+        """The pairs that θ̂ is learned from."""
+        return self.stack if self._noisy is None else self._noisy.stack
 
-@jit
-def _add_moment(moment: np.ndarray, regressor: np.ndarray, torque: np.ndarray,
-                sign: float) -> None:
-    n, m = regressor.shape
-    for k in range(n):
-        weight = sign * torque[k]
-        for i in range(m):
-            moment[i] += weight * regressor[k, i]
-
-
-@jit
-def sum_anew(pairs: Pairs) -> None:
-    """Sum Q and the moment over the pairs."""
-    pairs.gram[:, :] = 0.0
-    pairs.moment[:] = 0.0
-    for slot in range(pairs.counters[COUNT]):
-        add_square(pairs.gram, pairs.regressors[slot], 1.0)
-        _add_moment(pairs.moment, pairs.regressors[slot], pairs.torques[slot], 1.0)
-    pairs.figures[ROUNDING] = 0.0
-
-
-@jit
-def sums_follow(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarray) -> bool:
-    """Let Q and the moment follow a replacement; False, and nothing, where they had to be anew.
-
-    Only with rank full: in a deficient Q the rounding of earlier pairs would pass for rank.
-    """
-    m = pairs.moment.size
-    if pairs.counters[RANK] < m:
-        return False
-    before, figures = trace(pairs.gram), pairs.figures
-    # Zeros in an empty slot.
-    after = before + _square(regressor) - _square(pairs.regressors[slot])
-    figures[ROUNDING] += EPSILON * max(before, after)
-    if figures[ROUNDING] > min(UNITS * EPSILON * after, NEGLIGIBLE * figures[SIGMA_MIN]):
-        return False
-    add_square(pairs.gram, regressor, 1.0)
-    add_square(pairs.gram, pairs.regressors[slot], -1.0)
-    _add_moment(pairs.moment, regressor, torque, 1.0)
-    _add_moment(pairs.moment, pairs.regressors[slot], pairs.torques[slot], -1.0)
-    return True
-
-
-@jit
-def trace(matrix: np.ndarray) -> float:
-    """Return the sum of the diagonal."""
-    total = 0.0
-    for i in range(matrix.shape[0]):
-        total += matrix[i, i]
-    return total
-
-
-@jit
-def _square(regressor: np.ndarray) -> float:
-    total = 0.0
-    for k in range(regressor.shape[0]):
-        for i in range(regressor.shape[1]):
-            total += regressor[k, i] * regressor[k, i]
-    return total
-
-
-@jit
-def rank_of(form: Tridiagonal, rows: int) -> tuple[int, float]:
-    """Rank of a reduced sum over so many rows, and the rounding that it is told from."""
-    m = form.diagonal.size
-    tolerance = max(m, rows) * EPSILON * max(largest_eigenvalue(form, m), 0.0)
-    return m - count_up_to(form, m, tolerance), tolerance
-
-
-@jit
-def surely_full_rank(pairs: Pairs, sigma_min: float) -> bool:
-    """Whether the tolerance of `rank_of` is below σ_min whatever the largest eigenvalue is."""
-    rows = pairs.counters[COUNT] * pairs.regressors.shape[1]
-    return bool(sigma_min > max(pairs.moment.size, rows) * EPSILON * trace(pairs.gram))
-
-
-@jit
-def measure(pairs: Pairs) -> None:
-    """Set rank, its tolerance and σ_min, and in a full stack the weakest direction, from Q."""
-    m, form = pairs.moment.size, pairs.trial
-    form.matrix[:, :] = pairs.gram
-    reduce(form, m)
-    rank, tolerance = rank_of(form, pairs.counters[COUNT] * pairs.regressors.shape[1])
-    pairs.counters[RANK] = rank
-    pairs.figures[TOLERANCE] = tolerance
-    pairs.figures[SIGMA_MIN] = smallest_eigenvalue(form, m) if rank == m else 0.0
-    if rank == m and is_full(pairs):
-        eigenvector(form, m, pairs.figures[SIGMA_MIN], pairs.directions.weakest)
-        set_weakest(pairs.directions, pairs.regressors, pairs.gram, pairs.counters[COUNT])
+    def sums(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return Q, shape (m, m), and Σ Y_fjᵀ τ_fj, shape (m,), of the pairs that teach."""
+        stack = self.teaching
+        if isinstance(stack, HistoryStack):
+            return stack.gram, stack.moment
+        name, m = type(stack).__name__, self._make.arm.m
+        return (checked_array(f'{name}.gram', stack.gram, (m, m)),
+                checked_array(f'{name}.moment', stack.moment, (m,)))
