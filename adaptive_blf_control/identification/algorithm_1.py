@@ -8,7 +8,7 @@ import numpy as np
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.identification import history, history_step
 from adaptive_blf_control.identification.history_stack import HistoryStack
-from adaptive_blf_control.identification.recorded_pairs import (
+from adaptive_blf_control.identification.stack_arrays import (
     clear_pairs,
     COUNT,
     Pairs,
