@@ -114,9 +114,16 @@ class RunningParts:
         observes = state_filter is not self.state_filter and not isinstance(
             self.arm, _ArmInPython)
         self.compiled = observes and arrays is not None
-        self._handle: Any = (
-            handle(Running(self.arm, self.state)) if self.compiled else
-            handle(Learning(self.state.pair, self.state.learner)) if arrays else None)
+        self._learns = arrays is not None
+        self._made: Any = None
+
+    @property
+    def _handle(self) -> Any:
+        """What compiled functions get: all, or what is after filters in Python."""
+        if self._made is None:
+            self._made = handle(Running(self.arm, self.state) if self.compiled else
+                                Learning(self.state.pair, self.state.learner))
+        return self._made
 
     @property
     def memory(self) -> float:
@@ -148,16 +155,15 @@ class RunningParts:
 
     def _follow_stack(self) -> None:
         """Take the arrays of a stack whose size was changed beside `retune`."""
-        history = self.history
-        if type(history) is HistoryStack and self._handle is not None and (
-                arrays_of_stack(history) is not self.state.learner.history):
+        history: Any = self.history
+        if self._learns and arrays_of_stack(history) is not self.state.learner.history:
             self._join()
 
     def _learn(self, dt: float, term: np.ndarray) -> None:
-        if self._handle is None:
-            uncompiled(learn_step)(self.state.pair, self.state.learner, dt, term)
-        else:
+        if self._learns:
             learn_pair(self._handle, dt, term)
+        else:
+            uncompiled(learn_step)(self.state.pair, self.state.learner, dt, term)
 
     def take_all(self, t: np.ndarray, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
                  term: np.ndarray, learning: np.ndarray, rows: np.ndarray,
