@@ -35,7 +35,7 @@ def replacement_for_rank(pairs: Pairs, candidate: np.ndarray) -> int:
     rank, tolerance = rank_of(pairs.trial, (count + 1) * n)
     if rank > known:
         slot, lost = least_missed(pairs, pairs.grown, rank, tolerance)
-        # Summed anew, too: a huge pair leaves its rounding behind in a difference of sums.
+        # Summed again, too: a huge pair leaves its rounding behind in a difference of sums.
         if rank - lost > known and _rank_with(pairs, slot, candidate) > known:
             return slot
     slot = _oldest_after(pairs.turns, count, -1)
@@ -83,7 +83,7 @@ def _oldest_after(turns: np.ndarray, count: int, turn: int) -> int:
 
 @jit
 def _rank_with(pairs: Pairs, slot: int, candidate: np.ndarray) -> int:
-    """Rank with the candidate in a slot, summed anew."""
+    """Rank with the candidate in a slot, summed again."""
     n, m = candidate.shape
     count, form = pairs.counters[COUNT], pairs.trial
     rows = pairs.regressors.reshape(pairs.regressors.shape[0] * n, m)

@@ -2,7 +2,7 @@
 """The arrays of a history stack, changed in place by compiled functions, and what is known of Q.
 
 Q = Σ Y_fjᵀ Y_fj follows a replacement by a sum and a difference while what rounding leaves in it
-is surely negligible; otherwise it is summed anew.
+is surely negligible; otherwise it is summed again.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from adaptive_blf_control.identification.weak_directions import (
 
 __all__ = ['clear_pairs', 'COUNT', 'GROWTH', 'INSERTIONS', 'is_full', 'measure', 'NEGLIGIBLE',
            'new_pairs', 'Pairs', 'RANK', 'rank_of', 'remove', 'REVISION', 'ROUNDING', 'SIGMA_MIN',
-           'SIZE', 'store', 'sum_anew', 'sums_follow', 'surely_full_rank', 'take_turn',
+           'SIZE', 'store', 'sum_again', 'sums_follow', 'surely_full_rank', 'take_turn',
            'THRESHOLD', 'TOLERANCE', 'trace', 'TURN', 'with_slots']
 
 # Q may follow from the one before while what rounding has left in it is surely below this part
-# of σ_min and this many units in its last place; otherwise it is summed anew.
+# of σ_min and this many units in its last place; otherwise it is summed again.
 NEGLIGIBLE = 1e-6
 UNITS = 64.0
 
@@ -135,7 +135,7 @@ def _add_moment(moment: np.ndarray, regressor: np.ndarray, torque: np.ndarray,
 
 
 @jit
-def sum_anew(pairs: Pairs) -> None:
+def sum_again(pairs: Pairs) -> None:
     """Sum Q and the moment over the pairs."""
     pairs.gram[:] = 0.0
     pairs.moment[:] = 0.0
@@ -150,7 +150,7 @@ def sum_anew(pairs: Pairs) -> None:
 
 @jit
 def sums_follow(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarray) -> bool:
-    """Let Q and the moment follow a replacement; False, and nothing, where they had to be anew.
+    """Let Q and the moment follow a replacement; False, and nothing, where they cannot.
 
     Only with rank full: in a deficient Q the rounding of earlier pairs would pass for rank.
     """
