@@ -36,6 +36,7 @@ def matrix() -> np.ndarray:
 
 
 B = np.full(N, 0.2)
+WEIGHT = np.array([0.5, 2.0])
 STATE = (vector(), vector())
 THETA = np.array([3.473, 0.196, 0.242, 5.3, 1.1])
 
@@ -47,12 +48,13 @@ CASES = {
     two_link.two_link_acceleration: (*STATE, vector(10.0), THETA),
     barrier.active_bound: (vector(), -B, B),
     barrier.interior: (vector(), B),
-    barrier.barrier: (vector(0.05), B),
-    barrier.barrier_gradient: (vector(0.05), B),
+    barrier.barrier: (vector(0.05), B, WEIGHT),
+    barrier.barrier_gradient: (vector(0.05), B, WEIGHT),
     law.stabilising_function: (vector(0.05), vector(), vector(), vector(), B, np.full(N, 40.0)),
-    law.per_joint_coupling: (vector(0.05), vector(), B),
-    law.pseudoinverse_coupling: (vector(0.05), vector(), B),
-    law.torque: (matrix(), THETA, np.full(N, 30.0), vector(0.05), vector(), B, True),
+    law.per_joint_coupling: (vector(0.05), vector(), B, WEIGHT),
+    law.pseudoinverse_coupling: (vector(0.05), vector(), B, WEIGHT),
+    law.torque: (matrix(), THETA, np.full(N, 30.0), vector(0.05), vector(), B,
+                 WEIGHT, True),
     law.limited: (np.array([np.nan, -5.0]), np.ones(N)),
     law.errors: (vector(), vector(), vector(), vector(), vector(), -B, B, np.full(N, 40.0)),
     reference._sinusoids: (0.7, vector(), matrix(), matrix(), matrix()),

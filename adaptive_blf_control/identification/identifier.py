@@ -15,6 +15,7 @@ from adaptive_blf_control.compiled import all_finite
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor
 from adaptive_blf_control.identification.determination import undetermined
 from adaptive_blf_control.identification.excitation import Excitation
+from adaptive_blf_control.identification.given_parameters import given_parameters
 from adaptive_blf_control.identification.history import History
 from adaptive_blf_control.identification.pair_filter import PairFilter
 from adaptive_blf_control.identification.parts import named, PartMaker
@@ -85,6 +86,8 @@ class Identifier:
         given, names = named({'update_law': update_law, 'state_filter': state_filter,
                               'history_stack': history_stack, 'change_monitor': change_monitor})
         settings = IdentifierSettings.taken(settings, {**changes, **names})
+        settings = settings.replace(initial_estimate=given_parameters(
+            'identifier.initial_estimate', settings.initial_estimate, arm))
         self._start(settings.resolved(joints=arm.n, parameters=arm.m), PartMaker(arm, given))
 
     def _start(self, settings: IdentifierSettings, make: PartMaker) -> None:
@@ -96,7 +99,7 @@ class Identifier:
         self._filter = PairFilter(arm, settings.filter, make.state_filter(settings))
         self._recorded = RecordedPairs(make, settings)
         self._excitation = Excitation(arm.m, settings.excitation.window)
-        self.theta = settings.initial_estimate.copy()
+        self.theta = np.array(settings.initial_estimate, dtype=float)
         self._no_term = np.zeros(arm.m)
 
     @property
