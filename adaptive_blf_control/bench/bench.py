@@ -17,11 +17,7 @@ from typing import Any
 
 import numpy as np
 
-<<<<<<< HEAD
-from adaptive_blf_control.bench import identifier_steps, rates
-=======
-from adaptive_blf_control.bench import arms, coverage, rates
->>>>>>> main
+from adaptive_blf_control.bench import arms, coverage, identifier_steps, rates
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
@@ -178,13 +174,8 @@ def _arms(options: argparse.Namespace) -> None:
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
-<<<<<<< HEAD
     'scenarios': _scenarios, 'steps': _steps, 'processes': _processes, 'measured': _measured,
-    'rates': _rates}
-=======
-    'scenarios': _scenarios, 'processes': _processes, 'measured': _measured, 'models': _models,
-    'coverage': _coverage, 'arms': _arms, 'rates': _rates}
->>>>>>> main
+    'models': _models, 'coverage': _coverage, 'arms': _arms, 'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:
