@@ -29,12 +29,15 @@ setup(
     ],
     python_requires='>=3.10',
     # rclpy and common_interfaces come from the ROS installation, or from the extra `ros`.
-    install_requires=['numpy>=1.26', 'mcap>=1.5', 'PyYAML>=6.0'],
+    # mcap brings the decompressors; named because compressed bags need them, too.
+    install_requires=['numpy>=1.26', 'mcap>=1.5', 'zstandard', 'lz4', 'PyYAML>=6.0'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]>=7.1', 'ros-jazzy-common-interfaces>=5.3'],
         'urdf': ['pin>=3.3'],
         # numba's linear algebra calls the BLAS that scipy carries.
         'fast': ['numba>=0.59', 'scipy>=1.11'],
+        # One wheel each for CPython 3.10 to 3.13, Apache-2.0; 4.0 needs a second package.
+        'mujoco': ['mujoco>=3.3,<3.4'],
         'plot': ['matplotlib>=3.6', 'plotly>=6.0'],
         'campaign': ['tqdm>=4.60', 'pyarrow>=14', 'distributed>=2024.1'],
         'test': [

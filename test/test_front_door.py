@@ -323,7 +323,8 @@ def test_an_identification_tells_names_and_predicts_what_it_never_saw():
 
 
 @pytest.mark.parametrize(('given', 'name'), [
-    ({'train': (0.0, 9.0)}, 'train'), ({'train': (0.2,)}, 'train'),
+    ({'train': (8.0, 9.0)}, 'train'), ({'train': (0.0, 9.0)}, 'test'),
+    ({'train': (0.2,)}, 'train'),
     ({'test': [None, 0.1]}, 'test'), ({'train': 'early'}, 'train')])
 def test_a_span_that_cannot_be_used_is_named(given, name):
     t, q, qd, tau = _motion(1000)

@@ -93,7 +93,7 @@ def _outcome(number: int, loop: ClosedLoop, trace: Trace) -> Outcome:
     last = run.t >= run.t[0] + 0.75 * (run.t[-1] - run.t[0])
     figures: dict[str, Any] = {}
     if run.truth:
-        start, true = run.truth[-1]
+        start, true = [epoch for epoch in run.truth if epoch[0] <= run.t_theta[-1] + 1e-9][-1]
         since = run.t_theta >= start - 1e-9
         error = np.linalg.norm(run.theta_hat[since] - true, axis=1)
         norm = float(np.linalg.norm(true))

@@ -10,13 +10,14 @@ import numpy as np
 from adaptive_blf_control.arms.settings import ArmSettings
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.identification.settings import IdentifierSettings
-from adaptive_blf_control.messages.topics import TOPICS
+from adaptive_blf_control.messages.topics import RECORDED
 from adaptive_blf_control.parameters.settings import group, parameter, Settings
 from adaptive_blf_control.parameters.table import Table
 from adaptive_blf_control.simulation.settings import PlantSettings, WatchdogSettings
 
 __all__ = ['ControllerNodeSettings', 'DriverSettings', 'GuaranteeSettings',
-           'IdentifierNodeSettings', 'LifecycleSettings', 'LockstepSettings', 'NODE_SETTINGS',
+           'IdentifierNodeSettings', 'LifecycleSettings', 'LockstepSettings', 'LoopSettings',
+           'NODE_SETTINGS',
            'RealtimeSettings', 'RecorderSettings', 'RuntimeSettings', 'TABLES']
 
 
@@ -100,7 +101,8 @@ class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, w
     niceness: int = parameter(
         5, 'Nice value of the loop; above 0 it gives way to the nodes that control.', '', 0, 19)
     initial_estimate_file: str = parameter(
-        '', 'YAML written by ~/save_estimate to start from instead.')
+        '', 'YAML of parameters by name, as identify or ~/save_estimate writes it, in place of '
+        'initial_estimate.')
     estimate_file: str = parameter(
         '',
         'Where theta_hat is written, by ~/save_estimate and every estimate_period. Empty: '
@@ -136,6 +138,23 @@ class GuaranteeSettings(Settings, where='controller.guarantee'):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class LoopSettings(Settings, where='controller.loop'):
+    """What is known of the loop; the gains are checked against it."""
+
+    rate: float = parameter(
+        1000.0, 'Rate of the joint states.', 'Hz', 0.0, exclusive=True)
+    delay: float = parameter(
+        0.0, 'From the sample of a state until the command that answers it acts.', 's', 0.0, 1.0)
+    velocity_lag: float = parameter(
+        0.0, 'By which the measured velocity is late: the time constant of its filter, and half a '
+        'period where it is a difference of positions.', 's', 0.0, 1.0)
+    unstable: str = parameter(
+        'warn', 'What follows from gains that are unstable in this loop: warn: a warning; refuse: '
+        'the controller is not configured, live changes to such gains are refused.',
+        choices=('warn', 'refuse'))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
                              where='controller'):
     """The parameters of ``controller``."""
@@ -144,10 +163,10 @@ class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
         'estimated',
         'estimated: theta_hat from the identifier (38); known: known_parameters (34).',
         choices=('estimated', 'known'))
-    known_parameters: np.ndarray = parameter(
-        [0.0], 'theta* for model: known.', length='parameters')
-    initial_estimate: np.ndarray = parameter(
-        [0.0], 'theta_hat until the identifier publishes one.', length='parameters')
+    known_parameters: np.ndarray | str = parameter(
+        [0.0], 'theta* for model: known.', length='parameters', source=True)
+    initial_estimate: np.ndarray | str = parameter(
+        [0.0], 'theta_hat until the identifier publishes one.', length='parameters', source=True)
     estimate_limit: np.ndarray = parameter(
         [1000.0],
         'Largest accepted absolute value of an element of theta_hat; an estimate beyond it is '
@@ -165,6 +184,7 @@ class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
         'Publish reference and margins every this many samples, the margins as the smallest '
         'since the last time; the tracking error is published with every sample.', '', 1,
         live=True)
+    loop: LoopSettings = group(LoopSettings)
     guarantee: GuaranteeSettings = group(GuaranteeSettings)
 
 
@@ -178,7 +198,7 @@ class RecorderSettings(RuntimeSettings, where='recorder'):
     bag: str = parameter(
         'bag', 'Folder of the bag; must not exist.')
     topics: tuple[str, ...] = parameter(
-        list(TOPICS), 'Topics to record.')
+        list(RECORDED), 'Topics to record.')
     flush_period: float = parameter(
         0.5, 'A chunk reaches the disk at least this often.', 's', 0.01, 1.0)
 

@@ -4,6 +4,10 @@
 The symmetric one (SBLF) is the case of equal bounds. The functions are defined for every e1: at
 and beyond a bound the error is replaced by ``INTERIOR`` of that bound, so that the barrier is
 large, finite and still pushes inward. Inside, nothing is changed.
+
+V (30) adds the barrier to a kinetic energy, so the paper's barrier stands for 1 J in every joint,
+a stiffness of 1 J/b² at e1 = 0, whatever the joint moves. A weight per joint says how many joules;
+(23) to (29), (57) and the proofs hold for any positive one, with g scaled alike.
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ from adaptive_blf_control.compiled import jit
 __all__ = ['INTERIOR', 'active_bound', 'barrier', 'barrier_gradient', 'interior']
 
 # Part of the bound up to which the barrier is evaluated: w = b² − e1² ≥ 2e-3 b², so that the
-# coupling torque b² e1 / w² stays below 2.5e5 / b.
+# coupling torque c b² e1 / w² stays below 2.5e5 c / b.
 INTERIOR = 0.999
 
 
@@ -38,15 +42,21 @@ def interior(e1: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @jit
-def barrier(e1: np.ndarray, b: np.ndarray) -> float:
-    """Equation (23): V1 = ½ Σ e1² / (b² − e1²), dimensionless."""
+def barrier(e1: np.ndarray, b: np.ndarray, weight: np.ndarray) -> float:
+    """Equation (23) with a weight per joint: V1 = ½ Σ c e1² / (b² − e1²) [J].
+
+    Args:
+        e1: Tracking error, shape (n,) [rad].
+        b: Active bound (11), shape (n,) [rad].
+        weight: c > 0, shape (n,) [J]; 1 J in the paper.
+    """
     e = interior(e1, b)
-    return float(0.5 * np.sum(e * e / (b * b - e * e)))
+    return float(0.5 * np.sum(weight * e * e / (b * b - e * e)))
 
 
 @jit
-def barrier_gradient(e1: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Gradient of (23): g = b² e1 / (b² − e1²)², shape (n,) [1/rad]."""
+def barrier_gradient(e1: np.ndarray, b: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Gradient of `barrier`: g = c b² e1 / (b² − e1²)², shape (n,) [N·m]."""
     e = interior(e1, b)
     w = b * b - e * e
-    return b * b * e / (w * w)
+    return weight * b * b * e / (w * w)

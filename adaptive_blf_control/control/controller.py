@@ -46,8 +46,7 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.parameters.settings import Settings
 
-__all__ = ['Controller', 'ControlOutput', 'sampling_model',
-           'sampling_number']
+__all__ = ['Controller', 'ControlOutput']
 
 _Group = Mapping[str, Any] | Settings
 _ASKED = {'safety': ('lower', 'upper', 'margin'), 'performance': ('lower', 'upper', 'margin'),
@@ -109,6 +108,7 @@ class _Tuning(NamedTuple):
     settings: ControllerSettings
     law: Law
     constraints: tuple[Constraint, ...]
+    barrier_weight: np.ndarray
     torque_limit: np.ndarray
     torque_rate_limit: np.ndarray
 
@@ -201,10 +201,11 @@ class Controller:
             law = (make_law(self.arm, full) if given is None else
                    checked_law('law', given, given, self.arm, full))
         names = (name for name in full.constraints if name)
-        # Copies that may be written to: the limits are compiled for those.
+        # Copies that may be written to: the compiled functions take those.
         return _Tuning(full, law, tuple(made_constraint(self.arm, full, each)
                                         for each in (*names, *self._given_constraints)),
-                       full.torque_limit.copy(), full.torque_rate_limit.copy())
+                       full.barrier_weight.copy(), full.torque_limit.copy(),
+                       full.torque_rate_limit.copy())
 
     def _checked(self, t: float, safety: JointInterval, performance: JointInterval,
                  reference: Reference) -> _Sets:
@@ -219,7 +220,8 @@ class Controller:
                      GrowingBounds(performance, safety, begun.start, begun.duration))
 
     def _take(self, tuning: _Tuning, sets: _Sets) -> None:
-        self.settings, self._law, _, self._limit, self._rate_limit = self._tuning = tuning
+        (self.settings, self._law, _, self._weight, self._limit,
+         self._rate_limit) = self._tuning = tuning
         self.safety, self.performance, self.reference, self._bounds = sets
         joints = self.arm.joints
         self.constraints = Constraints(
@@ -337,7 +339,7 @@ class Controller:
     def lyapunov(self, output: ControlOutput, theta: np.ndarray) -> float:
         """V = V1 + ½ e2ᵀ M(q) e2 (30), M from ``theta``; a monitor, not part of the law."""
         kinetic = 0.5 * output.e2 @ self.arm.Y1(output.state.q, output.e2) @ theta
-        return barrier(output.e1, output.bound) + float(kinetic)
+        return barrier(output.e1, output.bound, self._weight) + float(kinetic)
 
     def warm_up(self, theta: np.ndarray) -> None:
         """Compile all that a motion calls, without a trace in this controller.
@@ -361,36 +363,3 @@ def _check_reference(reference: Reference, arm: Arm) -> None:
         raise ParameterError('reference.at(0.0)', point, 'a ReferencePoint')
     for name, value in (*point._asdict().items(), *zip(('lower', 'upper'), reference.range())):
         checked_array(f'reference.{name}', value, (arm.n,), arm.joints)
-
-
-def sampling_model(arm: Arm, q: np.ndarray, theta: np.ndarray) -> str:
-    """Return the model that can say what M(q) is: ``estimate``, ``nominal`` or ``none``.
-
-    That is ``theta`` where its M(q) is positive definite, else the nominal parameters of the arm.
-    """
-    for name, model in (('estimate', theta), ('nominal', arm.nominal)):
-        mass = _mass(arm, q, model)
-        if np.isfinite(mass).all() and np.linalg.eigvalsh(mass)[0] > 0.0:
-            return name
-    return 'none'
-
-
-def sampling_number(arm: Arm, k2: np.ndarray, q: np.ndarray, theta: np.ndarray,
-                    dt: float) -> float:
-    """Return dt λ_max(M⁻¹ diag(k2)); a loop sampled every ``dt`` [s] needs it below 2.
-
-    M(q) is that of `sampling_model`; where there is none nothing can be said: NaN.
-    """
-    model = sampling_model(arm, q, theta)
-    if model == 'none':
-        return float('nan')
-    mass = _mass(arm, q, theta if model == 'estimate' else arm.nominal)
-    matrix = np.linalg.solve(mass, np.diag(k2))
-    if not np.isfinite(matrix).all():
-        return float('inf')
-    return float(dt * np.max(np.abs(np.linalg.eigvals(matrix))))
-
-
-def _mass(arm: Arm, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    mass = np.column_stack([arm.Y1(q, unit) @ theta for unit in np.eye(arm.n)])
-    return np.asarray(0.5 * (mass + mass.T))

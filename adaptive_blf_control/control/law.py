@@ -43,23 +43,25 @@ def stabilising_function(e1: np.ndarray, e1_dot: np.ndarray, yd_dot: np.ndarray,
 
 
 @jit
-def per_joint_coupling(e1: np.ndarray, e2: np.ndarray, b: np.ndarray) -> np.ndarray:
+def per_joint_coupling(e1: np.ndarray, e2: np.ndarray, b: np.ndarray,
+                       weight: np.ndarray) -> np.ndarray:
     """Cancel L joint by joint: the gradient g itself, smooth, same V̇ as the paper's; [N·m]."""
-    return barrier_gradient(e1, b)
+    return barrier_gradient(e1, b, weight)
 
 
 @jit
-def pseudoinverse_coupling(e1: np.ndarray, e2: np.ndarray, b: np.ndarray) -> np.ndarray:
+def pseudoinverse_coupling(e1: np.ndarray, e2: np.ndarray, b: np.ndarray,
+                           weight: np.ndarray) -> np.ndarray:
     """The paper's (e2ᵀ)⁺ L with L = gᵀ e2 (28), (34): discontinuous at e2 = 0; [N·m]."""
     square = np.dot(e2, e2)
     if square <= 0.0:
         return np.zeros_like(e2)
-    return e2 * (np.dot(barrier_gradient(e1, b), e2) / square)
+    return e2 * (np.dot(barrier_gradient(e1, b, weight), e2) / square)
 
 
 @jit
 def torque(x: np.ndarray, theta: np.ndarray, k2: np.ndarray, e1: np.ndarray, e2: np.ndarray,
-           b: np.ndarray, smooth: bool) -> np.ndarray:
+           b: np.ndarray, weight: np.ndarray, smooth: bool) -> np.ndarray:
     """Equation (38), and (34) with θ* in place of θ̂: τ = X θ̂ − k2 e2 − coupling, (n,) [N·m].
 
     Args:
@@ -69,9 +71,11 @@ def torque(x: np.ndarray, theta: np.ndarray, k2: np.ndarray, e1: np.ndarray, e2:
         e1: Tracking error, shape (n,) [rad].
         e2: q̇ − α, shape (n,) [rad/s].
         b: Active bound (11), shape (n,) [rad].
+        weight: Weights of the barrier, shape (n,) [J].
         smooth: Coupling per joint (True) or by the paper's pseudoinverse (False).
     """
-    coupling = per_joint_coupling(e1, e2, b) if smooth else pseudoinverse_coupling(e1, e2, b)
+    coupling = (per_joint_coupling(e1, e2, b, weight) if smooth
+                else pseudoinverse_coupling(e1, e2, b, weight))
     return np.dot(x, theta) - k2 * e2 - coupling
 
 

@@ -20,7 +20,7 @@ from adaptive_blf_control.identification.stack_arrays import (
     SIGMA_MIN,
     SIZE,
     store,
-    sum_anew,
+    sum_again,
     sums_follow,
     surely_full_rank,
     THRESHOLD,
@@ -70,7 +70,7 @@ def offer(pairs: Pairs, regressor: np.ndarray, torque: np.ndarray) -> int:
     else:
         store(pairs, slot, regressor, torque)
     if not followed:
-        sum_anew(pairs)
+        sum_again(pairs)
     if followed and sigma_min > 0.0 and not shrinking and surely_full_rank(pairs, sigma_min):
         figures[SIGMA_MIN] = sigma_min  # the search has found it, and the direction
         pairs.directions.weakest[:] = pairs.directions.best
@@ -79,6 +79,6 @@ def offer(pairs: Pairs, regressor: np.ndarray, torque: np.ndarray) -> int:
         measure(pairs)
     # Without a pair σ_min may have fallen among what its rounding left in Q.
     if shrinking and figures[ROUNDING] > NEGLIGIBLE * figures[SIGMA_MIN]:
-        sum_anew(pairs)
+        sum_again(pairs)
         measure(pairs)
     return -1 if shrinking else slot

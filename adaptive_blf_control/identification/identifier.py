@@ -18,6 +18,7 @@ from adaptive_blf_control.arrays import (
 )
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor
 from adaptive_blf_control.identification.determination import undetermined
+from adaptive_blf_control.identification.given_parameters import given_parameters
 from adaptive_blf_control.identification.parts import AnyHistory, named, PartMaker
 from adaptive_blf_control.identification.running_parts import RunningParts
 from adaptive_blf_control.identification.settings import IdentifierSettings
@@ -67,11 +68,13 @@ class LearnedBlock(NamedTuple):
         samples: Where they are in the log.
         rows: [Y_f τ_f] after each of them, shape (B, n, m + 1).
         usable: Whether the filters had advanced to that pair and were settled, shape (B,).
+    recorded: Whether the history was another one after it, shape (B,).
     """
 
     samples: slice
     rows: np.ndarray
     usable: np.ndarray
+    recorded: np.ndarray
 
 
 BLOCK = 64
@@ -115,10 +118,12 @@ class Identifier:
         given, names = named({'update_law': update_law, 'state_filter': state_filter,
                               'history_stack': history_stack, 'change_monitor': change_monitor})
         settings = IdentifierSettings.taken(settings, {**changes, **names})
+        settings = settings.replace(initial_estimate=given_parameters(
+            'identifier.initial_estimate', settings.initial_estimate, arm))
         self._settings = settings.resolved(joints=arm.n, parameters=arm.m)
         self._given = given
         self._parts = RunningParts(PartMaker(arm, given), self._settings)
-        self._theta, self._theta_updates = self._settings.initial_estimate.copy(), 0
+        self._theta, self._theta_updates = self._parts.state.learner.theta.copy(), 0
         self._n = (arm.n,)
         self._no_term = np.zeros(arm.m)
 
@@ -385,7 +390,8 @@ class Identifier:
         for begin in range(0, len(times), size):
             some = slice(begin, begin + size)
             count = len(times[some])
-            block = LearnedBlock(some, np.empty((count, n, m + 1)), np.empty(count, dtype=bool))
+            block = LearnedBlock(some, np.empty((count, n, m + 1)), np.empty(count, dtype=bool),
+                                 np.empty(count, dtype=bool))
             self._parts.take_all(times[some], q[some], qd[some], tau[some], self._no_term,
-                                 chosen[some], block.rows, block.usable)
+                                 chosen[some], block.rows, block.usable, block.recorded)
             yield block

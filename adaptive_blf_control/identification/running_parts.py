@@ -89,7 +89,7 @@ class RunningParts:
         self.excitation = Excitation(arm.m, settings.excitation.window)
         self._noisy = self._new_noisy_history()
         self._filter = TorqueFilter(arm.n, arm.m, settings.filter.time_constant)
-        self._theta = settings.initial_estimate.copy()
+        self._theta = np.array(settings.initial_estimate, dtype=float)
         self._counts, self._clock = np.zeros(8, dtype=np.int64), np.zeros(2)
         self._join()
 
@@ -167,17 +167,20 @@ class RunningParts:
 
     def take_all(self, t: np.ndarray, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
                  term: np.ndarray, learning: np.ndarray, rows: np.ndarray,
-                 usable: np.ndarray) -> None:
+                 usable: np.ndarray, recorded: np.ndarray) -> None:
         """Take samples one after the other, see `take_samples`."""
         self._follow_stack()
         if self.compiled:
-            take_samples(self._handle, t, q, qd, tau, term, learning, rows, usable)
+            take_samples(self._handle, t, q, qd, tau, term, learning, rows, usable,
+                         recorded)
             return
         pair, m = self.state.pair, self._theta.size
         for k in range(t.size):
+            revision = self.history.revision
             dt = self.observe(t[k], q[k], qd[k], tau[k])
             if dt > 0.0 and learning[k]:
                 self._learn(dt, term)
+            recorded[k] = self.history.revision != revision
             usable[k] = dt > 0.0 and pair.clock[AGE] >= pair.settling
             rows[k, :, :m], rows[k, :, m] = pair.filter.regressor, pair.filter.torque
 

@@ -34,7 +34,7 @@ from adaptive_blf_control.identification.weak_directions import (
 
 __all__ = ['clear_pairs', 'COUNT', 'GROWTH', 'INSERTIONS', 'is_full', 'measure', 'NEGLIGIBLE',
            'new_pairs', 'Pairs', 'RANK', 'rank_of', 'remove', 'REVISION', 'ROUNDING', 'SIGMA_MIN',
-           'SIZE', 'store', 'sum_anew', 'sums_follow', 'surely_full_rank', 'take_turn',
+           'SIZE', 'store', 'sum_again', 'sums_follow', 'surely_full_rank', 'take_turn',
            'THRESHOLD', 'TOLERANCE', 'trace', 'TURN', 'with_slots']
 
 # Q may follow from the one before while what rounding has left in it is surely below this part
@@ -135,7 +135,7 @@ def _add_moment(moment: np.ndarray, regressor: np.ndarray, torque: np.ndarray,
 
 
 @jit
-def sum_anew(pairs: Pairs) -> None:
+def sum_again(pairs: Pairs) -> None:
     """Sum Q and the moment over the pairs."""
     pairs.gram[:] = 0.0
     pairs.moment[:] = 0.0
@@ -150,7 +150,7 @@ def sum_anew(pairs: Pairs) -> None:
 
 @jit
 def sums_follow(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarray) -> bool:
-    """Let Q and the moment follow a replacement; False, and nothing, where a new sum is needed.
+    """Let Q and the moment follow a replacement; False, and nothing, where they cannot.
 
     Only with rank full: in a deficient Q the rounding of earlier pairs would pass for rank.
     """

@@ -259,8 +259,8 @@ def take_sample(running: Handle, t: float, q: np.ndarray, qd: np.ndarray, tau: n
 
 @jit
 def take_samples(running: Handle, t: np.ndarray, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
-                 term: np.ndarray, learning: np.ndarray, rows: np.ndarray,
-                 usable: np.ndarray) -> None:
+                 term: np.ndarray, learning: np.ndarray, rows: np.ndarray, usable: np.ndarray,
+                 recorded: np.ndarray) -> None:
     """Take samples one after the other, and show what each gave.
 
     Args:
@@ -273,14 +273,17 @@ def take_samples(running: Handle, t: np.ndarray, q: np.ndarray, qd: np.ndarray, 
         learning: Whether it is learned from a sample; else it is filtered only; shape (N,).
         rows: To be filled with [Y_f τ_f], shape (N, n, m + 1).
         usable: To be filled: whether the filters were settled in a sample they advanced by, (N,).
+        recorded: To be filled: whether the history was another one after a sample, shape (N,).
     """
     arm, state = running.value
     pair, learner = state.pair, state.learner
     m = learner.theta.size
     for k in range(t.size):
+        revision = facts(learner.history)[3]
         dt = observe_step(arm, state.state_filter, pair, t[k], q[k], qd[k], tau[k])
         if dt > 0.0 and learning[k]:
             learn_step(pair, learner, dt, term)
+        recorded[k] = facts(learner.history)[3] != revision
         usable[k] = dt > 0.0 and pair.clock[AGE] >= pair.settling
         rows[k, :, :m] = pair.filter.regressor
         rows[k, :, m] = pair.filter.torque

@@ -27,7 +27,7 @@ from adaptive_blf_control.identification.tridiagonal import Tridiagonal, tridiag
 __all__ = ['add_direction', 'clear_directions', 'Directions', 'follow_slot', 'new_directions',
            'project_gram', 'set_weakest', 'SET']
 
-MOST = 14  # directions: more of them cost more than they save
+MOST = 20  # directions: with more of them a bound costs more than it saves
 KNOWN = 1e-8  # a direction of which less is outside of W has no place in it
 
 SET, NEXT = range(2)  # elements of `Directions.counters`

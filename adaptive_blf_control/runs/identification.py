@@ -5,28 +5,45 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import os
+import time
 from typing import Any
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm
-from adaptive_blf_control.bags.logs import Log, read_log
+from adaptive_blf_control.arms.urdf_export import export_urdf, ExportedUrdf
+from adaptive_blf_control.arms.urdf_inertials import with_inertials
+from adaptive_blf_control.arms.urdf_source import read_urdf
+from adaptive_blf_control.bags.logs import Log
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
-from adaptive_blf_control.errors import LogError, ParameterError
+from adaptive_blf_control.errors import ArmError, LogError, ParameterError
+from adaptive_blf_control.identification.consistent_model import (
+    consistent_model,
+    ConsistentModel,
+    has_links,
+    InertialArm,
+)
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.identification.settings import IdentifierSettings
-from adaptive_blf_control.runs.log_pass import choose_spans, Given, learn, NO_TEST, Prediction
+from adaptive_blf_control.identification.settings import FilterSettings, IdentifierSettings
+from adaptive_blf_control.identification.uncertainty import Uncertainty
+from adaptive_blf_control.runs.finding import Finding, listed
+from adaptive_blf_control.runs.log_checks import checks_of
+from adaptive_blf_control.runs.log_options import LogOptions, name_of, several
+from adaptive_blf_control.runs.log_pass import Given, learn, LogPass, NO_TEST, Prediction
+from adaptive_blf_control.runs.log_reader import LogReader
 from adaptive_blf_control.runs.log_report import figures_of, table
+from adaptive_blf_control.runs.model_report import model_figures
 
 __all__ = ['Identification', 'REAL_ROBOT', 'identify', 'real_robot_settings']
 
 REAL_ROBOT: dict[str, Any] = {
     'arm': 'urdf',
-    'friction': {'viscous': True, 'coulomb': True, 'offset': True},
+    'friction': {'viscous': True, 'coulomb': True, 'offset': True, 'square_root': True,
+                 'rotor_inertia': True},
     'update_law': 'concurrent',
     'kt': 1.0,
     'kh': 1000.0,
@@ -45,16 +62,25 @@ class Identification:
     Attributes:
         identifier: The identifier after the pass.
         figures: Per joint the RMSE of the filtered torque [N·m] and what else `figures_of` gives.
-        prediction: Measured and predicted torque of the test span: t, measured, predicted.
+        prediction: Measured and predicted torque of the test span with the half width of the
+            95 % interval: t, measured, predicted, half_width.
+        uncertainty: Standard deviations and intervals; None where no pair was recorded.
         source: Where the log came from.
         problem: Why the log ends early (a truncated bag), or None.
+        findings: What is odd about the log; see `check_log`.
+        notes: What was assumed of it, in sentences.
+        possible: The consistent model; None where there is none, see ``consistent``.
     """
 
     identifier: Identifier
     figures: dict[str, Any]
     prediction: Prediction
+    uncertainty: Uncertainty | None
     source: str
     problem: str | None
+    findings: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = ()
+    possible: ConsistentModel | None = None
 
     @property
     def arm(self) -> Arm:
@@ -82,6 +108,34 @@ class Identification:
         return self.identifier.undetermined
 
     @property
+    def std(self) -> np.ndarray:
+        """Standard deviation of θ̂, infinite where the log says nothing, shape (m,)."""
+        return (np.full(self.arm.m, np.inf) if self.uncertainty is None
+                else self.uncertainty.std)
+
+    @property
+    def consistent(self) -> ConsistentModel:
+        """The physically consistent model of the recorded pairs: a robot that can exist.
+
+        Raises:
+            ArmError: the arm is not from a URDF, or no pair was recorded.
+        """
+        if self.possible is None:
+            reason = ('no pair was recorded' if has_links(self.arm) else
+                      f'{type(self.arm).__name__} has no inertial parameters per link')
+            raise ArmError(f'there is no consistent model: {reason}')
+        return self.possible
+
+    def urdf(self) -> ExportedUrdf:
+        """Return the URDF with the values of the consistent model; its ``xml`` is the text.
+
+        Raises:
+            ArmError: the arm is not from a URDF, or no pair was recorded.
+        """
+        model = self.consistent
+        return export_urdf(self.arm, model.theta, model.inertial)  # type: ignore[arg-type]
+
+    @property
     def test_rmse(self) -> np.ndarray:
         """RMSE of the filtered torque on the test span per joint, (n,) [N·m]; NaN without one."""
         return np.array(self.figures['test_rmse'], dtype=float)
@@ -104,14 +158,18 @@ def real_robot_settings() -> IdentifierNodeSettings:
 def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
              joints: Sequence[str] | None = None, *, arm: Arm | str | None = None,
              train: Given = None, test: Given = None, topic: str | None = None,
+             validate: Any = None, options: LogOptions | None = None,
              settings: IdentifierSettings | None = None, **changes: Any) -> Identification:
     """Learn the parameters of a measured robot from its log, in one pass.
 
     The log is streamed through the identifier of the node: no look-ahead, one sample after the
     other. Before and after the training span θ̂ is frozen and the samples are only filtered.
 
+    Before that the log is checked (see `check_log`): it is refused where it cannot be right.
+
     Args:
-        log: A bag, a CSV file, arrays by name (see `read_log`) or a log that was read.
+        log: A bag, a CSV file, arrays by name (see `read_log`) or a log that was read; or a list
+            of them, all of which are learned from before any is predicted.
         urdf: Path, ``package://...`` or XML text of the robot, all of whose friction is learned.
         joints: Joints to identify, the others are locked; the URDF's where None. For a CSV file
             and arrays the names of their columns, in order.
@@ -119,7 +177,10 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
         train: Span to learn from, ``(T0, T1)`` or ``'T0:T1'`` [s], where None stands for an end
             of the log; the first half after the filters have forgotten their start, where None.
         test: Span to predict with θ̂ frozen; the rest where None, ``'none'`` for no test.
-        topic: JointState topic of a bag.
+        topic: Topic of joint values of a bag.
+        validate: Another log, or a list of them, to predict with θ̂ frozen; the first are then
+            learned from as a whole, where ``train`` is None.
+        options: How logs are read and converted, beside ``topic``.
         settings: Those of the identifier; `REAL_ROBOT`'s where None.
         changes: Settings by name, e.g. ``kh=100.0, history={'size': 200}``.
 
@@ -128,7 +189,7 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
         joint [N·m]; ``print`` shows them.
 
     Raises:
-        LogError: the log cannot be read, or has no sample that can be used.
+        LogError: the log cannot be read, cannot be right, or has no sample that can be used.
         ParameterError: a setting or span cannot be used.
         ArmError: no arm can be made of the URDF and the joints.
         MissingExtra: Pinocchio, which reads the URDF, is not installed.
@@ -138,26 +199,44 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
     given = {'arm': arm if isinstance(arm, str) else None, 'urdf': urdf and os.fspath(urdf),
              'joints': joints}
     changes.update((name, value) for name, value in given.items() if value is not None)
-    chosen = _node_settings(settings).replace(**changes)
+    chosen, filled = with_masses(_node_settings(settings).replace(**changes),
+                                 joints is None and urdf is not None)
     if arm is None or isinstance(arm, str):
-        arm = _named_arm(chosen, joints is None and urdf is not None)
+        arm = _named_arm(chosen)
     else:
         checked_arm('arm', arm)
         if urdf is not None:
             raise ParameterError('urdf', urdf, 'nothing beside an arm')
-    source = os.fspath(log) if isinstance(log, (str, os.PathLike)) else 'log'
-    measured = read_log(log, topic=topic, joints=arm.joints)
+    source = ', '.join(map(name_of, several(log)))
+    if options is not None and not isinstance(options, LogOptions):
+        raise ParameterError('options', options, 'LogOptions')
+    options = options or LogOptions()
     identifier = build_identifier(chosen, arm)
-    filters = chosen.filter
-    spans = choose_spans(measured.t, train, test, 5.0 * identifier.memory)
-    result = learn(identifier, measured, *spans)
-    for name, fit in (('train', result.train), ('test', result.test)):
-        if fit.count == 0 and not (name == 'test' and test == NO_TEST):
-            raise LogError(f'{source}: no sample of the {name} span can be used: the filter '
-                           f'restarts at gaps of more than {filters.gap:g} s and settles for '
-                           f'{filters.settle:g} time constants')
-    return Identification(identifier, figures_of(measured, identifier, result, spans),
-                          result.prediction, source, measured.problem)
+    reader = LogReader(arm, chosen, replace(options, topic=topic or options.topic), filled,
+                       identifier.memory)
+    sections = reader.sections(several(log), [] if validate is None else several(validate),
+                               train, test)
+    result = learn(identifier, sections)
+    _check_used(result, chosen.filter, source, test == NO_TEST and validate is None)
+    judged, consistent = result.uncertainty, None
+    begin = time.perf_counter()
+    if has_links(arm) and judged is not None:
+        consistent = _consistent(identifier, arm, judged)
+    seconds = time.perf_counter() - begin
+    figures = figures_of(sections, identifier, result)
+    figures |= model_figures(identifier, result, consistent, seconds)
+    figures |= {'checks': checks_of(reader.findings), 'notes': list(reader.notes),
+                'verdicts': listed(reader.findings, identifier.arm.joints)}
+    problems = [section.log.problem for section in sections if section.log.problem]
+    return Identification(identifier, figures, result.prediction, judged, source,
+                          '; '.join(problems) or None, tuple(reader.findings),
+                          tuple(reader.notes), consistent)
+
+
+def _consistent(identifier: Identifier, arm: InertialArm, judged: Uncertainty) -> ConsistentModel:
+    stack = identifier.stack
+    return consistent_model(arm, stack.regressors[:stack.count], stack.torques[:stack.count],
+                            judged.alike)
 
 
 def _node_settings(settings: IdentifierSettings | None) -> IdentifierNodeSettings:
@@ -168,17 +247,39 @@ def _node_settings(settings: IdentifierSettings | None) -> IdentifierNodeSetting
     return real_robot_settings().replace(**given.values())
 
 
-def _named_arm(settings: IdentifierNodeSettings, whole: bool) -> Arm:
-    """Build the arm that the settings name, with all joints of its URDF where ``whole``."""
+def _named_arm(settings: IdentifierNodeSettings) -> Arm:
+    """Build the arm that the settings name."""
     if settings.arm == 'urdf' and (not settings.urdf or settings.urdf.startswith('topic:')):
         raise ParameterError('urdf', settings.urdf, 'a file: name one with urdf')
-    if settings.arm == 'urdf' and whole:
-        settings = settings.replace(joints=joints_of(settings.urdf))
     return build_arm(settings)
+
+
+def with_masses(settings: IdentifierNodeSettings,
+                whole: bool) -> tuple[IdentifierNodeSettings, tuple[str, ...]]:
+    """Return settings whose URDF has masses, and the links that had to be given one.
+
+    With ``whole`` the joints become all those of the URDF. See `with_inertials`.
+    """
+    if settings.arm != 'urdf' or not settings.urdf or settings.urdf.startswith('topic:'):
+        return settings, ()
+    xml, filled = with_inertials(read_urdf(settings.urdf), None if whole else settings.joints)
+    if filled:
+        settings = settings.replace(urdf=xml)
+    if whole:
+        settings = settings.replace(joints=joints_of(xml))
+    return settings, filled
 
 
 def joints_of(urdf: str) -> list[str]:
     """Return the joints of a URDF that have one axis and mimic no other, base first."""
     from adaptive_blf_control.arms.urdf_model import reduced_model
-    from adaptive_blf_control.arms.urdf_source import read_urdf
-    return list(reduced_model(read_urdf(urdf), None)[1])
+    return list(reduced_model(with_inertials(read_urdf(urdf), None)[0], None)[1])
+
+
+def _check_used(result: LogPass, filters: FilterSettings, source: str, untested: bool) -> None:
+    """Raise LogError where the filter left no pair of a span."""
+    for name, fit in (('train', result.train), ('test', result.test)):
+        if fit.count == 0 and not (name == 'test' and untested):
+            raise LogError(f'{source}: no sample of the {name} span can be used: the filter '
+                           f'restarts at gaps of more than {filters.gap:g} s and settles for '
+                           f'{filters.settle:g} time constants')

@@ -17,10 +17,11 @@ from adaptive_blf_control.control.guarantee import (
 )
 from adaptive_blf_control.control.law import errors
 from adaptive_blf_control.control.laws.ablf import AblfLaw
+from adaptive_blf_control.simulation.abilities import unexpressed_by
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
-from adaptive_blf_control.simulation.plant import truth_of
+from adaptive_blf_control.simulation.plant import known_truth, truth_of
 
-__all__ = ['RunGuarantee', 'guarantee_of_trace']
+__all__ = ['RunGuarantee', 'guarantee_of_trace', 'why_not']
 
 
 class RunGuarantee(NamedTuple):
@@ -58,19 +59,33 @@ class RunGuarantee(NamedTuple):
                 + ('kept' if self.first is None else f'left: {self.first}'))
 
 
+def why_not(loop: ClosedLoop) -> str | None:
+    """Return why Theorem 2 says nothing about a loop, None where it does."""
+    plant, parameters = loop.plant, loop.arm.parameters
+    if truth_of(plant, parameters) is None:
+        return 'theta* of the plant is not known'
+    if not isinstance(loop.controller.law, AblfLaw):
+        return 'is not about this law'
+    unexpressed = unexpressed_by(plant, parameters)
+    if unexpressed is not None:
+        return (f'is not about this plant: no theta expresses {100.0 * unexpressed.max():.2g} % '
+                'of the torque of a joint')
+    return None
+
+
 def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
     """Compare a run with Theorem 2, on the true state.
 
     θ* is constant in the theorem: where it changes, V is taken again as the V(0) of what follows.
 
     Returns:
-        None where the plant does not tell its θ*, or the law is another than (38).
+        None where `why_not` has a reason.
     """
     controller, settings = loop.controller, loop.identifier.settings
     arm, performance = loop.arm, controller.performance
-    truth = truth_of(loop.plant, arm.parameters)
-    if truth is None or not isinstance(controller.law, AblfLaw):
+    if why_not(loop) is not None:
         return None
+    truth, weight = known_truth(loop.plant, arm.parameters), _weight(loop)
     values, starts, guaranteed = np.empty(trace.t.size), [], []
     monitor: GuaranteeMonitor | None = None
     first: Departure | None = None
@@ -85,11 +100,12 @@ def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
             epoch += 1
         theta = truth[epoch][1]
         estimate = trace.theta_hat[k] if loop.known is None else loop.known
-        values[k] = lyapunov_value(arm, q, e1, e2, performance, estimate, theta, settings.gamma)
+        values[k] = lyapunov_value(arm, q, e1, e2, performance, estimate, theta, settings.gamma,
+                                   weight)
         if epoch != begun or monitor is None:
             starts.append(float(t))
             guaranteed.append(_run_guarantee(loop, float(values[k]), theta))
-            monitor = GuaranteeMonitor(guaranteed[-1], performance, arm.joints)
+            monitor = GuaranteeMonitor(guaranteed[-1], performance, arm.joints, weight)
         departure = monitor.observe(float(t), e1, float(values[k]))
         first = first or departure
     return RunGuarantee(tuple(starts), tuple(guaranteed), first, values)
@@ -97,6 +113,11 @@ def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
 
 def _run_guarantee(loop: ClosedLoop, value: float, theta: np.ndarray) -> Guarantee:
     performance, reference = loop.controller.performance, loop.controller.reference.range()
-    rough = guarantee(value, performance, reference, 1.0)
+    weight = _weight(loop)
+    rough = guarantee(value, performance, reference, 1.0, weight)
     smallest, _ = mass_range(loop.arm, theta, rough.output_lower, rough.output_upper)
-    return guarantee(value, performance, reference, smallest)
+    return guarantee(value, performance, reference, smallest, weight)
+
+
+def _weight(loop: ClosedLoop) -> np.ndarray:
+    return loop.controller.settings.resolved(joints=loop.arm.n).barrier_weight.copy()

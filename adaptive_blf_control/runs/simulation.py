@@ -26,9 +26,11 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.plugin import require
-from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee
+from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee, why_not
+from adaptive_blf_control.runs.start_check import loop_warnings
 from adaptive_blf_control.runs.summary import Run, run_of_trace, summarise, table
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
+from adaptive_blf_control.simulation.abilities import contacts_of
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample, Trace
 from adaptive_blf_control.simulation.plant import Plant, REQUIRED
 from adaptive_blf_control.simulation.sensors import Sensor
@@ -85,6 +87,7 @@ class Simulation(Trace):
         figures, guarantee = dict(self._summary), self._run_guarantee
         figures['guarantee'] = None if guarantee is None else guarantee.figures()
         figures['predicted_torque_error'] = torque_error_of_trace(self.loop, self)
+        figures['contacts_s'] = contacts_of(self.loop.plant)
         figures['wall_s'] = self.wall_s
         figures['real_time_factor'] = float(self.t[-1] / self.wall_s)
         return figures
@@ -92,14 +95,15 @@ class Simulation(Trace):
     def __repr__(self) -> str:
         """Say what the run achieved, as a table."""
         figures, guarantee = self.figures, self._run_guarantee
-        known = self._run.truth is not None
         lines = [table(figures, self._run)]
-        if known:
+        if any(value is not None for value in figures['predicted_torque_error']):
             lines.append(torque_line(figures['predicted_torque_error']))
         return '\n'.join([
             *lines,
-            guarantee.line() if guarantee is not None else 'Theorem 2            '
-            + ('is not about this law' if known else 'theta* of the plant is not known'),
+            guarantee.line() if guarantee is not None else
+            f'Theorem 2            {why_not(self.loop)}',
+            *(f'contact              from {begin:.3f} s to {end:.3f} s'
+              for begin, end in figures['contacts_s']),
             f'speed                {figures["real_time_factor"]:.1f} x real time'])
 
 
@@ -160,6 +164,7 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
             require('plant', plant, plant, REQUIRED)
         loop = build_closed_loop(data, OwnParts(arm, plant, sensor, law, update_law, constraints))
         length = duration_of(data, duration)
+        list(loop_warnings(data, loop))  # refuses an unstable loop where the scenario asks for it
     loop.warm_up()
     return Simulation(**vars(loop.run(length, observer)), loop=loop)
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, ForwardDynamics
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.simulation.schedule import Change, Schedule
+from adaptive_blf_control.identification.given_parameters import given_parameters
+from adaptive_blf_control.simulation.schedule import changes_of, Schedule
 from adaptive_blf_control.simulation.settings import PlantSettings
 
 __all__ = ['Epoch', 'Truth', 'epochs_truth', 'true_epochs', 'true_theta']
@@ -36,12 +37,13 @@ def true_theta(settings: PlantSettings, arm: Arm) -> np.ndarray:
     """
     given, payload = settings.true_parameters, settings.payload
     if settings.true_model == 'given':
-        if len(given) != arm.m:
+        if not isinstance(given, str) and len(given) != arm.m:
             raise ParameterError('arm_driver.true_parameters', given.tolist(),
                                  f'{arm.m} values: {" ".join(arm.parameters)}')
-        theta = given.copy()
-    elif np.any(given):
-        raise ParameterError('arm_driver.true_parameters', given.tolist(),
+        theta = given_parameters('arm_driver.true_parameters', given, arm)
+    elif isinstance(given, str) or np.any(given):
+        raise ParameterError('arm_driver.true_parameters',
+                             given if isinstance(given, str) else given.tolist(),
                              'no values, or true_model: given')
     else:
         theta = arm.nominal
@@ -60,13 +62,8 @@ def true_epochs(settings: PlantSettings, arm: Arm) -> tuple[Epoch, ...]:
         ParameterError: see `true_theta` and `Schedule`.
         ArmError: the arm cannot be simulated with these parameters.
     """
-    columns = (settings.schedule.time, settings.schedule.parameter, settings.schedule.value)
-    if len({len(column) for column in columns}) != 1:
-        raise ParameterError('arm_driver.schedule', [len(column) for column in columns],
-                             'time, parameter and value of the same length')
-    changes = [Change(float(t), name, float(value)) for t, name, value in zip(*columns) if name]
-    schedule = Schedule(true_theta(settings, arm), arm.parameters, changes,
-                        arm.payload_direction, settings.payload)
+    schedule = Schedule(true_theta(settings, arm), arm.parameters,
+                        changes_of(settings.schedule), arm.payload_direction, settings.payload)
     return tuple(Epoch(t, arm.dynamics(theta), dict(zip(arm.parameters, theta.tolist())))
                  for t, theta in schedule.epochs)
 

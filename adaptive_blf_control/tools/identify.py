@@ -8,12 +8,14 @@ after the other. Before and after the training span, θ̂ is frozen and the samp
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 import copy
 import json
 from pathlib import Path
 import sys
 from typing import Any
 
+from adaptive_blf_control.arms.urdf_export import ExportedUrdf
 from adaptive_blf_control.compilation_notice import CompilationNotice
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import (
@@ -26,20 +28,25 @@ from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.identification.estimate_file import write_estimate
 from adaptive_blf_control.runs.identification import identify, joints_of, REAL_ROBOT
 from adaptive_blf_control.runs.log_report import table
+from adaptive_blf_control.runs.model_report import parameter_table
+from adaptive_blf_control.runs.rmse_requirement import RmseRequirement
+from adaptive_blf_control.tools.log_arguments import add_log_arguments, log_options
 
 __all__ = ['main']
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='identify', description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('log', type=Path, metavar='LOG',
-                        help='a bag (rosbag2 folder, .mcap or .db3) with a JointState topic, or '
-                        'CSV with a header t,q1..,qd1..,tau1.. [s, rad, rad/s, N·m]')
+    parser.add_argument('log', type=Path, nargs='+', metavar='LOG',
+                        help='a bag (rosbag2 folder, .mcap or .db3) with JointState or '
+                        'DynamicJointState, or CSV with a header such as t,q1..,qd1..,tau1.. [s, '
+                        'rad, rad/s, N·m]; all of several are learned from')
+    parser.add_argument('--validate', type=Path, action='append', default=[], metavar='LOG',
+                        help='another log to predict; the first are then learned from as a whole')
     parser.add_argument('--urdf', metavar='FILE', help='path or package://... of the robot')
     parser.add_argument('--joints', metavar='A,B,...',
                         help="joints to identify, the others are locked; default: the config's, "
                         "else the URDF's. For CSV: the names of its columns, in order")
-    parser.add_argument('--topic', metavar='T', help='JointState topic of the bag')
     parser.add_argument('--train', metavar='T0:T1',
                         help='span to learn from [s]; either end may be left out. Default: the '
                         'first half of the log after five time constants of the filter')
@@ -55,6 +62,21 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--output', type=Path, metavar='FILE',
                         help='where θ̂ is written; default: the parameter estimate_file, else '
                         'theta_hat.yaml in the present folder')
+    parser.add_argument('--model-out', type=Path, metavar='FILE',
+                        help='where the parameters of the physically consistent model are '
+                        'written, in the form of --output')
+    parser.add_argument('--urdf-out', type=Path, metavar='FILE',
+                        help='where the URDF is written with identified inertials and friction, '
+                        'those of the consistent model; the rest of it is untouched')
+    parser.add_argument('--overwrite', action='store_true',
+                        help='replace files that exist')
+    parser.add_argument('--require-rmse', metavar='E',
+                        help='exit with 1 where the RMSE of a joint in the test is more: N·m, or '
+                        'a part of its torque as in 5%%')
+    parser.add_argument('--parameters', action='store_true',
+                        help='also print every parameter with its standard deviation and whether '
+                        'the log determines it')
+    add_log_arguments(parser)
     return parser
 
 
@@ -78,36 +100,87 @@ def _settings(options: argparse.Namespace) -> IdentifierNodeSettings:
 def _identify(options: argparse.Namespace) -> dict[str, Any]:
     settings = _settings(options)
     output = options.output or Path(settings.estimate_file or 'theta_hat.yaml')
-    if not output.parent.is_dir():  # known before the work, not after
-        raise ParameterError('--output', str(output), 'a file in a folder that exists')
+    for name, path in (('--output', output), ('--model-out', options.model_out),
+                       ('--urdf-out', options.urdf_out)):
+        if path is not None and not path.parent.is_dir():  # known before the work, not after
+            raise ParameterError(name, str(path), 'a file in a folder that exists')
+        if path is not None and path.exists() and not options.overwrite:
+            raise ParameterError(name, str(path), 'a new file, or --overwrite')
+    if options.urdf_out is not None and str(options.urdf_out) == options.urdf:
+        raise ParameterError('--urdf-out', str(options.urdf_out), 'another file than --urdf')
     try:
         result = identify(options.log, settings=settings, train=options.train,
-                          test=options.test, topic=options.topic)
+                          test=options.test, validate=options.validate or None,
+                          options=log_options(options))
     except ParameterError as error:
-        if error.name not in ('train', 'test'):
+        if error.name not in ('train', 'test', 'gain', 'effort_delay'):
             raise
-        raise ParameterError(f'--{error.name}', error.value, error.expected) from None
-    if result.problem:
-        print(f'identify: {options.log}: {result.problem}', file=sys.stderr)
+        option = f'--{error.name.replace("_", "-")}'
+        raise ParameterError(option, error.value, error.expected) from None
+    for text in filter(None, (result.problem, *result.notes)):
+        print(f'identify: note: {text}', file=sys.stderr)
+    for finding in result.findings:
+        print(f'identify: {finding.level}: {finding}', file=sys.stderr)
+    figures = {**result.figures, 'output': str(output)}
+    snapshot = result.identifier.snapshot()
+    _write('--output', output, lambda path: write_estimate(path, snapshot, std=result.std))
+    if options.model_out is not None:
+        model = result.consistent
+        consistent = snapshot._replace(theta=model.theta)
+        _write('--model-out', options.model_out,
+               lambda path: write_estimate(path, consistent, std=model.std))
+        figures['model_output'] = str(options.model_out)
+    if options.urdf_out is not None:
+        figures |= _write_urdf(result.urdf(), options.urdf_out)
+    return figures
+
+
+def _write_urdf(exported: ExportedUrdf, path: Path) -> dict[str, Any]:
+    """Write the URDF and say what of the model is not in it."""
+    _write('--urdf-out', path, lambda path: path.write_text(exported.xml, encoding='utf-8'))
+    lost = sorted({name.partition('_')[0] for name, value in exported.missing.items() if value})
+    if lost:
+        print(f'identify: {path}: a URDF has no place for {", ".join(lost)} (rotor inertia, '
+              'constant torque, square-root friction): they are in the file of --model-out',
+              file=sys.stderr)
+    if exported.scaled:
+        print(f'identify: {path}: scaled down with the link that carries them: '
+              + ', '.join(f'{link} to {factor:.2g}' for link, factor in exported.scaled.items()),
+              file=sys.stderr)
+    return {'urdf_output': str(path), 'urdf_missing': exported.missing,
+            'urdf_scaled': exported.scaled}
+
+
+def _write(option: str, path: Path, write: Callable[[Path], Any]) -> None:
     try:
-        write_estimate(output, result.identifier.snapshot())
+        write(path)
     except OSError as error:
-        raise ParameterError('--output', str(output), f'a file that can be written '
+        raise ParameterError(option, str(path), f'a file that can be written '
                              f'({error.strerror})') from None
-    return {**result.figures, 'output': str(output)}
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the command; 0 if parameters were learned, 2 on bad input."""
+    """Run the command; 0 if parameters were learned, 2 on bad input.
+
+    1 where they were learned, but not as well as ``--require-rmse`` asks for.
+    """
     options = _parser().parse_args(args)
     try:
+        required = RmseRequirement.of(options.require_rmse) if options.require_rmse else None
         with CompilationNotice():
             figures = _identify(options)
     except BlfError as error:
         print(f'identify: {" ".join(str(error).split())}', file=sys.stderr)
         return 2
-    print(json.dumps(figures, indent=2) if options.json else table(figures, str(options.log)))
-    return 0
+    print(json.dumps(figures, indent=2) if options.json else
+          table(figures, ', '.join(map(str, options.log))))
+    if options.parameters and not options.json:
+        print('\n' + parameter_table(figures))
+    missed = required.missed(figures) if required else []
+    for text in missed:
+        print(f'identify: --require-rmse {options.require_rmse} is missed: {text}',
+              file=sys.stderr)
+    return 1 if missed else 0
 
 
 if __name__ == '__main__':

@@ -142,7 +142,7 @@ def test_pruned_search_equals_brute_force_with_more_parameters_than_kept_directi
 
 def test_equal_pairs_are_found_equal_by_the_search():
     random = np.random.default_rng(30)
-    pairs = np.repeat(random.normal(size=(5, 2, 4)), 3, axis=0)  # removing one of three costs alike
+    pairs = np.repeat(random.normal(size=(5, 2, 4)), 3, axis=0)  # none is missed
     stack = filled(pairs)
     for _ in range(200):
         assert_offer_is_brute_force(stack, random.normal(size=(2, 4)))

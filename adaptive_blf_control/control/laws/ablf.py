@@ -19,6 +19,7 @@ class AblfLaw:
         self._arm = arm
         # Copies that may be written to: the law is compiled for those.
         self._k1, self._k2 = settings.k1.copy(), settings.k2.copy()
+        self._weight = settings.barrier_weight.copy()
         self._smooth = settings.coupling == 'per_joint'
 
     def answer(self, sample: LawSample) -> LawAnswer:
@@ -28,4 +29,5 @@ class AblfLaw:
             sample.q, sample.qd, point.position, point.velocity, point.acceleration,
             bounds.lower, bounds.upper, bounds.lower_rate, bounds.upper_rate, self._k1)
         x = self._arm.X(sample.q, sample.qd, alpha, alpha_dot)
-        return LawAnswer(torque(x, sample.theta, self._k2, e1, e2, b, self._smooth), e2, x)
+        return LawAnswer(torque(x, sample.theta, self._k2, e1, e2, b, self._weight, self._smooth),
+                         e2, x)
