@@ -45,7 +45,7 @@ def log(record):
     t, q, qd, tau = t[keep], q[keep], qd[keep], tau[keep]
     q[40] = np.nan
     t[60] = t[59]
-    qd[90] = 1e9
+    tau[90] = 1e12
     return t, q, qd, tau
 
 
