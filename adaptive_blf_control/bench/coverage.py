@@ -53,7 +53,7 @@ STUDIES = (
     Study('panda', 20.0, 10.0, 1.0, (
         'arm_driver.sensors.model=encoder', 'arm_driver.sensors.torque_noise=0.05',
         'identifier.filter.time_constant=0.05', 'identifier.filter.settle=5.0',
-        'identifier.filter.state_order=4', 'identifier.filter.state_time_constant=0.01',
+        'identifier.filter.state_order=2', 'identifier.filter.state_time_constant=0.004',
         'identifier.history.size=300', 'identifier.history.epsilon=0.03',
         'identifier.change.window=0.0')),
 )

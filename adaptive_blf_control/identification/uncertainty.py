@@ -88,11 +88,8 @@ class Uncertainty(NamedTuple):
 
 def estimate_uncertainty(identifier: Identifier, seen: PairTimes) -> Uncertainty | None:
     """Judge what an identifier's history determines; None while it is empty."""
-    stack = identifier.stack
-    if stack.count == 0:
-        return None
-    return uncertainty(stack.regressors[:stack.count], stack.torques[:stack.count],
-                       seen.times(stack), identifier.memory)
+    recorded = seen.recorded(identifier)
+    return uncertainty(*recorded) if len(recorded.times) else None
 
 
 def uncertainty(regressors: np.ndarray, torques: np.ndarray, times: np.ndarray,

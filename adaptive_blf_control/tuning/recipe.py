@@ -117,7 +117,8 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
     usual = float(np.sqrt(np.mean(torques ** 2)))
     filters = filters_for(robot, float(np.sqrt(np.mean(states.qd ** 2, axis=0)).max()),
                           float(inertia.most.max()), usual)
-    deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload)
+    deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload,
+                                    from_zero=robot.from_zero)
     adaptation = adaptation_for(arm, deviation, masses, states, delay, filters.noise, usual)
     dry = _dry_friction(arm, torque_limit)
     return Recipe(

@@ -99,7 +99,7 @@ def test_noise_is_weighted_against_what_is_known_of_the_urdf(arm: UrdfArm) -> No
     deviation = parameter_deviation(arm, found.limits.velocity, found.torque_limit, 0.0)
     ratio = 30.0 * found.adaptation.kh * found.adaptation.gamma
     torque = inverse_dynamics(arm, arm.nominal, *found.states)
-    square = found.filters.noise ** 2 + 25e-8 * np.mean(torque ** 2)
+    square = found.filters.noise ** 2 + 25e-10 * np.mean(torque ** 2)
     np.testing.assert_allclose(ratio, deviation ** 2 / square)
 
 

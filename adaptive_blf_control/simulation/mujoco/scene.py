@@ -44,7 +44,7 @@ class Scene:
     def __init__(self, settings: PlantSettings, arm: Arm,
                  gravity: Sequence[float] | np.ndarray) -> None:
         """Build it; see `MujocoPlant`."""
-        _refuse_what_is_not_of_the_model(settings)
+        _refuse_true_parameters(settings)
         source = settings.mujoco.model or _own_urdf(arm)
         name = 'XML text' if source.lstrip().startswith('<') else source
         spec = arm_spec(source, arm.joints)
@@ -68,13 +68,10 @@ class Scene:
         self.surroundings = Surroundings(model, contact)
 
 
-def _refuse_what_is_not_of_the_model(settings: PlantSettings) -> None:
+def _refuse_true_parameters(settings: PlantSettings) -> None:
     if settings.true_model != 'nominal' or np.any(settings.true_parameters):
         raise ParameterError('arm_driver.true_model', settings.true_model,
                              'nominal: the arm in MuJoCo is that of its model')
-    if settings.dead_time:
-        raise ParameterError('arm_driver.dead_time', settings.dead_time,
-                             '0: the arm in MuJoCo has actuator.delay in seconds')
 
 
 def _own_urdf(arm: Arm) -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.errors import ArmError, ParameterError
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.plant import MujocoPlant
 from adaptive_blf_control.simulation.plant import truth_of
@@ -100,6 +100,15 @@ def test_the_drives_saturate(made):
     plant = made(torque_limit=[4.0])
     plant.apply(np.array([100.0, -100.0]))
     assert plant.torque.tolist() == [4.0, -4.0]
+
+
+def test_a_simulation_that_diverges_is_an_error_and_no_file(made, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    plant = made(torque_limit=[1e300])
+    plant.apply(np.full(2, 1e300))
+    with pytest.raises(ArmError, match='MuJoCo diverges at 0.0000 s with the torque'):
+        plant.advance(0.001)
+    assert list(tmp_path.iterdir()) == []  # MuJoCo's own log
 
 
 def test_the_brakes_hold_without_torque(made):
@@ -279,7 +288,6 @@ def test_a_schedule_that_cannot_be_taken_changes_nothing(made, two_link_settings
 
 
 @pytest.mark.parametrize(('settings', 'message'), [
-    ({'dead_time': 2}, 'actuator.delay in seconds'),
     ({'true_model': 'given', 'true_parameters': [1.0]}, 'nominal: the arm in MuJoCo'),
     ({'schedule': {'time': [1.0, 2.0]}}, 'of the same length'),
     ({'mujoco': {'contact': {'link': 'gripper'}}}, 'contact.link.*one of upper, lower, hand'),
