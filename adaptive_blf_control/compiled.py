@@ -106,7 +106,7 @@ def by_type(function: Callable[..., Any]) -> ByType:
 
 
 class Handle:
-    """A NamedTuple that compiled functions get as one argument; ``value`` is it.
+    """A NamedTuple that compiled functions get as one argument; ``value`` is it there.
 
     Each array in an argument costs a call from Python 0.2 µs, whether it is used or not.
     """
