@@ -30,7 +30,7 @@ def test_the_velocity_noise_is_that_of_the_simulated_sensors() -> None:
 def test_noise_behind_the_state_filter_is_what_is_computed() -> None:
     """White errors of a count, through the filter that the identifier uses."""
     found = filters_for(ROBOT, 1.0, 1.0, 20.0)
-    kept = LowPass(found.state_order, found.state_time_constant)
+    kept = LowPass(1, found.state_order, found.state_time_constant)
     random = np.random.default_rng(0)
     velocities, torques = [], []
     for position, torque in zip(random.uniform(-0.5, 0.5, 40000) * ROBOT.resolution,
