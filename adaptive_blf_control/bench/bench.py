@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bench import arms, coverage, rates
+from adaptive_blf_control.bench import arms, coverage, identifier_steps, rates
+from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
@@ -68,6 +69,27 @@ def _scenarios(options: argparse.Namespace) -> None:
               f'{converged} | {figures["theta_error_norm"]:.2g} | '
               f'{figures["theta_true_norm"]:.3g} | '
               f'{figures["history_rank"]} | {statistics.median(speeds):.1f} |', flush=True)
+
+
+def _against_c(options: argparse.Namespace) -> None:
+    print('\n## Against C (`two_link`, one thread)\n')
+    if not options.c_reference.is_file() or compiler() is None:
+        print('Skipped: there is no C compiler here.' if options.c_reference.is_file() else
+              f'Skipped: no program in C to compare with (--c-reference {options.c_reference}).')
+        return
+    _machine()
+    measured = against_c(options.c_reference, options.config / 'two_link.yaml')
+    print('| ours, us per step | the program in C, -O2 | ratio |')
+    print('|---|---|---|')
+    print(f'| {measured.ours:.2f} | {measured.c:.2f} | {measured.ratio:.2f} |', flush=True)
+
+
+def _steps(options: argparse.Namespace) -> None:
+    print('\n## Steps of the identifier\n')
+    _machine()
+    print('panda, 20 s: 50 parameters, 60 pairs; candidates after the history has full rank.\n')
+    times = identifier_steps.times_of(load_yaml(options.config / 'panda.yaml'), 20.0)
+    print(identifier_steps.table(times), flush=True)
 
 
 def _run_json(arguments: list[str]) -> dict[str, Any]:
@@ -166,8 +188,9 @@ def _arms(options: argparse.Namespace) -> None:
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
-    'scenarios': _scenarios, 'processes': _processes, 'measured': _measured, 'models': _models,
-    'coverage': _coverage, 'arms': _arms, 'rates': _rates}
+    'scenarios': _scenarios, 'steps': _steps, 'against_c': _against_c, 'processes': _processes,
+    'measured': _measured, 'models': _models, 'coverage': _coverage, 'arms': _arms,
+    'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -179,6 +202,9 @@ def main(args: list[str] | None = None) -> int:
                         help='folder of the scenarios')
     parser.add_argument('--logs', type=Path, default=Path('../shared/realdata'), metavar='DIR',
                         help='folder of the measured logs')
+    parser.add_argument('--c-reference', type=Path, metavar='FILE',
+                        default=Path('../shared/reference/two_link_closed_loop.c'),
+                        help='source of a program in C that does the work of two_link')
     coverage.add_options(parser)
     rates.add_options(parser)
     arms.add_options(parser)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm
+from adaptive_blf_control.arms.regressors import arrays_of
 from adaptive_blf_control.arrays import (
     are_vectors,
     checked_array,
@@ -18,6 +19,7 @@ from adaptive_blf_control.arrays import (
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.constraints import Constraint, Constraints, MotionState
 from adaptive_blf_control.control.law import limited_answer
+from adaptive_blf_control.control.laws.ablf import AblfLaw
 from adaptive_blf_control.control.laws.choice import checked_law, make_law, retuned_law
 from adaptive_blf_control.control.laws.protocol import Law, LawSample
 from adaptive_blf_control.control.parts import controller_parts
@@ -42,6 +44,14 @@ from adaptive_blf_control.control.sets import (
     JointInterval,
 )
 from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.control.step import (
+    controller_step,
+    ControllerArrays,
+    FIRST_INTERVAL,
+    Memory,
+    new_answer,
+    new_memory,
+)
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.parameters.settings import Settings
@@ -51,7 +61,6 @@ __all__ = ['Controller', 'ControlOutput']
 _Group = Mapping[str, Any] | Settings
 _ASKED = {'safety': ('lower', 'upper', 'margin'), 'performance': ('lower', 'upper', 'margin'),
           'reference': ('at', 'range')}  # of a part that is given as an object
-FIRST_INTERVAL = 1e-3  # s that the first torque of a motion may have taken to rise from zero
 
 
 class ControlOutput(NamedTuple):
@@ -180,8 +189,7 @@ class Controller:
         self._no_regressor = np.zeros((arm.n, arm.m))
         self._not_measured = np.full(arm.n, np.nan)
         self._n, self._m = (arm.n,), (arm.m,)
-        self._last_torque = np.zeros(arm.n)
-        self._last_t: float | None = None
+        self._memory = new_memory(arm.n)
         self._smooth_start = follow if isinstance(follow, SmoothStart) else None
         self._take(self._tuned(settings),
                    self._checked(0.0, parts['safety'], parts['performance'], follow))
@@ -193,6 +201,15 @@ class Controller:
         """Name the arm and its sets."""
         return (f'<Controller of {self.arm!r}: safety {self.safety.lower.tolist()} to '
                 f'{self.safety.upper.tolist()} rad>')
+
+    def __copy__(self) -> Controller:
+        """Return a controller that goes on from here without a trace in this one."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other._memory = Memory(*(array.copy() for array in self._memory))
+        if self._arrays is not None:
+            other._arrays = self._arrays._replace(memory=other._memory)
+        return other
 
     def _tuned(self, settings: ControllerSettings, before: Law | None = None) -> _Tuning:
         full, given = settings.resolved(joints=self.arm.n), self._given_law
@@ -224,6 +241,9 @@ class Controller:
          self._rate_limit) = self._tuning = tuning
         self.safety, self.performance, self.reference, self._bounds = sets
         joints = self.arm.joints
+        arm = arrays_of(self.arm)
+        self._arrays = None if arm is None or type(self._law) is not AblfLaw else (
+            ControllerArrays(arm, self._law.gains, self._limit, self._rate_limit, self._memory))
         self.constraints = Constraints(
             [SafetyConstraint(joints, self.safety), PerformanceConstraint(joints),
              *tuning.constraints], joints)
@@ -254,6 +274,14 @@ class Controller:
     def law(self) -> Law:
         """The law in use."""
         return self._law
+
+    @property
+    def arrays(self) -> ControllerArrays | None:
+        """The controller as `controller_step` takes it; None where it has to be asked itself.
+
+        That is for another law than (38), or for an arm that only its methods know.
+        """
+        return self._arrays
 
     def bounds(self, t: float) -> Bounds:
         """Return the performance bounds in use at ``t`` [s], with their rates."""
@@ -321,14 +349,25 @@ class Controller:
             q, qd, torque = checked_vectors(self.arm.joints, q=q, qd=qd, torque=torque)
         theta = checked_array('theta', theta, self._m, self.arm.parameters)
         point, bounds = self.reference.at(t), self._bounds.at(t)
-        answer = self._law.answer(LawSample(t, q, qd, torque, point, bounds, theta))
-        dt = FIRST_INTERVAL if self._last_t is None else t - self._last_t
+        if self._arrays is None:
+            return self._asked(LawSample(t, q, qd, torque, point, bounds, theta))
+        answer = new_answer(*self._n, *self._m)
+        x = controller_step(self._arrays, answer, t, q, qd, theta, point, bounds)
+        return ControlOutput(answer.torque, answer.term,
+                             MotionState(t, q, qd, answer.e1, bounds), answer.e2, point, x,
+                             answer.bound, answer.wanted)
+
+    def _asked(self, sample: LawSample) -> ControlOutput:
+        """Answer a sample by asking the law in Python: a plug-in, or for an arm without arrays."""
+        t, q, qd, _, point, bounds, _ = sample
+        answer, memory = self._law.answer(sample), self._memory
+        dt = FIRST_INTERVAL if np.isnan(memory.time[0]) else t - memory.time[0]
         e1 = q - point.position
         x = self._no_regressor if answer.regressor is None else answer.regressor
         tau, term, bound = limited_answer(
-            answer.torque, x, answer.e2, self._limit, self._last_torque, self._rate_limit, dt, e1,
+            answer.torque, x, answer.e2, self._limit, memory.torque, self._rate_limit, dt, e1,
             bounds.lower, bounds.upper)
-        self._last_torque, self._last_t = tau, t
+        memory.torque[:], memory.time[0] = tau, t
         return ControlOutput(tau, term, MotionState(t, q, qd, e1, bounds), answer.e2, point, x,
                              bound, answer.torque)
 

@@ -125,7 +125,7 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
         'sensors.velocity_time_constant': sensors.velocity_time_constant,
         'sensors.torque_noise': sensors.torque_noise, 'sensors.seed': sensors.seed,
         # Nothing public tells the torques that are delayed from the setting.
-        'dead_time': len(plant._under_way) + 1 if plant._under_way else plant.settings.dead_time,
+        'dead_time': len(plant._line.commands) * (plant.settings.dead_time > 0),
         'substeps': plant.settings.substeps,
         'torque_limit': plant.torque_limit,
     }
@@ -594,7 +594,7 @@ def test_a_guarantee_asked_for_while_running_is_stated_with_the_next_motion(
     message = deserialize_message(heard[0][0], JointState)
     output = live.node.output
     value = dict(zip(message.name, message.position))['V0']
-    assert value == pytest.approx(barrier(output.e1, output.bound)
+    assert value == pytest.approx(barrier(output.e1, output.bound, np.ones(2))
                                   + 0.5 * 5.0 * output.e2 @ output.e2 + 0.5 * 0.5**2)
 
 

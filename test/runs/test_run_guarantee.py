@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -50,6 +51,17 @@ def test_known_model_starts_with_the_value_of_the_barrier_and_e2_alone(run):
     guarantee = guarantee_of_trace(loop, trace)
     assert guarantee.guaranteed[0].value < 1.0
     assert guarantee.first is None
+
+
+def test_a_run_beyond_the_guaranteed_error_is_reported_with_joint_and_time(run):
+    loop, trace = run('two_link', 0.5)
+    aside = np.where(trace.t >= 0.25, 0.25, 0.0)[:, None] * [1.0, 0.0]
+    guarantee = guarantee_of_trace(loop, dataclasses.replace(
+        trace, q=trace.q + aside, e1=trace.e1 + aside))
+    assert guarantee.first.joint == 'joint1'
+    assert guarantee.first.t == 0.25
+    assert guarantee.figures()['left']
+    assert guarantee.figures()['message'] in guarantee.line()
 
 
 def test_a_law_that_pushes_outward_violates_the_guarantee(run, monkeypatch):

@@ -200,6 +200,15 @@ def test_an_obstacle_ahead_stops_the_arm_and_goes(made, mjcf, contact):
     assert plant.q[0] > stopped + 0.1  # it falls on
 
 
+def test_bounces_are_one_contact_and_a_later_touch_is_another(made):
+    plant = made(initial_velocity=[1.0, 0.0], **scheduled(
+        (0.0, 'contact', 1.0), (0.3, 'contact', 0.0), (0.5, 'contact', 1.0)))
+    plant.advance(0.8)
+    (_, end), (again, _) = plant.touched
+    assert end <= 0.3
+    assert again >= 0.5
+
+
 def test_an_obstacle_at_a_fixed_place_is_hit_there(made, mjcf):
     """A plane 0.3 m below, tilted by nothing: the tip, a sphere of 5 cm, comes to 0.25 m."""
     plant = made(mujoco={'model': mjcf, 'contact': {
