@@ -16,6 +16,7 @@ from adaptive_blf_control.arrays import (
     checked_number,
     checked_vectors,
 )
+from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor
 from adaptive_blf_control.identification.determination import undetermined
 from adaptive_blf_control.identification.given_parameters import given_parameters
@@ -183,8 +184,11 @@ class Identifier:
 
     def __repr__(self) -> str:
         """Show what has been learned."""
+        dropped = sum(self.dropped.values())
         return (f'<Identifier of {self.arm!r}: rank {self.rank} of {self.arm.m}, '
-                f'{self.stack.count} of {self.stack.size} pairs>')
+                f'{self.stack.count} of {self.stack.size} pairs'
+                + (f', {dropped} samples dropped' if dropped else '')
+                + (f', {self.restarts} restarts of the filter' if self.restarts > 1 else '') + '>')
 
     # -- what has been learned ------------------------------------------------------------------
 
@@ -214,7 +218,7 @@ class Identifier:
     @property
     def undetermined(self) -> tuple[str, ...]:
         """Names of the parameters that the recorded pairs do not determine; see `undetermined`."""
-        return undetermined(self.stack.gram, self.arm.parameters)
+        return undetermined(self.stack.gram, self.arm.parameters, rank=self.rank)
 
     def predict(self, q: Any, qd: Any, qdd: Any) -> np.ndarray:
         """Return the torque of a motion under θ̂, shape like ``q`` [N·m].
@@ -357,10 +361,18 @@ class Identifier:
             θ̂ after the last sample, shape (m,).
 
         Raises:
-            ParameterError: an array has another shape.
+            ParameterError: an array has another shape, or no two samples follow each other so
+                that the filter can take them.
         """
+        unused = self.restarts + sum(self.dropped.values())
         for _ in self.learn_in_blocks(t, q, qd, tau):
             pass
+        unused = self.restarts + sum(self.dropped.values()) - unused
+        times = np.asarray(t, dtype=float)
+        if times.size > 1 and unused >= times.size:
+            raise ParameterError('t', f'{times.size} times from {times[0]:g} to {times[-1]:g}',
+                                 'times in s that rise by less than filter.gap = '
+                                 f'{self.settings.filter.gap:g} s: no sample could be used')
         return self.theta
 
     def learn_in_blocks(self, t: Any, q: Any, qd: Any, tau: Any, learning: Any = True,

@@ -56,7 +56,7 @@ def model_figures(identifier: Identifier, result: LogPass, consistent: Consisten
         return figures
     prediction = result.prediction
     inside = np.abs(prediction.measured - prediction.predicted) <= prediction.half_width
-    told = confidence(identifier.theta, judged, stack.regressors[:stack.count])
+    told = confidence(identifier.arm, identifier.theta, judged, stack.regressors[:stack.count])
     unsure = [name for name, word in zip(arm.parameters, told, strict=True) if word != DETERMINED]
     figures |= {
         'theta_std': {name: value if math.isfinite(value) else None

@@ -172,8 +172,8 @@ def _learning_sentences(numbers: Mapping[str, Any]) -> list[str]:
         for start, settled in zip(starts, numbers['theta_settling_times_s']):
             when = f' after θ* changed at {start:g} s' if start else ''
             sentences.append(
-                f'θ̂ settled within 1 % of θ* in {settled:.2f} s{when}.' if settled is not None
-                else f'θ̂ did not settle within 1 % of θ*{when}.')
+                f'θ̂ converged to within 1 % of θ* in {settled:.2f} s{when}.' if settled is not None
+                else f'θ̂ did not converge to within 1 % of θ*{when}.')
         sentences.append(f'At the end ‖θ̃‖ is {error:.3g}, ‖θ*‖ '
                          f'{numbers["theta_true_norm"]:.3g}.')
     elif numbers['theta_hat']:
