@@ -10,7 +10,8 @@ What a program needs is imported from here, when it is first used; `dir` lists i
     simulation   simulate (a Simulation), ClosedLoop
     bags         read_bag
     own parts    Arm, ForwardDynamics, Plant, Sensor, Measurement, Reference, ReferencePoint,
-                 Law, LawSample, LawAnswer, Constraint, MotionState, Bounded, UpdateLaw, Evidence
+                 Law, LawSample, LawAnswer, Constraint, MotionState, Bounded, UpdateLaw,
+                 Evidence, StateFilter, History, ChangeMonitor
     errors       BlfError and what inherits from it
 
 Arrays may be lists or of any real type. Units are SI, angles radians. What cannot be used is
@@ -63,10 +64,13 @@ if TYPE_CHECKING:
         SetViolation as SetViolation,
         UnknownParameter as UnknownParameter,
     )
+    from adaptive_blf_control.identification.change_monitor import ChangeMonitor as ChangeMonitor
+    from adaptive_blf_control.identification.history import History as History
     from adaptive_blf_control.identification.identifier import Identifier as Identifier
     from adaptive_blf_control.identification.settings import (
         IdentifierSettings as IdentifierSettings,
     )
+    from adaptive_blf_control.identification.state_filter import StateFilter as StateFilter
     from adaptive_blf_control.identification.update_laws import (
         Evidence as Evidence,
         UpdateLaw as UpdateLaw,
@@ -99,8 +103,11 @@ _NAMES = {
     'control.settings': ('ControllerSettings',),
     'errors': ('ArmError', 'BagError', 'BlfError', 'LogError',
                'MissingExtra', 'ParameterError', 'SetViolation', 'UnknownParameter'),
+    'identification.change_monitor': ('ChangeMonitor',),
+    'identification.history': ('History',),
     'identification.identifier': ('Identifier',),
     'identification.settings': ('IdentifierSettings',),
+    'identification.state_filter': ('StateFilter',),
     'identification.update_laws': ('Evidence', 'UpdateLaw'),
     'runs.identification': ('Identification', 'identify'),
     'runs.simulation': ('Simulation', 'simulate'),

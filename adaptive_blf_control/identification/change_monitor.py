@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Notices that the arm has changed: recorded pairs that contradict present data.
+"""Change monitors: find that recorded pairs contradict present data, so the arm has changed.
 
 With rank full the stack alone determines an estimate, θ_s = Q⁻¹ g, whatever θ̂ is doing. If the
 arm is still the one that was recorded, the present residual r = Y_f θ_s − τ_f is as small as those
-of the recorded pairs. The monitor compares both joint by joint:
+of the recorded pairs. Our monitor compares both joint by joint:
 
     d_i² = r_i² / (s_i² + (ρ t_i)²),
 
@@ -14,14 +14,21 @@ matter. When the mean of d_i² over a window exceeds a threshold for any joint, 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 import math
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import by_type, jit, uncompiled
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.history import facts, History, pairs, sums
 
-__all__ = ['ChangeMonitor', 'normalised_residual', 'windowed_step']
+__all__ = ['ChangeMonitor', 'MONITORS', 'ResidualArrays', 'ResidualMonitor', 'contradicted',
+           'forget_residuals', 'normalised_residual', 'windowed_step']
+
+MONITORS = ('residual',)
+"""The names of our change monitors."""
 
 
 @jit
@@ -53,32 +60,150 @@ def windowed_step(mean: np.ndarray, gain: float, cap: float, regressor: np.ndarr
     return mean, np.max(mean)
 
 
-class ChangeMonitor:
-    """Sequential test on the normalised residual.
+class ChangeMonitor(Protocol):
+    """What finds a change of the arm, made as ``monitor(arm, settings)``."""
+
+    @abstractmethod
+    def watch(self, dt: float, regressor: np.ndarray, torque: np.ndarray,
+              history: History) -> bool:
+        """Compare a pair with the recorded ones; asked before the pair is offered to them.
+
+        Args:
+            dt: Time since the last sample [s].
+            regressor: Present Y_f, shape (n, m).
+            torque: Present τ_f, shape (n,) [N·m].
+            history: The recorded pairs.
+
+        Returns:
+            Whether the arm has changed. The recorded pairs are then forgotten, and `reset` is
+            called.
+        """
+        ...
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Forget what was seen: the history was emptied."""
+        ...
+
+    @abstractmethod
+    def retune(self, window: float, threshold: float, resolution: float) -> None:
+        """Use other values of the parameters of ``change`` that have these names.
+
+        They have been checked.
+        """
+        ...
+
+
+@by_type
+def contradicted(monitor: ChangeMonitor, dt: float, regressor: np.ndarray, torque: np.ndarray,
+                 history: History) -> bool:
+    """Compare a pair with the recorded ones, see `ChangeMonitor.watch`."""
+    return bool(monitor.watch(dt, regressor, torque, history))
+
+
+@by_type
+def forget_residuals(monitor: ChangeMonitor) -> None:
+    """Forget what was seen, see `ChangeMonitor.reset`."""
+    monitor.reset()
+
+
+class ResidualArrays(NamedTuple):
+    """The residual monitor as compiled functions take it; arrays are changed in place.
 
     Attributes:
         statistic: Windowed mean of d² per joint, shape (n,).
-        changes: How often a change was found.
+        theta: θ_s, shape (m,).
+        inverse: Q⁻¹, widened, shape (m, m).
+        variance: Mean square residual of the stack per joint, shape (n,) [N²·m²].
+        square: Mean square torque of the stack per joint, t_i², shape (n,) [N²·m²].
+        revision: That of the history these belong to, −1 for none, shape (1,).
+        window: Time constant of the mean [s]; 0 is off.
+        threshold: Mean of d² that counts as a change.
+        resolution: ρ.
     """
 
-    def __init__(self, n: int, window: float, threshold: float, resolution: float) -> None:
+    statistic: np.ndarray
+    theta: np.ndarray
+    inverse: np.ndarray
+    variance: np.ndarray
+    square: np.ndarray
+    revision: np.ndarray
+    window: float
+    threshold: float
+    resolution: float
+
+
+@jit
+def take_over(monitor: ResidualArrays, regressors: np.ndarray, torques: np.ndarray,
+              gram: np.ndarray, moment: np.ndarray) -> None:
+    """Take θ_s and the residuals of the recorded pairs, (P, n, m) and (P, n), from their sums."""
+    slots, n, m = regressors.shape
+    inverse = np.linalg.inv(gram)
+    monitor.theta[:] = np.dot(inverse, moment)
+    # Noise of neighbouring pairs is alike, as the filters remember both: P n equations say no
+    # more about θ_s than the m it takes, in the worst case.
+    monitor.inverse[:, :] = (slots * n / m) * inverse
+    predicted = np.dot(regressors.reshape(slots * n, m), monitor.theta).reshape(slots, n)
+    residuals = predicted - torques
+    # P n equations fix m unknowns: the fit absorbs that part of the noise.
+    freedom = max(1.0 - m / (slots * n), 0.1)
+    monitor.variance[:] = np.sum(residuals * residuals, axis=0) / (slots * freedom)
+    monitor.square[:] = np.sum(torques * torques, axis=0) / slots
+
+
+@jit
+def residuals_contradicted(monitor: ResidualArrays, dt: float, regressor: np.ndarray,
+                           torque: np.ndarray, history: History) -> bool:
+    """Compare a pair with the recorded ones, see `ChangeMonitor.watch`."""
+    count, size, rank, revision = facts(history)
+    if monitor.window <= 0.0 or count != size or rank != regressor.shape[1]:
+        return False
+    if revision != monitor.revision[0]:
+        regressors, torques = pairs(history)
+        gram, moment = sums(history)
+        take_over(monitor, regressors, torques, gram, moment)
+        monitor.revision[0] = revision
+    floor = monitor.resolution ** 2 * monitor.square + 1e-300
+    mean, top = windowed_step(
+        monitor.statistic, -math.expm1(-dt / monitor.window), 20.0 * monitor.threshold,
+        regressor, torque, monitor.theta, monitor.inverse, monitor.variance, floor)
+    monitor.statistic[:] = mean
+    return bool(top >= monitor.threshold)
+
+
+@jit
+def forget_statistic(monitor: ResidualArrays) -> None:
+    """Begin with an empty mean and without residuals."""
+    monitor.statistic[:] = 0.0
+    monitor.revision[0] = -1
+
+
+contradicted.register(ResidualArrays, residuals_contradicted)
+forget_residuals.register(ResidualArrays, forget_statistic)
+
+
+class ResidualMonitor(ChangeMonitor):
+    """Sequential test on the normalised residual; silent until the stack is full, of full rank.
+
+    Attributes:
+        arrays: Its state.
+    """
+
+    def __init__(self, n: int, m: int, window: float, threshold: float,
+                 resolution: float) -> None:
         """Set up the monitor.
 
         Args:
             n: Number of joints.
+            m: Number of parameters.
             window: Time constant of the mean [s]; 0 switches the monitor off.
             threshold: Mean of d² that counts as a change, > 1.
             resolution: ρ, part of the torque that does not matter.
         """
         self._check(window, threshold, resolution)
-        self.window = window
-        self.threshold = threshold
-        self.resolution = resolution
-        self.statistic = np.zeros(n)
-        self.changes = 0
-        self._revision = -1
-        self._theta = self._variance = self._square = self._floor = np.zeros(0)
-        self._inverse = np.zeros((0, 0))
+        self.arrays = ResidualArrays(
+            np.zeros(n), np.zeros(m), np.zeros((m, m)), np.zeros(n), np.zeros(n),
+            np.full(1, -1, dtype=np.int64), float(window), float(threshold), float(resolution))
 
     @staticmethod
     def _check(window: float, threshold: float, resolution: float) -> None:
@@ -89,52 +214,24 @@ class ChangeMonitor:
         if not (math.isfinite(resolution) and resolution >= 0.0):
             raise ParameterError('identifier.change.resolution', resolution, 'a finite value >= 0')
 
+    @property
+    def statistic(self) -> np.ndarray:
+        """Windowed mean of d² per joint, shape (n,)."""
+        return self.arrays.statistic.copy()
+
     def retune(self, window: float, threshold: float, resolution: float) -> None:
         """Change the settings, all or none; another window begins with an empty mean."""
         self._check(window, threshold, resolution)
-        if window != self.window:
+        if window != self.arrays.window:
             self.reset()
-        self.window, self.threshold, self.resolution = window, threshold, resolution
-        self._set_floor()
-
-    def _set_floor(self) -> None:
-        self._floor = self.resolution ** 2 * self._square + 1e-300
+        self.arrays = self.arrays._replace(
+            window=float(window), threshold=float(threshold), resolution=float(resolution))
 
     def reset(self) -> None:
-        """Begin anew, e.g. after the stack was emptied."""
-        self.statistic = np.zeros_like(self.statistic)
-        self._revision = -1
+        """See `ChangeMonitor`."""
+        forget_statistic(self.arrays)
 
-    def learn(self, regressors: np.ndarray, torques: np.ndarray, gram: np.ndarray,
-              moment: np.ndarray, revision: int) -> None:
-        """Take over a stack of full rank: pairs (P, n, m) and (P, n), Q (m, m), g (m,).
-
-        With the ``revision`` that was taken over last there is nothing to do.
-        """
-        if revision == self._revision:
-            return
-        inverse = np.linalg.inv(gram)
-        self._theta = inverse @ moment
-        # Noise of neighbouring pairs is alike, as the filters remember both: P n equations say no
-        # more about θ_s than the m it takes, in the worst case.
-        self._inverse = torques.size / gram.shape[0] * inverse
-        residuals = np.einsum('pnm,m->pn', regressors, self._theta) - torques
-        # P n equations fix m unknowns: the fit absorbs that part of the noise.
-        freedom = max(1.0 - gram.shape[0] / torques.size, 0.1)
-        self._variance = np.mean(residuals ** 2, axis=0) / freedom
-        self._square = np.mean(torques ** 2, axis=0)
-        self._set_floor()
-        self._revision = revision
-
-    def update(self, dt: float, regressor: np.ndarray, torque: np.ndarray) -> bool:
-        """Look at the present pair; True where the arm has changed since the stack was filled."""
-        if self.window <= 0.0 or self._revision < 0:
-            return False
-        self.statistic, top = windowed_step(
-            self.statistic, -math.expm1(-dt / self.window), 20.0 * self.threshold, regressor,
-            torque, self._theta, self._inverse, self._variance, self._floor)
-        if top < self.threshold:
-            return False
-        self.changes += 1
-        self.reset()
-        return True
+    def watch(self, dt: float, regressor: np.ndarray, torque: np.ndarray,
+              history: History) -> bool:
+        """See `ChangeMonitor`."""
+        return uncompiled(residuals_contradicted)(self.arrays, dt, regressor, torque, history)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State-variable filter: position, velocity and torque behind one and the same low-pass.
+"""State filters: what is between a measured state and the torque filter.
 
-The cascade 1/(T s + 1)^N is applied to the measured position and to the torque. Its last two
-stages give the velocity of the filtered position without differencing: q̇_f = (x_{N−1} − x_N)/T.
+Ours is a state-variable filter: position, velocity and torque behind the same low-pass. The
+cascade 1/(T s + 1)^N is applied to the measured position and to the torque. Its last two stages
+give the velocity of the filtered position without differencing: q̇_f = (x_{N−1} − x_N)/T.
 Filtering commutes with the arm's equation but for terms of second order in the filter's spread
 √N T times the speed, so (q_f, q̇_f, τ_f) obey the same equation, with encoder steps and torque
 noise above 1/T removed from both sides alike. The measured velocity, whose lag nobody states, is
@@ -14,14 +15,21 @@ linearly in it.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 import math
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.compiled import by_type, jit
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['StateFilter', 'cascade_step']
+__all__ = ['LowPass', 'LowPassArrays', 'STATE_FILTERS', 'StateFilter', 'cascade_step',
+           'filtered', 'forget_states']
+
+STATE_FILTERS = ('low_pass',)
+"""The names of our state filters."""
 
 
 @jit
@@ -54,44 +62,136 @@ def cascade_step(x: np.ndarray, u0: np.ndarray, u1: np.ndarray, ratio: float) ->
     return new
 
 
-class StateFilter:
-    """Filters (q, τ) and derives q̇; starts as if the arm had come from where it is."""
+class StateFilter(Protocol):
+    """What filters the measured state, made as ``state_filter(arm, settings)``.
 
-    def __init__(self, order: int, time_constant: float) -> None:
-        """Set up 1/(T s + 1)^N with N = ``order`` ≥ 2 and T = ``time_constant`` [s] > 0."""
-        if order < 2:
-            raise ParameterError('identifier.filter.state_order', order, '0 (off) or at least 2')
-        if not (math.isfinite(time_constant) and time_constant > 0.0):
-            raise ParameterError('identifier.filter.state_time_constant', time_constant,
-                                 'a finite time > 0 s')
-        self.order = order
-        self.time_constant = time_constant
-        self._q: np.ndarray | None = None
-        self._tau = self._last = np.zeros(0)
+    It is made again when a parameter of ``filter`` that begins with ``state_`` changes.
 
-    def reset(self) -> None:
-        """Forget everything; the next sample starts anew."""
-        self._q = None
+    Attributes:
+        memory: How long it remembers a sample [s]; the pairs settle accordingly later.
+    """
 
-    def update(self, dt: float, q: np.ndarray, tau: np.ndarray,
+    memory: float = 0.0
+
+    @abstractmethod
+    def update(self, dt: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
                ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Filter one sample.
 
         Args:
-            dt: Time since the last sample [s]; not used for the first one.
+            dt: Time since the last sample [s]; without a meaning for the first one.
             q: Measured positions, shape (n,) [rad].
+            qd: Measured velocities, shape (n,) [rad/s].
             tau: Mean torque over the interval that ends here, shape (n,) [N·m].
 
         Returns:
-            Filtered q, q̇ and τ, each of shape (n,).
+            Filtered q, q̇ and τ, each of shape (n,). They have to satisfy the equation of the
+            arm together: what delays one has to delay the others.
         """
-        if self._q is None:
-            self._q = np.tile(q, (self.order, 1))
-            self._tau = np.tile(tau, (self.order, 1))
-        else:
-            ratio = dt / self.time_constant
-            self._q = cascade_step(self._q, self._last, q, ratio)
-            self._tau = cascade_step(self._tau, tau, tau, ratio)
-        self._last = q.copy()  # the caller may fill the same array again
-        velocity = (self._q[-2] - self._q[-1]) / self.time_constant
-        return self._q[-1], velocity, self._tau[-1]
+        ...
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Forget everything; the next sample is the first one."""
+        ...
+
+
+@by_type
+def filtered(state_filter: StateFilter, dt: float, q: np.ndarray, qd: np.ndarray,
+             tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Filter one sample, see `StateFilter.update`; ParameterError where a shape is another."""
+    name = f'{type(state_filter).__name__}.update'
+    filtered_q, filtered_qd, filtered_tau = (
+        checked_array(name, value, q.shape) for value in state_filter.update(dt, q, qd, tau))
+    return filtered_q, filtered_qd, filtered_tau
+
+
+@by_type
+def forget_states(state_filter: StateFilter) -> None:
+    """Begin with the next sample, see `StateFilter.reset`."""
+    state_filter.reset()
+
+
+class LowPassArrays(NamedTuple):
+    """The cascade as compiled functions take it; arrays are changed in place.
+
+    Attributes:
+        position: Stage outputs, shape (N, n) [rad]; N = 0 passes the measured state on.
+        torque: Stage outputs, shape (N, n) [N·m].
+        last: Position of the last sample, shape (n,) [rad].
+        begun: Whether there was one, shape (1,).
+        time_constant: T [s].
+    """
+
+    position: np.ndarray
+    torque: np.ndarray
+    last: np.ndarray
+    begun: np.ndarray
+    time_constant: float
+
+
+@jit
+def low_pass_filtered(low_pass: LowPassArrays, dt: float, q: np.ndarray, qd: np.ndarray,
+                      tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Filter one sample, see `StateFilter.update`."""
+    position, torque = low_pass.position, low_pass.torque
+    order = position.shape[0]
+    if order == 0:
+        return q, qd, tau
+    if low_pass.begun[0]:
+        ratio = dt / low_pass.time_constant
+        position[:, :] = cascade_step(position, low_pass.last, q, ratio)
+        torque[:, :] = cascade_step(torque, tau, tau, ratio)
+    else:
+        position[:, :] = q
+        torque[:, :] = tau
+        low_pass.begun[0] = True
+    low_pass.last[:] = q
+    velocity = (position[order - 2] - position[order - 1]) / low_pass.time_constant
+    return position[order - 1].copy(), velocity, torque[order - 1].copy()
+
+
+@jit
+def forget_low_passed(low_pass: LowPassArrays) -> None:
+    """Begin with the next sample as if the arm had come from where it is."""
+    low_pass.begun[0] = False
+
+
+filtered.register(LowPassArrays, low_pass_filtered)
+forget_states.register(LowPassArrays, forget_low_passed)
+
+
+class LowPass(StateFilter):
+    """The cascade of the module's docstring; starts as if the arm had come from where it is.
+
+    Attributes:
+        arrays: Its state.
+    """
+
+    def __init__(self, n: int, order: int, time_constant: float) -> None:
+        """Set up 1/(T s + 1)^N.
+
+        Args:
+            n: Number of joints.
+            order: N, at least 2; 0 passes the measured state on.
+            time_constant: T [s], > 0.
+        """
+        if order < 0 or order == 1:
+            raise ParameterError('identifier.filter.state_order', order, '0 (off) or at least 2')
+        if not (math.isfinite(time_constant) and time_constant > 0.0):
+            raise ParameterError('identifier.filter.state_time_constant', time_constant,
+                                 'a finite time > 0 s')
+        self.memory = order * time_constant
+        self.arrays = LowPassArrays(np.zeros((order, n)), np.zeros((order, n)), np.zeros(n),
+                                    np.zeros(1, dtype=bool), float(time_constant))
+
+    def reset(self) -> None:
+        """See `StateFilter`."""
+        forget_low_passed(self.arrays)
+
+    def update(self, dt: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See `StateFilter`; ``qd`` is used where the order is 0 only."""
+        result: tuple[np.ndarray, np.ndarray, np.ndarray] = low_pass_filtered(
+            self.arrays, dt, q, qd, tau)
+        return result

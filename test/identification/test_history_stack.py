@@ -7,11 +7,8 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.history_stack import (
-    HistoryStack,
-    is_different,
-    squared_projections,
-)
+from adaptive_blf_control.identification.history_stack import HistoryStack
+from adaptive_blf_control.identification.pair_selection import is_different
 
 hypothesis = pytest.importorskip('hypothesis')
 st = hypothesis.strategies
@@ -267,13 +264,6 @@ def test_clearing_forgets_everything():
         assert used.offer(pair, pair.sum(axis=1)) == fresh.offer(pair, pair.sum(axis=1))
     np.testing.assert_array_equal(used.gram, fresh.gram)
     np.testing.assert_array_equal(used.moment, fresh.moment)
-
-
-def test_squared_projections_are_those_of_each_pair():
-    random = np.random.default_rng(14)
-    pairs, u = random.normal(size=(6, 2, 4)), random.normal(size=4)
-    np.testing.assert_allclose(squared_projections(pairs, u),
-                               [np.sum((pair @ u) ** 2) for pair in pairs])
 
 
 @pytest.mark.parametrize(('size', 'epsilon', 'name'), [

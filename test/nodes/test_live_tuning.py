@@ -136,8 +136,8 @@ def _identifier_uses(node: IdentifierNode) -> dict[str, Any]:
         'estimate_period': node._saver.timer_period_ns * 1e-9,
         'gamma': settings.gamma, 'kt': settings.kt, 'kh': settings.kh,
         **{f'filter.{name}': value for name, value in settings.filter.values().items()},
-        'filter.state_order': 0 if identifier._state_filter is None
-        else settings.filter.state_order,
+        'filter.state_order': round((identifier.memory - settings.filter.time_constant)
+                                    / settings.filter.state_time_constant),
         **{f'change.{name}': value for name, value in settings.change.values().items()},
         **{f'history.{name}': value for name, value in settings.history.values().items()},
         'history.size': identifier.stack.size,

@@ -32,14 +32,18 @@ SWING = {f'reference__{joint}__{name}': [value] for joint in ('joint1', 'joint2'
          for name, value in (('amplitude', 0.2), ('frequency', 1.0), ('phase', 0.0))}
 
 
-def test_the_nodes_drive_a_foreign_plant_under_foreign_laws(graph, wait_until, monkeypatch):
+def test_the_nodes_drive_a_foreign_plant_and_learn_with_foreign_parts(graph, wait_until,
+                                                                      monkeypatch):
     monkeypatch.syspath_prepend(str(ROOMS / 'simulation'))
     for room in ('control', 'identification'):
         monkeypatch.syspath_prepend(str(ROOMS / room))
     driver = graph.make(ArmDriver, rate=200.0, plant='foreign_plant:Pendulums')
     controller = graph.make(ControllerNode, law='foreign_law:Spring', performance__lower=[-0.6],
                             performance__upper=[0.6], state_timeout=60.0, **SWING)
-    identifier = graph.make(IdentifierNode, update_law='foreign_update_law:LeastSquares')
+    identifier = graph.make(IdentifierNode, update_law='foreign_update_law:LeastSquares',
+                            filter__state_filter='foreign_parts:Smoothing',
+                            history__selection='foreign_parts:LatestPairs',
+                            change__monitor='foreign_parts:Alarm')
     peer = graph.peer()
     errors, terms = (peer.listen(JointState, f'/{topic}')
                      for topic in (TRACKING_ERROR, ADAPTATION_TERM))
@@ -54,7 +58,10 @@ def test_the_nodes_drive_a_foreign_plant_under_foreign_laws(graph, wait_until, m
     wait_until(moved, what='a motion of the foreign plant')
     wait_until(lambda: estimates and np.any(decode_joint_state(estimates[-1][0]).position),
                what='an estimate of the foreign law')
+    wait_until(lambda: identifier.identifier.changes, what='the alarm of the foreign monitor')
     assert type(driver.plant).__name__ == 'Pendulums'
+    assert type(identifier.identifier.stack).__name__ == 'LatestPairs'
+    assert identifier.status()[2]['changes of the arm'] == 1
     assert np.isfinite([decode_joint_state(data).position for data, _ in errors]).all()
     assert not np.any([decode_joint_state(data).position for data, _ in terms])
 

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What compiled functions ask of a history, answered by the stack of Algorithm 1."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.identification import history, history_step
+from adaptive_blf_control.identification.recorded_pairs import (
+    clear_pairs,
+    COUNT,
+    Pairs,
+    RANK,
+    REVISION,
+    SIZE,
+)
+
+__all__: list[str] = []  # it is imported for what it registers
+
+
+@jit
+def _offer(pairs: Pairs, regressor: np.ndarray, torque: np.ndarray) -> bool:
+    history_step.offer(pairs, regressor, torque)
+    return True
+
+
+@jit
+def _facts(pairs: Pairs) -> tuple[int, int, int, int]:
+    counters = pairs.counters
+    return counters[COUNT], counters[SIZE], counters[RANK], counters[REVISION]
+
+
+@jit
+def _pairs(pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
+    count = pairs.counters[COUNT]
+    return pairs.regressors[:count], pairs.torques[:count]
+
+
+@jit
+def _sums(pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
+    return pairs.gram, pairs.moment
+
+
+history.offer.register(Pairs, _offer)
+history.forget_pairs.register(Pairs, clear_pairs)
+history.facts.register(Pairs, _facts)
+history.pairs.register(Pairs, _pairs)
+history.sums.register(Pairs, _sums)

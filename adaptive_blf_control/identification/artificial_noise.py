@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Remark 3: artificial noise on recorded regressors where the motion does not give full rank.
+
+A pair (Y_f + Δ, τ_f) states what the arm never did, so θ̂ is drawn to a wrong value for as long as
+such pairs are used. They are therefore kept in a stack of their own beside the measured one: it
+replaces the measured stack in the update law while the rank of the *measured* pairs is short, and
+is thrown away for good once that rank is full. Left in one stack, Algorithm 1 would keep noisy
+pairs for ever: noise points in all directions and makes σ_min large.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.compiled import by_type, jit
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.history import facts, offer, sums
+from adaptive_blf_control.identification.history_stack import HistoryStack
+from adaptive_blf_control.identification.pair_selection import is_different
+
+__all__ = ['NoNoise', 'NoisyHistory', 'NoisyHistoryArrays', 'in_use', 'no_noise',
+           'noisy_sums', 'offer_with_noise']
+
+# Elements of `NoisyHistoryArrays.counts`
+ACTIVE, NOISY = range(2)
+
+
+class NoNoise(NamedTuple):
+    """Nothing is offered with artificial noise; the arrays are there for their types."""
+
+    gram: np.ndarray
+    moment: np.ndarray
+
+
+def no_noise() -> NoNoise:
+    """Return what stands for no artificial noise."""
+    return NoNoise(np.zeros((1, 1)), np.zeros(1))
+
+
+class NoisyHistoryArrays(NamedTuple):
+    """A history with artificial noise as compiled functions take it; changed in place.
+
+    Attributes:
+        history: The pairs, those with artificial noise among them.
+        last: The last regressor that was different, without noise, shape (n, m).
+        counts: Whether the pairs are in use, and how many were offered with noise, shape (2,).
+        random: Where the noise comes from.
+        deviation: Standard deviation of every element of Δ, relative to the RMS of Y_f.
+        epsilon: ε of Algorithm 1, applied to the regressor without noise.
+    """
+
+    history: Any
+    last: np.ndarray
+    counts: np.ndarray
+    random: np.random.Generator
+    deviation: float
+    epsilon: float
+
+
+@by_type
+def offer_with_noise(noise: Any, regressor: np.ndarray, torque: np.ndarray, rank: int) -> None:
+    """Offer a pair to Algorithm 1, with noise while the rank of the noisy pairs is short.
+
+    Args:
+        noise: The pairs with artificial noise.
+        regressor: Y_f, shape (n, m).
+        torque: τ_f, shape (n,) [N·m].
+        rank: Rank of the measured pairs; once it is m, the noisy ones are out of use.
+    """
+    raise TypeError(f'{type(noise).__name__} takes no pairs with artificial noise')
+
+
+@by_type
+def in_use(noise: Any) -> bool:
+    """Whether θ̂ is learned from the pairs with artificial noise, not from the measured ones."""
+    raise TypeError(f'{type(noise).__name__} holds no pairs with artificial noise')
+
+
+@by_type
+def noisy_sums(noise: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return Q, shape (m, m), and Σ Y_fjᵀ τ_fj, shape (m,), of the pairs with noise."""
+    raise TypeError(f'{type(noise).__name__} holds no pairs with artificial noise')
+
+
+@jit
+def _offer_nothing(noise: NoNoise, regressor: np.ndarray, torque: np.ndarray, rank: int) -> None:
+    pass
+
+
+@jit
+def _not_in_use(noise: NoNoise) -> bool:
+    return False
+
+
+@jit
+def _no_sums(noise: NoNoise) -> tuple[np.ndarray, np.ndarray]:
+    return noise.gram, noise.moment
+
+
+@jit
+def _offer_with_noise(noise: NoisyHistoryArrays, regressor: np.ndarray, torque: np.ndarray,
+                      rank: int) -> None:
+    if not noise.counts[ACTIVE]:
+        return
+    n, m = regressor.shape
+    if is_different(regressor, noise.last, noise.epsilon):
+        noise.last[:, :] = regressor
+        offered = regressor
+        _, _, noisy_rank, _ = facts(noise.history)
+        if noisy_rank < m:
+            deviation = noise.deviation * math.sqrt(np.mean(regressor * regressor))
+            offered = regressor + deviation * noise.random.standard_normal((n, m))
+            noise.counts[NOISY] += 1
+        offer(noise.history, offered, torque)
+    if rank == m:
+        noise.counts[ACTIVE] = 0
+
+
+@jit
+def _in_use(noise: NoisyHistoryArrays) -> bool:
+    return bool(noise.counts[ACTIVE])
+
+
+@jit
+def _noisy_sums(noise: NoisyHistoryArrays) -> tuple[np.ndarray, np.ndarray]:
+    return sums(noise.history)
+
+
+for _function, _none, _some in (
+        (offer_with_noise, _offer_nothing, _offer_with_noise), (in_use, _not_in_use, _in_use),
+        (noisy_sums, _no_sums, _noisy_sums)):
+    _function.register(NoNoise, _none)
+    _function.register(NoisyHistoryArrays, _some)
+
+
+class NoisyHistory:
+    """A history stack whose pairs get artificial noise until its rank is full.
+
+    Attributes:
+        stack: The pairs, those with artificial noise among them.
+    """
+
+    def __init__(self, n: int, m: int, size: int, epsilon: float, deviation: float,
+                 seed: int) -> None:
+        """Set up an empty stack.
+
+        Args:
+            n: Number of joints.
+            m: Number of parameters.
+            size: P, number of pairs.
+            epsilon: ε of Algorithm 1, applied to the regressor without noise.
+            deviation: Standard deviation of every element of Δ, relative to the RMS of the
+                elements of Y_f, > 0.
+            seed: Of the noise.
+        """
+        if not (math.isfinite(deviation) and deviation > 0.0):
+            raise ParameterError('identifier.history.noise', deviation, 'a finite value > 0')
+        self.stack = HistoryStack(n, m, size, epsilon)
+        self._counts = np.array([1, 0])
+        self._random = np.random.default_rng(seed)
+        self._last = np.zeros((n, m))
+        self._deviation = deviation
+
+    def arrays(self, history: Any) -> NoisyHistoryArrays:
+        """Return the state as the step takes it, with the stack or its arrays as ``history``."""
+        return NoisyHistoryArrays(history, self._last, self._counts, self._random,
+                                  self._deviation, float(self.stack.epsilon))
+
+    @property
+    def active(self) -> bool:
+        """Whether θ̂ is learned from these pairs; no longer once the measured rank was full."""
+        return bool(self._counts[ACTIVE])
+
+    @property
+    def noisy(self) -> int:
+        """How many pairs were offered with artificial noise."""
+        return int(self._counts[NOISY])
+
+    def retune(self, size: int, epsilon: float) -> None:
+        """Use another P and ε."""
+        self.stack.retune(size, epsilon, 0.0)
