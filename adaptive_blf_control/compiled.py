@@ -17,7 +17,7 @@ import numpy as np
 from adaptive_blf_control.machine_code import cache_folder
 
 __all__ = ['ByType', 'COMPILED', 'all_finite', 'before_each_compilation', 'by_type', 'jit',
-           'uncompiled']
+           'jit_without_gil', 'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
@@ -34,13 +34,25 @@ except ImportError:  # plain numpy is the documented fallback
 
 def jit(function: Function) -> Function:
     """Compile a module-level function; the machine code is cached on disk."""
+    return _compiled(function)
+
+
+def jit_without_gil(function: Function) -> Function:
+    """Compile as `jit`; other threads of Python run while the function does.
+
+    For what takes long: where a call is short, giving the interpreter away costs more.
+    """
+    return _compiled(function, nogil=True)
+
+
+def _compiled(function: Function, **options: bool) -> Function:
     if numba is None:
         return function
     folder = cache_folder(function.__module__) if COMPILED else ''
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = folder or before
     try:
-        compiled = numba.njit(cache=bool(folder), error_model='numpy')(function)
+        compiled = numba.njit(cache=bool(folder), error_model='numpy', **options)(function)
     finally:
         numba.config.CACHE_DIR = before
     return compiled  # type: ignore[no-any-return]

@@ -288,6 +288,10 @@ class Controller:
         """Return the performance bounds in use at ``t`` [s], with their rates."""
         return self._bounds.at(t)
 
+    def bounds_along(self, times: np.ndarray) -> Bounds:
+        """Return the bounds in use at N times, (N,) [s]; the arrays have shape (N, n)."""
+        return self._bounds.along(times)
+
     def retune(self, t: float, q: np.ndarray, *, settings: ControllerSettings | None = None,
                safety: JointInterval | None = None, performance: JointInterval | None = None,
                reference: Reference | None = None, blend_time: float = 0.0) -> None:

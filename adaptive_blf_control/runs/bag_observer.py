@@ -31,7 +31,8 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
     TOPICS,
 )
-from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop
+from adaptive_blf_control.simulation.sample import Sample
 
 __all__ = ['BagObserver']
 
@@ -90,11 +91,10 @@ class BagObserver:
         messages.update(self._monitors.messages(
             stamp, output, controller.margins(output), self._decimation,
             lambda: controller.lyapunov(output, sample.theta_used)))
-        if self._history.due(self._loop.identifier.stack.insertions):
+        if self._history.due(sample.insertions):
             messages[HISTORY_RANK] = encode_int32(sample.rank)
             messages[HISTORY_SIGMA_MIN] = encode_float64(sample.sigma_min)
-            excitation = self._loop.identifier.excitation
-            if excitation is not None:
-                messages[EXCITATION] = encode_float64(excitation)
+            if sample.excitation is not None:
+                messages[EXCITATION] = encode_float64(sample.excitation)
         for topic, message in messages.items():
             self._bag.write(f'/{topic}', message, stamp)

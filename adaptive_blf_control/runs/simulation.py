@@ -29,8 +29,9 @@ from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee
 from adaptive_blf_control.runs.summary import Run, run_of_trace, summarise, table
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
-from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample, Trace
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import Plant, REQUIRED
+from adaptive_blf_control.simulation.sample import Sample
 from adaptive_blf_control.simulation.sensors import Sensor
 
 __all__ = ['Simulation', 'duration_of', 'simulate']
