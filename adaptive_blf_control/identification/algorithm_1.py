@@ -7,6 +7,7 @@ import numpy as np
 
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.identification import history, history_step
+from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.recorded_pairs import (
     clear_pairs,
     COUNT,
@@ -16,7 +17,7 @@ from adaptive_blf_control.identification.recorded_pairs import (
     SIZE,
 )
 
-__all__: list[str] = []  # it is imported for what it registers
+__all__ = ['arrays_of_stack']
 
 
 @jit
@@ -47,3 +48,8 @@ history.forget_pairs.register(Pairs, clear_pairs)
 history.facts.register(Pairs, _facts)
 history.pairs.register(Pairs, _pairs)
 history.sums.register(Pairs, _sums)
+
+
+def arrays_of_stack(stack: HistoryStack) -> Pairs:
+    """Return a stack as compiled functions take it; :meth:`HistoryStack.resize` replaces it."""
+    return stack.pairs

@@ -17,9 +17,11 @@ import numpy as np
 
 from adaptive_blf_control.compiled import by_type, jit
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.algorithm_1 import arrays_of_stack
 from adaptive_blf_control.identification.history import facts, offer, sums
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.pair_selection import is_different
+from adaptive_blf_control.identification.recorded_pairs import Pairs
 
 __all__ = ['NoNoise', 'NoisyHistory', 'NoisyHistoryArrays', 'in_use', 'no_noise',
            'noisy_sums', 'offer_with_noise']
@@ -52,7 +54,7 @@ class NoisyHistoryArrays(NamedTuple):
         epsilon: ε of Algorithm 1, applied to the regressor without noise.
     """
 
-    history: Any
+    history: Pairs
     last: np.ndarray
     counts: np.ndarray
     random: np.random.Generator
@@ -164,10 +166,11 @@ class NoisyHistory:
         self._last = np.zeros((n, m))
         self._deviation = deviation
 
-    def arrays(self, history: Any) -> NoisyHistoryArrays:
-        """Return the state as the step takes it, with the stack or its arrays as ``history``."""
-        return NoisyHistoryArrays(history, self._last, self._counts, self._random,
-                                  self._deviation, float(self.stack.epsilon))
+    @property
+    def arrays(self) -> NoisyHistoryArrays:
+        """The state as compiled functions take it."""
+        return NoisyHistoryArrays(arrays_of_stack(self.stack), self._last, self._counts,
+                                  self._random, self._deviation, float(self.stack.epsilon))
 
     @property
     def active(self) -> bool:

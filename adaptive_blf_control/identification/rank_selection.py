@@ -13,7 +13,7 @@ import numpy as np
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.identification.recorded_pairs import COUNT, Pairs, RANK, rank_of
 from adaptive_blf_control.identification.squares import add_square
-from adaptive_blf_control.identification.tridiagonal import EPSILON, reduce
+from adaptive_blf_control.identification.tridiagonal import reduce
 
 __all__ = ['oldest', 'oldest_least_missed', 'replacement_for_rank']
 

@@ -10,13 +10,14 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.regressors import arrays_of, regressors
 from adaptive_blf_control.compiled import uncompiled
+from adaptive_blf_control.identification.algorithm_1 import arrays_of_stack
 from adaptive_blf_control.identification.artificial_noise import no_noise, NoisyHistory
-from adaptive_blf_control.identification.change_monitor import ResidualMonitor
+from adaptive_blf_control.identification.change_monitor import ChangeMonitor, ResidualMonitor
 from adaptive_blf_control.identification.excitation import Excitation
 from adaptive_blf_control.identification.history_stack import HistoryStack
-from adaptive_blf_control.identification.parts import PartMaker
+from adaptive_blf_control.identification.parts import AnyHistory, PartMaker
 from adaptive_blf_control.identification.settings import IdentifierSettings
-from adaptive_blf_control.identification.state_filter import LowPass
+from adaptive_blf_control.identification.state_filter import LowPass, StateFilter
 from adaptive_blf_control.identification.step import (
     AGE,
     BEGUN,
@@ -28,7 +29,12 @@ from adaptive_blf_control.identification.step import (
     PairState,
 )
 from adaptive_blf_control.identification.torque_filter import TorqueFilter
-from adaptive_blf_control.identification.update_laws import AblfConcurrent, Concurrent, Gradient
+from adaptive_blf_control.identification.update_laws import (
+    AblfConcurrent,
+    Concurrent,
+    Gradient,
+    UpdateLaw,
+)
 
 __all__ = ['RunningParts']
 
@@ -61,6 +67,7 @@ class RunningParts:
         excitation: The integral of (21).
         state: What the step changes.
         arm: The arm as the step takes it.
+        compiled: Whether the step is one compiled function.
     """
 
     def __init__(self, make: PartMaker, settings: IdentifierSettings) -> None:
@@ -91,24 +98,115 @@ class RunningParts:
     def _join(self) -> None:
         """Take the parts as arrays where that is possible."""
         noisy, filters = self._noisy, self._settings.filter
+        arrays = _as_arrays(self.history, self.monitor, self.law, self._make.arm.n)
+        history, monitor, law = arrays or (self.history, self.monitor, self.law)
+        state_filter = (self.state_filter.arrays if type(self.state_filter) is LowPass
+                        else self.state_filter)
         self.state = IdentifierState(
-            state_filter=(self.state_filter.arrays if type(self.state_filter) is LowPass
-                          else self.state_filter),
-            pair=PairState(self._filter.arrays, self._counts, self._clock, float(filters.gap),
-                           float(filters.settle * self.memory)),
-            learner=LearnerState(
-                self._theta, *self._learning_parts(),
-                no_noise() if noisy is None else noisy.arrays(noisy.stack.pairs),
-                self.excitation.arrays))
-        self._observe = (observe_step if self.state.state_filter is not self.state_filter
-                         and not isinstance(self.arm, _ArmInPython) else uncompiled(observe_step))
-        self._learn = (learn_step if self.state.learner.history is not self.history
-                       else uncompiled(learn_step))
+            state_filter,
+            PairState(self._filter.arrays, self._counts, self._clock, float(filters.gap),
+                      float(filters.settle * self.memory)),
+            LearnerState(self._theta, history,
+                         no_noise() if noisy is None else noisy.arrays,
+                         monitor, self.excitation.arrays, law))
+        observes = state_filter is not self.state_filter and not isinstance(
+            self.arm, _ArmInPython)
+        self.compiled = observes and arrays is not None
+        self._observe = observe_step if observes else uncompiled(observe_step)
+        self._learn = learn_step if arrays is not None else uncompiled(learn_step)
 
-    def _learning_parts(self) -> tuple[Any, Any, Any]:
-        """Return history, monitor and law: all as arrays, or all as objects."""
-        history, monitor, law = self.history, self.monitor, self.law
-        if (type(history) is HistoryStack and type(monitor) is ResidualMonitor
-                and type(law) in _LAWS):
-            return history.pairs, monitor.arrays, law.arrays(self._make.arm.n)
-        return history, monitor, law
+    @property
+    def memory(self) -> float:
+        """How long the filters remember a sample [s]."""
+        return self._settings.filter.time_constant + self.state_filter.memory
+
+    @property
+    def artificial_noise(self) -> bool:
+        """Whether pairs with artificial noise teach (Remark 3)."""
+        return self._noisy is not None and self._noisy.active and self._noisy.noisy > 0
+
+    def observe(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> float:
+        """Filter one sample, see `observe_step`."""
+        state = self.state
+        return float(self._observe(self.arm, state.state_filter, state.pair, t, q, qd, tau))
+
+    def take(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
+             term: np.ndarray) -> None:
+        """Filter one sample and learn from it, see `identifier_step`."""
+        state = self.state
+        if self.compiled:
+            identifier_step(self.arm, state, t, q, qd, tau, term)
+            return
+        dt = self._observe(self.arm, state.state_filter, state.pair, t, q, qd, tau)
+        if dt > 0.0:
+            self._learn(state.pair, state.learner, dt, term)
+
+    def restart(self) -> None:
+        """Restart the filters with the next sample, whatever its time is."""
+        self._forget_samples()
+        self._counts[BEGUN] = 0
+
+    def _forget_samples(self) -> None:
+        self._filter.reset()
+        self.state_filter.reset()
+        self._clock[AGE] = 0.0
+
+    def clear(self) -> None:
+        """Forget every pair."""
+        self.history.clear()
+        self.monitor.reset()
+        self._noisy = self._new_noisy_history()
+        self._join()
+
+    def retune(self, settings: IdentifierSettings) -> None:
+        """Use other settings, see `Identifier.retune`; ParameterError, and nothing has changed."""
+        before, make = self._settings, self._make
+        # What may be refused comes first.
+        law = make.update_law(settings)
+        state_filter = (make.state_filter(settings)
+                        if _chosen_filter(settings) != _chosen_filter(before) else None)
+        history = (make.history(settings)
+                   if settings.history.selection != before.history.selection else None)
+        if settings.change.monitor != before.change.monitor:
+            self.monitor = make.monitor(settings)  # the last that can be refused
+        self._settings, self.law = settings, law
+        self._retune_filters(state_filter)
+        self._retune_history(before, history)
+        change = settings.change
+        self.monitor.retune(change.window, change.threshold, change.resolution)
+        if settings.excitation.window != before.excitation.window:
+            self.excitation = Excitation(make.arm.m, settings.excitation.window)
+        self._join()
+
+    def _retune_filters(self, state_filter: StateFilter | None) -> None:
+        self._filter.retune(self._settings.filter.time_constant, self._filter.gap)
+        if state_filter is not None:
+            self.state_filter = state_filter
+            self._forget_samples()
+
+    def _retune_history(self, before: IdentifierSettings, history: AnyHistory | None) -> None:
+        chosen, former = self._settings.history, before.history
+        if history is not None:
+            for j in range(self.history.count):
+                history.offer(self.history.regressors[j], self.history.torques[j])
+            self.history = history
+        self.history.retune(chosen.size, chosen.epsilon, chosen.minimum_growth)
+        if (chosen.noise, chosen.noise_seed) != (former.noise, former.noise_seed):
+            full = self.history.rank == self._make.arm.m
+            self._noisy = None if full else self._new_noisy_history()
+        elif self._noisy is not None:
+            self._noisy.retune(chosen.size, chosen.epsilon)
+
+
+def _as_arrays(history: AnyHistory, monitor: ChangeMonitor, law: UpdateLaw,
+               n: int) -> tuple[Any, Any, Any] | None:
+    """Return parts as arrays where all are ours, and none inherits from ours, for n joints."""
+    if (type(history) is HistoryStack and type(monitor) is ResidualMonitor
+            and isinstance(law, AblfConcurrent) and type(law) in _LAWS):
+        return arrays_of_stack(history), monitor.arrays, law.arrays(n)
+    return None
+
+
+def _chosen_filter(settings: IdentifierSettings) -> tuple[object, ...]:
+    chosen = settings.filter
+    return chosen.state_filter, chosen.state_order, chosen.state_time_constant

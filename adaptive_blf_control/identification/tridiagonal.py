@@ -215,7 +215,7 @@ def eigenvector(form: Tridiagonal, size: int, value: float, x: np.ndarray) -> No
 
 @jit
 def _turn_back(form: Tridiagonal, size: int, x: np.ndarray) -> None:
-    """x ← Z x."""
+    """X ← Z x."""
     for k in range(1, size):
         row, total = form.matrix[k], 0.0
         for i in range(k):
