@@ -36,6 +36,7 @@ setup(
         # numba's linear algebra calls the BLAS that scipy carries.
         'fast': ['numba>=0.59', 'scipy>=1.11'],
         'plot': ['matplotlib>=3.6', 'plotly>=6.0'],
+        'campaign': ['tqdm>=4.60', 'pyarrow>=14', 'distributed>=2024.1'],
         'test': [
             'pytest>=7.4',
             'pytest-xdist>=3.5',

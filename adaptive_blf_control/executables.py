@@ -19,6 +19,7 @@ NODES: dict[str, str] = {
 TOOLS: dict[str, str] = {
     'demo': "the four nodes as separate processes on the paper's two-link task",
     'simulate': 'the closed loop of a scenario without ROS, as fast as it runs',
+    'campaign': 'thousands of runs of a scenario with parameters that vary',
     'identify': 'learn the parameters of a measured robot from its log',
     'play': 'publish a bag again with its clock, on machines without rosbag2',
     'recover': 'make a bag that a crash left unfinished readable again',

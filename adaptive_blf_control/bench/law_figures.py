@@ -11,10 +11,10 @@ import numpy as np
 from adaptive_blf_control.bench.comparison import LawRun
 from adaptive_blf_control.runs.margins import violated_at
 from adaptive_blf_control.runs.summary import (
+    CONVERGED,
+    convergence_time,
     margins_of_run,
     run_of_trace,
-    SETTLED,
-    settling_time,
 )
 from adaptive_blf_control.runs.torque_error import PredictedTorque
 from adaptive_blf_control.simulation.plant import known_truth
@@ -64,9 +64,9 @@ def _learning(run: LawRun) -> dict[str, Any]:
     predicted = PredictedTorque(loop.arm, loop.controller.reference,
                                 float(times[-1])).error(theta, true)
     figures['theta_error'] = float(relative[-1])
-    figures['theta_settling_time_s'] = settling_time(t, relative, SETTLED)
+    figures['theta_settling_time_s'] = convergence_time(t, relative, CONVERGED)
     figures['predicted_torque_error'] = predicted[-1].tolist()
-    figures['torque_settling_time_s'] = settling_time(t, predicted.max(axis=1), SETTLED)
+    figures['torque_settling_time_s'] = convergence_time(t, predicted.max(axis=1), CONVERGED)
     return figures
 
 

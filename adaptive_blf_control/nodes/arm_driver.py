@@ -30,6 +30,7 @@ from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES
 from adaptive_blf_control.nodes.arm_lockstep import ArmLockstep, SteppedDriver
+from adaptive_blf_control.runtime.endpoints import full_name, UNNAMED
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
 from adaptive_blf_control.runtime.round_trip import RoundTrips
@@ -238,8 +239,7 @@ class ArmDriver(SteppedDriver):
                 self.grid.period_ns, self.statistics.span_ns)}
         publishers = [] if self.lockstep else self.get_publishers_info_by_topic(COMMANDS)
         if len(publishers) > 1:
-            names = ', '.join(f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-                              for info in publishers)
+            names = ', '.join(full_name(info) or UNNAMED for info in publishers)
             return DiagnosticStatus.ERROR, f'several publishers of commands: {names}', values
         if not self.active:
             return DiagnosticStatus.WARN, 'inactive: brakes on', values

@@ -23,6 +23,7 @@ from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.runtime.answers import stamp_of
+from adaptive_blf_control.runtime.endpoints import full_name
 from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.simulation.drives import Drives
 from adaptive_blf_control.simulation.state_grid import StateGrid
@@ -157,13 +158,13 @@ class ArmLockstep:
     def _missing_nodes(self) -> list[str]:
         """Return who is not heard yet, or does not hear yet: discovery goes each way by itself."""
         driver = self._driver
-        hearing = {(info.node_namespace, info.node_name)
+        hearing = {full_name(info) or ''  # '' while the name is not known yet
                    for info in driver.get_subscriptions_info_by_topic(JOINT_STATES)}
         if not driver.heard_by(len(hearing)):  # known to be there, and not connected
             return list(self._inputs)
         return [name for name, subscription in self._inputs.items()
                 if subscription.get_publisher_count() == 0
-                or not any((info.node_namespace, info.node_name) in hearing
+                or not any(full_name(info) in hearing
                            for info in driver.get_publishers_info_by_topic(ANSWERS[name]))]
 
     def _missing_answers(self, stamp_ns: int) -> list[str]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 import time
 
 import numpy as np
@@ -16,6 +17,7 @@ from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, COMMANDS
 from adaptive_blf_control.runtime.data_node import DataNode
+from adaptive_blf_control.runtime.endpoints import Endpoints, UNNAMED
 
 __all__ = ['CommandTopic', 'GIVE_WAY']
 
@@ -30,6 +32,8 @@ class CommandTopic:
     Attributes:
         claimed_at: When it was claimed, by the monotonic clock [s].
         pushes: Whether the torque sent last was another than the zero at the end.
+        senders: Who publishes commands.
+        listeners: Who subscribes to them.
     """
 
     def __init__(self, node: DataNode[ControllerNodeSettings], n: int) -> None:
@@ -40,6 +44,8 @@ class CommandTopic:
         self._codec = Float64MultiArrayCodec(n)
         self._n = n
         self._publisher: Publisher | None = None
+        self.senders = Endpoints(partial(node.get_publishers_info_by_topic, COMMANDS))
+        self.listeners = Endpoints(partial(node.get_subscriptions_info_by_topic, COMMANDS))
 
     @property
     def claimed(self) -> bool:
@@ -47,13 +53,12 @@ class CommandTopic:
         return self._publisher is not None
 
     def claim(self) -> None:
-        """Begin to send; BlfError where another node does."""
+        """Begin to send; BlfError with the name of another node that sends commands already."""
         node = self._node
-        others = [f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-                  for info in node.get_publishers_info_by_topic(COMMANDS)]
-        if others:
-            raise BlfError(f'{node.resolve_topic_name(COMMANDS)}: {", ".join(others)} sends '
-                           f'commands already: one controller at a time')
+        if len(self.senders):
+            names = ', '.join(self.senders.wait_for_names(node.stop)) or UNNAMED
+            raise BlfError(f'{node.resolve_topic_name(COMMANDS)}: {names} sends commands already: '
+                           f'one controller at a time')
         self._publisher = node.data_publisher(Float64MultiArray, COMMANDS)
         self.claimed_at = time.monotonic()
 
@@ -64,9 +69,13 @@ class CommandTopic:
             self._publisher = None
 
     def someone_drives(self) -> bool:
-        """Whether an arm listens to the commands; a recorder of ours does not move one."""
-        return any(info.node_name != 'recorder'
-                   for info in self._node.get_subscriptions_info_by_topic(COMMANDS))
+        """Whether an arm listens to the commands.
+
+        A recorder of ours does not move one. A listener whose name is not known yet may be that
+        recorder and does not count so far.
+        """
+        return any(name is not None and name.rpartition('/')[2] != 'recorder'
+                   for name in self.listeners.names())
 
     @property
     def heard(self) -> bool:

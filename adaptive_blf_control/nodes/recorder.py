@@ -28,6 +28,7 @@ from adaptive_blf_control.messages.definitions import message_definition
 from adaptive_blf_control.messages.topics import JOINT_STATES, TOPICS
 from adaptive_blf_control.runtime.answers import stamp_of
 from adaptive_blf_control.runtime.data_node import DataNode
+from adaptive_blf_control.runtime.endpoints import full_name
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.sample_dates import has_sample_time, SampleDates
 
@@ -232,9 +233,8 @@ class Recorder(DataNode[RecorderSettings]):
         """Ask every node that publishes on a recorded topic for its parameters, once."""
         for topic in list(self.received):
             for info in self.get_publishers_info_by_topic(topic):
-                node = f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-                if info.node_name.startswith('_') or node in self._asked | {
-                        self.get_fully_qualified_name()}:
+                node = full_name(info)
+                if node is None or node in self._asked | {self.get_fully_qualified_name()}:
                     continue
                 client = self._askers.get(node) or AsyncParameterClient(self, node)
                 self._askers[node] = client

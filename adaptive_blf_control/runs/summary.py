@@ -22,10 +22,10 @@ from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import truth_of
 from adaptive_blf_control.simulation.true_arm import Truth
 
-__all__ = ['SETTLED', 'Run', 'listed', 'margins_of_run', 'run_of_trace', 'settling_time',
+__all__ = ['CONVERGED', 'Run', 'listed', 'margins_of_run', 'run_of_trace', 'convergence_time',
            'state_along', 'summarise', 'table']
 
-SETTLED = 0.01  # part of ‖θ*‖ under which ‖θ̃‖ counts as settled
+CONVERGED = 0.01  # part of ‖θ*‖ under which ‖θ̃‖ counts as converged
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def _violations(run: Run, margins: tuple[Margins, ...]) -> int:
     return count
 
 
-def settling_time(t: np.ndarray, error: np.ndarray, threshold: float) -> float | None:
+def convergence_time(t: np.ndarray, error: np.ndarray, threshold: float) -> float | None:
     """Return the first time [s] after which ``error`` stays under ``threshold``, or None."""
     above = np.flatnonzero(~(error < threshold))
     if above.size == 0:
@@ -115,14 +115,14 @@ def settling_time(t: np.ndarray, error: np.ndarray, threshold: float) -> float |
     return float(t[above[-1] + 1]) if above[-1] + 1 < t.size else None
 
 
-def _settling_times(run: Run, truth: Truth, error: np.ndarray) -> list[float | None]:
-    """Settling time in each epoch of θ*, from its start [s]."""
+def _convergence_times(run: Run, truth: Truth, error: np.ndarray) -> list[float | None]:
+    """Convergence time in each epoch of θ*, from its start [s]."""
     times: list[float | None] = []
     for (start, theta), end in zip(truth, [*(t for t, _ in truth[1:]), np.inf]):
         inside = (run.t_theta >= start - 1e-9) & (run.t_theta < end - 1e-9)
         if inside.any():
-            times.append(settling_time(run.t_theta[inside] - start, error[inside],
-                                       SETTLED * float(np.linalg.norm(theta))))
+            times.append(convergence_time(run.t_theta[inside] - start, error[inside],
+                                       CONVERGED * float(np.linalg.norm(theta))))
     return times
 
 
@@ -158,7 +158,7 @@ def summarise(run: Run) -> dict[str, Any]:
         error = np.linalg.norm(run.theta_hat - true, axis=1)
         figures['theta_error_norm'] = float(error[-1])
         figures['theta_true_norm'] = float(np.linalg.norm(true[-1]))
-        times = figures['theta_settling_times_s'] = _settling_times(run, run.truth, error)
+        times = figures['theta_settling_times_s'] = _convergence_times(run, run.truth, error)
         figures['theta_settling_time_s'] = times[0]
     return figures
 
@@ -195,7 +195,7 @@ def table(figures: dict[str, Any], run: Run) -> str:
         lines.append(
             f'parameter error      {figures["theta_error_norm"]:.3g} of '
             f'{figures["theta_true_norm"]:.3g} in norm; '
-            + f'within {SETTLED:.0%} ' + ', '.join(
+            + f'within {CONVERGED:.0%} ' + ', '.join(
                 ('after ' if not i else f'and {run.truth[i][0]:g} s: after ')
                 + ('not yet' if t is None else f'{t:.2f} s') for i, t in enumerate(settled)))
     lines.append(f'history stack        rank {figures["history_rank"]} of {len(run.parameters)}, '

@@ -14,7 +14,7 @@ PACKAGE = 'adaptive_blf_control'
 ORDER = ('errors', 'arrays', 'machine_code', 'compiled', 'compilation_notice',
          'executables', 'command_line', 'parameters', 'arms', 'control', 'identification',
          'simulation', 'messages', 'configuration', 'bags', 'runs', 'runtime', 'nodes',
-         'report', 'bench', 'tools', '__main__', '__init__')
+         'report', 'campaigns', 'bench', 'tools', '__main__', '__init__')
 WITH_ROS = ('runtime', 'nodes')
 
 

@@ -12,7 +12,7 @@ import pytest
 from adaptive_blf_control.control.constraints import Constraints
 from adaptive_blf_control.control.set_constraints import PerformanceConstraint, SafetyConstraint
 from adaptive_blf_control.control.sets import JointInterval
-from adaptive_blf_control.runs.summary import Run, settling_time, summarise, table
+from adaptive_blf_control.runs.summary import convergence_time, Run, summarise, table
 
 TRUE = np.array([3.0, 4.0])  # of norm 5: settled under 0.05
 
@@ -79,7 +79,7 @@ def test_without_true_parameters_nothing_is_said_about_their_error(run):
     ([0.5, float('nan'), 0.5, 0.5], 2.0),
 ])
 def test_settled_is_the_first_time_after_which_the_error_stays_small(error, expected):
-    assert settling_time(np.arange(4.0), np.array(error), 1.0) == expected
+    assert convergence_time(np.arange(4.0), np.array(error), 1.0) == expected
 
 
 def test_table_is_what_a_person_reads(run):

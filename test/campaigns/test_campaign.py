@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts about campaigns: outcomes, files, ends in the middle, commands that repeat a run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import shlex
+
+import numpy as np
+import pytest
+import yaml
+
+from adaptive_blf_control.campaigns.campaign import Campaign, setting_text
+from adaptive_blf_control.campaigns.outcome import run_chunk
+from adaptive_blf_control.campaigns.page import shares_by_bin
+from adaptive_blf_control.campaigns.results import ResultFolder
+from adaptive_blf_control.campaigns.summary import wilson_interval, worst_runs
+from adaptive_blf_control.campaigns.workers import cluster, local, run_chunks
+from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
+from adaptive_blf_control.errors import BlfError, ParameterError
+from adaptive_blf_control.tools import campaign as command
+from adaptive_blf_control.tools.simulate import main as simulate
+
+VARY = {'vary': {
+    'arm_driver.true_parameters': {'scale': {'uniform': [0.7, 1.3]}},
+    'arm_driver.initial_position': {'offset': {'uniform': [-0.03, 0.03]}}}}
+
+
+@pytest.fixture
+def config(repository: Path) -> Path:
+    return repository / 'config' / 'two_link.yaml'
+
+
+@pytest.fixture
+def vary(tmp_path: Path) -> Path:
+    path = tmp_path / 'vary.yaml'
+    path.write_text(yaml.safe_dump(VARY), encoding='utf-8')
+    return path
+
+
+def campaign_of(config: Path, **changes) -> Campaign:
+    return Campaign(**{'config': str(config), 'data': load_yaml(config), 'given': VARY, 'runs': 6,
+                       'seed': 3, 'duration': 0.05, 'chunk': 2, **changes})
+
+
+def outcomes(campaign: Campaign) -> list[dict]:
+    rows = [outcome.row() for runs in campaign.chunks for outcome in run_chunk(
+        campaign.data, campaign.duration, [(run, campaign.changes[run]) for run in runs])]
+    return rows
+
+
+def same(first: list[dict], second: list[dict]) -> bool:
+    return len(first) == len(second) and all(
+        a[key] == b[key] or (a[key] != a[key] and b[key] != b[key])
+        for a, b in zip(first, second) for key in a)
+
+
+def run(config: Path, vary: Path, output: Path, *extra: str) -> int:
+    return command.main([str(config), '--runs', '6', '--vary', str(vary), '--duration', '0.05',
+                         '--chunk', '2', '--seed', '3', '--workers', '2', '--output', str(output),
+                         *extra])
+
+
+def test_processes_give_the_outcomes_of_one_thread_in_one_file_per_chunk(config, vary, tmp_path,
+                                                                         capsys):
+    assert run(config, vary, tmp_path / 'out', '--json', '--html', str(tmp_path / 'p.html')) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert (figures['runs'], figures['kept'], figures['refused']) == (6, 6, 0)
+    campaign = campaign_of(config)
+    folder = ResultFolder(tmp_path / 'out', campaign, resume=True)
+    assert folder.missing() == []
+    assert same(outcomes(campaign), folder.rows())
+    assert 'arm_driver.true_parameters[4]' in folder.rows()[0]
+    assert 'Worst runs' in (tmp_path / 'p.html').read_text(encoding='utf-8')
+
+
+def test_the_command_of_a_run_repeats_it_exactly(config, capsys):
+    data = apply_settings(load_yaml(config), ['controller.k2=[40.0, 9.0]'])
+    campaign = campaign_of(config, data=data, settings=('controller.k2=[40.0, 9.0]',))
+    words = shlex.split(campaign.command(4))
+    assert words[:4] == ['python', '-m', 'adaptive_blf_control', 'simulate']
+    assert simulate([*words[4:], '--json']) == 0
+    figures = json.loads(capsys.readouterr().out)
+    outcome = outcomes(campaign)[4]
+    assert max(figures['max_abs_error']) == outcome['largest_error']
+    assert figures['theta_error_norm'] / figures['theta_true_norm'] == outcome['parameter_error']
+
+
+@pytest.mark.parametrize('value', [1e-5, 1.5e-7, 1e22, -2e-300, 0.1, [1e-5, 2.0], True, 'ablf', 3])
+def test_a_setting_is_read_back_exactly(value):
+    assert yaml.safe_load(setting_text(value)) == value
+
+
+def test_a_start_outside_a_set_is_an_outcome_with_its_reason(config):
+    campaign = campaign_of(config, given={'vary': {
+        'arm_driver.initial_position': {'choice': [[9.0, 9.0]]}}})
+    for row in outcomes(campaign):
+        assert 'joint1' in row['problem']
+        assert not row['kept']
+
+
+def test_a_campaign_that_was_stopped_goes_on_where_it_was(config, vary, tmp_path, monkeypatch,
+                                                         capsys):
+    def stopped(campaign, missing, make):
+        for number, outcomes in run_chunks(campaign, missing, make):
+            yield number, outcomes
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, 'run_chunks', stopped)
+    assert run(config, vary, tmp_path / 'out') == 130
+    assert '--resume goes on' in capsys.readouterr().err
+    campaign = campaign_of(config)
+    done = set(range(3)) - set(ResultFolder(tmp_path / 'out', campaign, resume=True).missing())
+    assert len(done) == 1
+    kept, = (tmp_path / 'out' / 'results').iterdir()
+    before = kept.stat().st_mtime_ns
+    monkeypatch.undo()
+    assert run(config, vary, tmp_path / 'out', '--resume') == 0
+    assert kept.stat().st_mtime_ns == before
+    assert same(outcomes(campaign), ResultFolder(tmp_path / 'out', campaign, True).rows())
+
+
+def test_results_that_are_there_are_never_overwritten(config, vary, tmp_path, capsys):
+    assert run(config, vary, tmp_path / 'out') == 0
+    for extra, words in (((), '--resume'), (('--seed', '4', '--resume'), 'another campaign')):
+        assert run(config, vary, tmp_path / 'out', *extra) == 2
+        assert words in capsys.readouterr().err
+    (tmp_path / 'other').mkdir()
+    (tmp_path / 'other' / 'thesis.tex').write_text('mine')
+    assert run(config, vary, tmp_path / 'other') == 2
+    assert 'a new or empty folder' in capsys.readouterr().err
+    (tmp_path / 'torn').mkdir()
+    (tmp_path / 'torn' / 'campaign.json').write_text('{')
+    assert run(config, vary, tmp_path / 'torn') == 2
+    assert 'campaign.json can be read' in capsys.readouterr().err
+
+
+def test_a_file_that_cannot_be_written_ends_the_campaign_with_its_name(config, tmp_path):
+    folder = ResultFolder(tmp_path / 'out', campaign_of(config), resume=False)
+    parts = tmp_path / 'out' / 'results'
+    parts.rmdir()
+    parts.write_text('no folder')
+    with pytest.raises(BlfError, match='part-000001.*is kept'):
+        folder.add(1, [{'run': 2}])
+
+
+def test_results_without_pyarrow_are_csv_and_say_the_same(config, tmp_path, monkeypatch):
+    campaign = campaign_of(config)
+    monkeypatch.setattr('adaptive_blf_control.campaigns.results.util.find_spec', lambda _: None)
+    folder = ResultFolder(tmp_path / 'out', campaign, resume=False)
+    rows = outcomes(campaign)
+    for number, runs in enumerate(campaign.chunks):
+        folder.add(number, [rows[run] for run in runs])
+    assert {part.suffix for part in (tmp_path / 'out' / 'results').iterdir()} == {'.csv'}
+    assert same(rows, folder.rows())
+
+
+@pytest.mark.parametrize(('extra', 'words'), [
+    (('--runs', '0'), '--runs'), (('--chunk', '0'), '--chunk'), (('--seed', '-1'), '--seed'),
+    (('--workers', '0'), '--workers'), (('--html', 'nowhere/p.html'), '--html'),
+    (('--vary', 'nowhere.yaml'), 'nowhere.yaml'), (('--set', 'controller.k9=1.0'), 'k9'),
+    (('--scheduler', 'tcp://127.0.0.1:9'), 'does not answer'),
+])
+def test_bad_input_is_named_and_no_result_is_written(config, vary, tmp_path, capsys, monkeypatch,
+                                                     extra, words):
+    monkeypatch.setattr('adaptive_blf_control.campaigns.workers.CONNECT_TIMEOUT', 1.0)
+    assert run(config, vary, tmp_path / 'out', *extra) == 2
+    assert words in capsys.readouterr().err
+    assert not list((tmp_path / 'out').glob('results/*'))
+
+
+def test_a_chunk_whose_worker_dies_is_run_again(config):
+    campaign = campaign_of(config, runs=8, chunk=1)
+    found = {}
+    with local(2) as make:
+        for number, rows in run_chunks(campaign, list(range(8)), kill_one(make)):
+            found[number] = rows
+    assert same([outcome.row() for number in sorted(found) for outcome in found[number]],
+                outcomes(campaign))
+
+
+def kill_one(make):
+    """Return what makes executors, the first of which loses a process at its first chunk."""
+    made = []
+
+    def wrapped():
+        executor = make()
+        if not made:
+            executor.submit(abort)
+        made.append(executor)
+        return executor
+    return wrapped
+
+
+def abort() -> None:
+    """End this process as a crash does."""
+    import os
+    os._exit(9)
+
+
+def test_a_dask_cluster_that_loses_a_worker_gives_the_same_outcomes(config):
+    distributed = pytest.importorskip('distributed')
+    campaign = campaign_of(config, runs=12, chunk=1, duration=0.3)
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True,
+                                  dashboard_address=None) as workers:
+        found = {}
+        with cluster(workers.scheduler_address) as make:
+            for number, rows in run_chunks(campaign, list(range(12)), make):
+                if not found:
+                    next(iter(workers.workers.values())).process.process.kill()
+                found[number] = rows
+    assert sorted(found) == list(range(12))
+    assert same([outcome.row() for number in sorted(found) for outcome in found[number]],
+                outcomes(campaign))
+
+
+@pytest.mark.parametrize(('kept', 'runs', 'expected'), [
+    (0, 10, (0.0, 0.2775)), (10, 10, (0.7225, 1.0)), (5, 10, (0.2366, 0.7634)),
+    (81, 263, (0.2553, 0.3662))])  # the last one: Newcombe, Statistics in Medicine 17, 1998
+def test_the_interval_of_a_share_is_wilsons(kept, runs, expected):
+    np.testing.assert_allclose(wilson_interval(kept, runs), expected, atol=1e-4)
+
+
+def test_the_worst_runs_are_refused_ones_then_the_first_to_leave_then_the_closest():
+    def row(run, kept=True, problem='', first=np.nan, margin=0.1):
+        return {'run': run, 'kept': kept, 'problem': problem, 'first_violation_s': first,
+                'least_margin': margin}
+
+    rows = [row(0), row(1, margin=0.05), row(2, False, first=3.0, margin=-9.0),
+            row(3, False, first=1.0, margin=-1.0), row(4, False, 'refused', margin=np.nan)]
+    assert [each['run'] for each in worst_runs(rows)] == [4, 3, 2, 1, 0]
+
+
+def test_shares_are_counted_where_the_parameter_is():
+    values = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    kept = np.array([True, False, True, True, True, False])
+    assert shares_by_bin(values, kept)['shares'] == [0.5, 0.75]
+    spread = np.linspace(0.0, 1.0, 800)
+    shares = shares_by_bin(spread, spread < 0.5)['shares']
+    assert shares == [1.0] * 4 + [0.0] * 4
+
+
+def test_what_decides_over_the_outcomes_is_part_of_the_identity(config):
+    first = campaign_of(config).identity
+    assert first == campaign_of(config).identity
+    for changed in ({'seed': 4}, {'runs': 7}, {'duration': 0.06}, {'chunk': 3}):
+        assert campaign_of(config, **changed).identity != first
+
+
+def test_a_bound_beyond_what_is_accepted_is_refused(config):
+    with pytest.raises(ParameterError, match='--runs'):
+        campaign_of(config, runs=10**9)

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One controller at a time, by the names of those that DDS has only just discovered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import time
+
+import pytest
+from rclpy.context import Context
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
+
+from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.messages.topics import COMMANDS
+from adaptive_blf_control.nodes.command_topic import CommandTopic
+from adaptive_blf_control.nodes.controller import ControllerNode
+from patience import PATIENCE
+
+# DDS is ahead of a node's name in one of three tries.
+TRIES = 8
+
+
+@pytest.fixture
+def commands(graph) -> CommandTopic:
+    """Return the command topic of a controller that is inactive."""
+    return graph.make(ControllerNode, initial_estimate=[1.0]).commands
+
+
+@pytest.fixture
+def newcomer(graph) -> Iterator[Callable[[str], Node]]:
+    """Return ``newcomer(name)``: a node that is a DDS participant; the last one ends before."""
+    running: list[tuple[Context, Node]] = []
+
+    def end() -> None:
+        for context, node in running:
+            node.destroy_node()
+            context.try_shutdown()
+        running.clear()
+
+    def start(name: str) -> Node:
+        end()
+        context = Context()
+        context.init(domain_id=graph.context.get_domain_id())
+        node = Node(name, context=context, enable_rosout=False, start_parameter_services=False)
+        running.append((context, node))
+        return node
+
+    yield start
+    end()
+
+
+def test_a_refused_claim_names_the_other_however_early_it_is_made(
+        commands, newcomer, wait_until) -> None:
+    for _ in range(TRIES):
+        newcomer('first').create_publisher(Float64MultiArray, COMMANDS, 10)
+        give_up = time.monotonic() + PATIENCE
+        while not len(commands.senders) and time.monotonic() < give_up:
+            pass  # without a pause: the moment in which the name is not known is short
+        with pytest.raises(BlfError, match=f'^/{COMMANDS}: /first sends commands already'):
+            commands.claim()
+        assert not commands.claimed
+    newcomer('last')
+    wait_until(lambda: not len(commands.senders), what='the end of the other')
+    commands.claim()
+    assert commands.claimed
+
+
+def test_a_recorder_does_not_count_as_an_arm_before_its_name_is_known(
+        commands, newcomer, wait_until) -> None:
+    for _ in range(TRIES):
+        recorder = newcomer('recorder')
+        recorder.create_subscription(Float64MultiArray, COMMANDS, lambda _: None, 10)
+        known = False
+        give_up = time.monotonic() + PATIENCE
+        while not known and time.monotonic() < give_up:
+            assert not commands.someone_drives()
+            known = '/recorder' in commands.listeners.names()
+        assert known
+    newcomer('arm').create_subscription(Float64MultiArray, COMMANDS, lambda _: None, 10)
+    wait_until(commands.someone_drives, what='an arm')
