@@ -16,15 +16,15 @@ import numpy as np
 
 from adaptive_blf_control.machine_code import cache_folder
 
-__all__ = ['ByType', 'COMPILED', 'all_finite', 'before_each_compilation', 'by_type', 'jit',
-           'jit_without_gil', 'uncompiled']
+__all__ = ['ByType', 'COMPILED', 'all_finite', 'before_each_compilation', 'borrowed', 'by_type',
+           'jit', 'jit_without_gil', 'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 try:
     import numba
     from numba.core import event as numba_event
-    from numba.extending import overload
+    from numba.extending import intrinsic, overload
     import scipy.linalg  # noqa: F401 (numba's np.linalg is scipy's LAPACK)
     COMPILED: bool = not numba.config.DISABLE_JIT
 except ImportError:  # plain numpy is the documented fallback
@@ -56,6 +56,38 @@ def _compiled(function: Function, **options: bool) -> Function:
     finally:
         numba.config.CACHE_DIR = before
     return compiled  # type: ignore[no-any-return]
+
+
+if COMPILED:
+    @intrinsic  # type: ignore[untyped-decorator]
+    def borrowed(typing: Any, value: Any) -> tuple[Any, Callable[..., Any]]:
+        """Return arrays, or nested tuples of arrays, whose owners are not counted.
+
+        numba counts the owners of an array each time one is taken out of a tuple and when it is
+        no longer used, with atomic operations: in a loop over tuples of many arrays that takes
+        most of the time. For arguments of a compiled function alone, which its caller keeps
+        alive; nothing of it may be returned to Python.
+        """
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return _without_owner(context, builder, signature.args[0], arguments[0])
+
+        return value(value), generate
+
+    def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+        if isinstance(kind, numba.types.Array):
+            array = context.make_array(kind)(context, builder, value)
+            array.meminfo = context.get_constant_null(numba.types.MemInfoPointer(kind.dtype))
+            array.parent = context.get_constant_null(numba.types.pyobject)
+            return array._getvalue()
+        if isinstance(kind, numba.types.BaseTuple):
+            for place, inner in enumerate(kind):
+                part = _without_owner(context, builder, inner, builder.extract_value(value, place))
+                value = builder.insert_value(value, part, place)
+        return value
+else:
+    def borrowed(value: Any) -> Any:
+        """Return ``value``."""
+        return value
 
 
 class ByType(Protocol):

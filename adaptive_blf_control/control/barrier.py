@@ -19,7 +19,7 @@ import numpy as np
 from adaptive_blf_control.compiled import jit
 
 __all__ = ['INTERIOR', 'Each', 'active_bound', 'barrier', 'barrier_gradient', 'bound_towards',
-           'interior']
+           'interior', 'joint_barrier']
 
 Each = TypeVar('Each', float, np.ndarray)
 """The value of one joint, or those of all, shape (n,): what holds joint by joint."""
@@ -65,8 +65,17 @@ def barrier(e1: np.ndarray, b: np.ndarray, weight: np.ndarray) -> float:
         b: Active bound (11), shape (n,) [rad].
         weight: c > 0, shape (n,) [J]; 1 J in the paper.
     """
+    value = 0.0
+    for i in range(b.size):
+        value += joint_barrier(e1[i], b[i], weight[i])
+    return value
+
+
+@jit
+def joint_barrier(e1: float, b: float, weight: float) -> float:
+    """`barrier` of one joint [J]."""
     e = interior(e1, b)
-    return float(0.5 * np.sum(weight * e * e / (b * b - e * e)))
+    return 0.5 * weight * e * e / (b * b - e * e)
 
 
 @jit

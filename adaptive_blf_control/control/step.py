@@ -131,22 +131,24 @@ def controller_step(controller: ControllerArrays, answer: Answer, t: float, q: n
         Regressor X, shape (n, m).
     """
     gains, memory = controller.gains, controller.memory
+    e1, e2, bound = answer.e1, answer.e2, answer.bound
+    alpha, alpha_dot, k1 = answer.alpha, answer.alpha_dot, gains.k1
+    yd, yd_dot, yd_ddot = point.position, point.velocity, point.acceleration
+    lower, upper = bounds.lower, bounds.upper
+    lower_rate, upper_rate = bounds.lower_rate, bounds.upper_rate
     for i in range(q.size):
-        (answer.e1[i], answer.e2[i], answer.alpha[i], answer.alpha_dot[i],
-         answer.bound[i]) = joint_errors(
-            q[i], qd[i], point.position[i], point.velocity[i], point.acceleration[i],
-            bounds.lower[i], bounds.upper[i], bounds.lower_rate[i], bounds.upper_rate[i],
-            gains.k1[i])
-    x = law_regressor(controller.arm, q, qd, answer.alpha, answer.alpha_dot)
-    write_torque(answer.wanted, x, theta, gains.k2, answer.e1, answer.e2, answer.bound,
-                 gains.weight, gains.smooth)
+        e1[i], e2[i], alpha[i], alpha_dot[i], bound[i] = joint_errors(
+            q[i], qd[i], yd[i], yd_dot[i], yd_ddot[i], lower[i], upper[i], lower_rate[i],
+            upper_rate[i], k1[i])
+    x = law_regressor(controller.arm, q, qd, alpha, alpha_dot)
+    wanted, torque, last, term = answer.wanted, answer.torque, memory.torque, answer.term
+    write_torque(wanted, x, theta, gains.k2, e1, e2, bound, gains.weight, gains.smooth)
     dt = FIRST_INTERVAL if np.isnan(memory.time[0]) else t - memory.time[0]
+    limit, rate_limit = controller.torque_limit, controller.torque_rate_limit
     for i in range(q.size):
-        answer.torque[i] = rate_limited_joint(
-            answer.wanted[i], controller.torque_limit[i], memory.torque[i],
-            controller.torque_rate_limit[i], dt)
-        memory.torque[i] = answer.torque[i]
+        torque[i] = rate_limited_joint(wanted[i], limit[i], last[i], rate_limit[i], dt)
+        last[i] = torque[i]
     memory.time[0] = t
-    answer.term[:] = 0.0
-    add_unwound(answer.term, x, answer.e2, answer.wanted, answer.torque)
+    term[:] = 0.0
+    add_unwound(term, x, e2, wanted, torque)
     return x

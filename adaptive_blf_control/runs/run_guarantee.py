@@ -12,11 +12,11 @@ from adaptive_blf_control.control.guarantee import (
     Guarantee,
     guarantee,
     GuaranteeMonitor,
-    lyapunov_value,
+    lyapunov_along,
     mass_range,
 )
-from adaptive_blf_control.control.law import errors
 from adaptive_blf_control.control.laws.ablf import AblfLaw
+from adaptive_blf_control.control.reference import along, ReferencePoint
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import truth_of
 
@@ -67,33 +67,26 @@ def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
         None where the plant does not tell its θ*, or the law is another than (38).
     """
     controller, settings = loop.controller, loop.identifier.settings
-    arm, performance = loop.arm, controller.performance
-    weight = _weight(loop)
+    arm, performance, law = loop.arm, controller.performance, controller.law
     truth = truth_of(loop.plant, arm.parameters)
-    if truth is None or not isinstance(controller.law, AblfLaw):
+    if truth is None or not isinstance(law, AblfLaw):
         return None
-    values, starts, guaranteed = np.empty(trace.t.size), [], []
-    monitor: GuaranteeMonitor | None = None
+    t, reference = trace.t, along(controller.reference, trace.t)
+    estimates = trace.theta_hat if loop.known is None else np.tile(loop.known, (t.size, 1))
+    values, starts, guaranteed = np.empty(t.size), [], []
     first: Departure | None = None
-    epoch = -1
-    for k, t in enumerate(trace.t):
-        q, e1 = trace.q[k], trace.e1[k]
-        point = controller.reference.at(t)
-        e2 = errors(q, trace.qd[k], *point, performance.lower, performance.upper,
-                    controller.settings.k1)[1]
-        begun = epoch
-        while epoch + 1 < len(truth) and t >= truth[epoch + 1][0] - 1e-9:
-            epoch += 1
-        theta = truth[epoch][1]
-        estimate = trace.theta_hat[k] if loop.known is None else loop.known
-        values[k] = lyapunov_value(arm, q, e1, e2, performance, estimate, theta, settings.gamma,
-                                   weight)
-        if epoch != begun or monitor is None:
-            starts.append(float(t))
-            guaranteed.append(_run_guarantee(loop, float(values[k]), theta))
-            monitor = GuaranteeMonitor(guaranteed[-1], performance, arm.joints, weight)
-        departure = monitor.observe(float(t), e1, float(values[k]))
-        first = first or departure
+    begins = np.searchsorted(t, [begin - 1e-9 for begin, _ in truth])
+    for (_, theta), begin, end in zip(truth, begins, [*begins[1:], t.size]):
+        part = slice(begin, end)
+        if begin == end:
+            continue
+        values[part] = lyapunov_along(
+            arm, trace.q[part], trace.qd[part], ReferencePoint(*(row[part] for row in reference)),
+            performance, law.gains, estimates[part], theta, settings.gamma)
+        starts.append(float(t[begin]))
+        guaranteed.append(_run_guarantee(loop, float(values[begin]), theta))
+        monitor = GuaranteeMonitor(guaranteed[-1], performance, arm.joints, law.gains.weight)
+        first = first or monitor.observe_along(t[part], trace.e1[part], values[part])
     return RunGuarantee(tuple(starts), tuple(guaranteed), first, values)
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit_without_gil
+from adaptive_blf_control.compiled import borrowed, jit, jit_without_gil
 from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.control.step import Answer, controller_step, ControllerArrays
@@ -129,7 +129,8 @@ class ObservedRows(NamedTuple):
 
 def trace_rows(samples: int, n: int, m: int) -> TraceRows:
     """Return room for the trace of so many samples."""
-    return TraceRows(*(np.empty((samples, n)) for _ in range(4)), np.empty((samples, m)),
+    q, qd, e1, torque = (np.empty((samples, n)) for _ in range(4))
+    return TraceRows(q, qd, e1, torque, np.empty((samples, m)),
                      np.empty(samples, dtype=np.int64), np.empty(samples))
 
 
@@ -155,41 +156,55 @@ def run_block(loop: LoopArrays, memory: LoopMemory, given: BlockInputs, trace: T
         trace: Its rows are written.
         observed: Likewise, where it has rows.
     """
-    plant, answer = loop.plant, memory.answer
-    pairs, learned = loop.identifier.learner.history, loop.identifier.learner.theta
+    loop, memory, given = borrowed(loop), borrowed(memory), borrowed(given)
+    trace, observed = borrowed(trace), borrowed(observed)
+    plant, sensor, controller = loop.plant, loop.sensor, loop.controller
+    arm, identifier = loop.identifier_arm, loop.identifier
+    theta, term, answer = memory.theta, memory.term, memory.answer
+    pairs, excitation = identifier.learner.history, identifier.learner.excitation
+    learned, counters, figures = identifier.learner.theta, pairs.counters, pairs.figures
+    reference, rows, noise, times = given.reference, given.bounds, given.noise, given.t
     q, qd = np.empty_like(plant.q), np.empty_like(plant.q)
-    torque = np.empty_like(plant.q)
-    observes = observed.q.shape[0] > 0
-    for k in range(given.t.size):
+    torque, applied = np.empty_like(plant.q), plant.torque
+    for k in range(times.size):
         interval = given.dt if given.first + k > 0 else 0.0
         for i in range(q.size):
-            torque[i] = plant.torque[i] + given.noise[k, i]
+            torque[i] = applied[i] + noise[k, i]
         if plant.delays:
-            delayed(plant.line, plant.commanded, plant.torque)
-        sensor_step(loop.sensor, plant.q, plant.qd, interval, q, qd)
-        point = ReferencePoint(given.reference.position[k], given.reference.velocity[k],
-                               given.reference.acceleration[k])
-        bounds = Bounds(given.bounds.lower[k], given.bounds.upper[k], given.bounds.lower_rate[k],
-                        given.bounds.upper_rate[k])
-        x = controller_step(loop.controller, answer, given.t[k], q, qd, memory.theta, point,
-                            bounds)
-        identifier_step(loop.identifier_arm, loop.identifier, given.t[k], q, qd, torque,
-                        memory.term)
-        for i in range(q.size):
-            trace.q[k, i], trace.qd[k, i] = plant.q[i], plant.qd[i]
-            trace.e1[k, i] = plant.q[i] - point.position[i]
-            trace.torque[k, i] = answer.torque[i]
-        trace.theta_hat[k] = learned
-        trace.rank[k] = pairs.counters[RANK]
-        trace.sigma_min[k] = pairs.figures[SIGMA_MIN]
-        if observes:
-            observed.q[k], observed.qd[k], observed.torque[k] = q, qd, torque
-            observed.theta_used[k], observed.term[k] = memory.theta, answer.term
-            observed.x[k], observed.e1[k], observed.e2[k] = x, answer.e1, answer.e2
-            observed.bound[k], observed.wanted[k] = answer.bound, answer.wanted
-            observed.insertions[k] = pairs.counters[INSERTIONS]
-            observed.excitation_parts[k] = loop.identifier.learner.excitation.completed[0]
-        memory.term[:] = answer.term
+            delayed(plant.line, plant.commanded, applied)
+        sensor_step(sensor, plant.q, plant.qd, interval, q, qd)
+        point = ReferencePoint(reference.position[k], reference.velocity[k],
+                               reference.acceleration[k])
+        bounds = Bounds(rows.lower[k], rows.upper[k], rows.lower_rate[k], rows.upper_rate[k])
+        x = controller_step(controller, answer, times[k], q, qd, theta, point, bounds)
+        identifier_step(arm, identifier, times[k], q, qd, torque, term)
+        _write_trace(trace, k, plant.q, plant.qd, point.position, answer.torque, learned)
+        trace.rank[k], trace.sigma_min[k] = counters[RANK], figures[SIGMA_MIN]
+        if observed.q.shape[0] > 0:
+            _write_observed(observed, k, q, qd, torque, theta, answer, x)
+            observed.insertions[k] = counters[INSERTIONS]
+            observed.excitation_parts[k] = excitation.completed[0]
+        term[:] = answer.term
         if not loop.known:
-            memory.theta[:] = learned
+            theta[:] = learned
         plant_step(plant, answer.torque, given.dt)
+
+
+@jit
+def _write_trace(trace: TraceRows, k: int, q: np.ndarray, qd: np.ndarray, reference: np.ndarray,
+                 torque: np.ndarray, theta: np.ndarray) -> None:
+    for i in range(q.size):
+        trace.q[k, i], trace.qd[k, i] = q[i], qd[i]
+        trace.e1[k, i] = q[i] - reference[i]
+        trace.torque[k, i] = torque[i]
+    trace.theta_hat[k] = theta
+
+
+@jit
+def _write_observed(rows: ObservedRows, k: int, q: np.ndarray, qd: np.ndarray,
+                    torque: np.ndarray, theta: np.ndarray, answer: Answer,
+                    x: np.ndarray) -> None:
+    rows.q[k], rows.qd[k], rows.torque[k] = q, qd, torque
+    rows.theta_used[k], rows.term[k], rows.x[k] = theta, answer.term, x
+    rows.e1[k], rows.e2[k] = answer.e1, answer.e2
+    rows.bound[k], rows.wanted[k] = answer.bound, answer.wanted

@@ -113,7 +113,8 @@ class BlockRun:
         plant: Any = self._plant
         controller: Any = self._parts.controller
         identifier: Any = self._parts.identifier
-        return LoopArrays(plant.arrays(), sensor_arrays(plant.sensor, self._arm.n),
+        sensor: Any = sensor_arrays(plant.sensor, self._arm.n)
+        return LoopArrays(plant.arrays(), sensor,
                           controller.arrays, arrays_of(identifier.arm), identifier.state,
                           self._parts.known)
 

@@ -166,10 +166,11 @@ class PlantArrays(NamedTuple):
 @jit
 def plant_step(plant: PlantArrays, torque: np.ndarray, dt: float) -> None:
     """Command a torque, shape (n,) [N·m], and move on by ``dt`` [s]."""
+    commanded, limit = plant.commanded, plant.torque_limit
     for i in range(torque.size):
-        plant.commanded[i] = limited_joint(torque[i], plant.torque_limit[i])
+        commanded[i] = limited_joint(torque[i], limit[i])
     if not plant.delays:
-        plant.torque[:] = plant.commanded
+        plant.torque[:] = commanded
     q, qd = advance(plant.true_arm, plant.q, plant.qd, plant.torque, dt, plant.substeps)
     plant.q[:] = q
     plant.qd[:] = qd
