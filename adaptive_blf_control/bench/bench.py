@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.bench import rates
+from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
@@ -68,6 +69,19 @@ def _scenarios(options: argparse.Namespace) -> None:
               f'{converged} | {figures["theta_error_norm"]:.2g} | '
               f'{figures["theta_true_norm"]:.3g} | '
               f'{figures["history_rank"]} | {statistics.median(speeds):.1f} |', flush=True)
+
+
+def _against_c(options: argparse.Namespace) -> None:
+    print('\n## Against C (`two_link`, one thread)\n')
+    if not options.c_reference.is_file() or compiler() is None:
+        print('Skipped: there is no C compiler here.' if options.c_reference.is_file() else
+              f'Skipped: no program in C to compare with (--c-reference {options.c_reference}).')
+        return
+    _machine()
+    measured = against_c(options.c_reference, options.config / 'two_link.yaml')
+    print('| ours, us per step | the program in C, -O2 | ratio |')
+    print('|---|---|---|')
+    print(f'| {measured.ours:.2f} | {measured.c:.2f} | {measured.ratio:.2f} |', flush=True)
 
 
 def _run_json(arguments: list[str]) -> dict[str, Any]:
@@ -131,7 +145,8 @@ def _rates(options: argparse.Namespace) -> None:
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
-    'scenarios': _scenarios, 'processes': _processes, 'measured': _measured, 'rates': _rates}
+    'scenarios': _scenarios, 'against_c': _against_c, 'processes': _processes,
+    'measured': _measured, 'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -143,6 +158,9 @@ def main(args: list[str] | None = None) -> int:
                         help='folder of the scenarios')
     parser.add_argument('--logs', type=Path, default=Path('../shared/realdata'), metavar='DIR',
                         help='folder of the measured logs')
+    parser.add_argument('--c-reference', type=Path, metavar='FILE',
+                        default=Path('../shared/reference/two_link_closed_loop.c'),
+                        help='source of a program in C that does the work of two_link')
     rates.add_options(parser)
     options = parser.parse_args(args)
     unknown = [part for part in options.parts if part not in PARTS]

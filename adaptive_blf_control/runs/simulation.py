@@ -53,6 +53,7 @@ class Simulation(Trace):
         rank: Rank of the history, shape (N,).
         sigma_min: Its σ_min, shape (N,).
         wall_s: How long it took [s].
+        in_python: Parts that had to be asked sample by sample, which is slower.
         loop: The objects that ran.
     """
 
@@ -101,7 +102,8 @@ class Simulation(Trace):
             *lines,
             guarantee.line() if guarantee is not None else 'Theorem 2            '
             + ('is not about this law' if known else 'theta* of the plant is not known'),
-            f'speed                {figures["real_time_factor"]:.1f} x real time'])
+            f'speed                {figures["real_time_factor"]:.1f} x real time'
+            + (f', sample by sample: {", ".join(self.in_python)}' if self.in_python else '')])
 
 
 def duration_of(data: Mapping[str, Any], duration: float | None) -> float:
@@ -130,7 +132,7 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
         law: A control law, or a class of laws, in place of the scenario's; see `Controller`.
         update_law: An update law, or a class of them, likewise; see `Identifier`.
         constraints: What else counts as inside, beside the scenario's; see `Controller`.
-        observer: Called with every sample.
+        observer: Called with every sample; where all parts are ours, after each block of samples.
         changes: Parameters of ``controller``, ``identifier`` and ``arm_driver``, by name or as
             YAML nests them: ``controller={'k2': [30.0, 5.0]}`` and ``**{'controller.k2': 5.0}``;
             without a node's name for every node that knows them.

@@ -104,9 +104,13 @@ class ClosedLoop:
 
     def warm_up(self) -> None:
         """Compile everything on throw-away objects, so that a run starts at full speed."""
-        if not parts_in_python(self._parts):
+        if parts_in_python(self._parts):
+            self.warm_up_parts()
+        else:
             BlockRun(self._parts).warm_up()
-            return
+
+    def warm_up_parts(self) -> None:
+        """Compile what the parts call one sample at a time, as the nodes do."""
         self.controller.warm_up(self._initial_estimate)
         self.identifier.warm_up()
         if isinstance(self.plant, SimulatedArm):

@@ -12,7 +12,6 @@ from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.configuration.build import build_closed_loop, OwnParts
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.control.laws.ablf import AblfLaw
-from adaptive_blf_control.simulation.block_run import BlockRun
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 from adaptive_blf_control.simulation.sensors import Measurement, Sensor
 
@@ -30,13 +29,14 @@ CASES = {
                               'controller.known_parameters=[3.473, 0.196, 0.242, 5.3, 1.1]'),
 }
 
+NONE_OWN = OwnParts()
 Build = Callable[..., ClosedLoop]
 
 
 @pytest.fixture
 def build(repository) -> Build:
     """Return ``build(config, setting, ..., parts=...)``: the closed loop of a scenario."""
-    def of(config: str, *settings: str, parts: OwnParts = OwnParts()) -> ClosedLoop:
+    def of(config: str, *settings: str, parts: OwnParts = NONE_OWN) -> ClosedLoop:
         data = load_yaml(repository / 'config' / f'{config}.yaml')
         return build_closed_loop(apply_settings(data, list(settings)), parts)
     return of
