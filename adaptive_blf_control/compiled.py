@@ -16,14 +16,15 @@ import numpy as np
 
 from adaptive_blf_control.machine_code import cache_folder
 
-__all__ = ['ByType', 'COMPILED', 'all_finite', 'before_each_compilation', 'borrowed', 'by_type',
-           'jit', 'jit_without_gil', 'uncompiled']
+__all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation', 'borrowed',
+           'by_type', 'handle', 'inlined', 'jit', 'jit_without_gil', 'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 try:
     import numba
     from numba.core import event as numba_event
+    from numba.experimental import structref
     from numba.extending import intrinsic, overload
     import scipy.linalg  # noqa: F401 (numba's np.linalg is scipy's LAPACK)
     COMPILED: bool = not numba.config.DISABLE_JIT
@@ -58,16 +59,24 @@ def _compiled(function: Function, **options: bool) -> Function:
     return compiled  # type: ignore[no-any-return]
 
 
-if COMPILED:
-    @intrinsic  # type: ignore[untyped-decorator]
-    def borrowed(typing: Any, value: Any) -> tuple[Any, Callable[..., Any]]:
-        """Return arrays, or nested tuples of arrays, whose owners are not counted.
+def borrowed(value: Any) -> Any:
+    """Return ``value``; in a compiled function, without counting the owners of its arrays.
 
-        numba counts the owners of an array each time one is taken out of a tuple and when it is
-        no longer used, with atomic operations: in a loop over tuples of many arrays that takes
-        most of the time. For arguments of a compiled function alone, which its caller keeps
-        alive; nothing of it may be returned to Python.
-        """
+    numba counts the owners of an array each time one is taken out of a tuple and when it is no
+    longer used, with atomic operations: with tuples of many arrays that takes most of the time.
+    ``pairs = borrowed(pairs)`` at the begin of a function lets numba see that nothing of this
+    argument is to be counted. The caller keeps it alive; nothing of it may be returned to Python.
+    """
+    return value
+
+
+if COMPILED:
+    @overload(borrowed, strict=False)
+    def _borrowed(value: Any) -> Callable[..., Any]:
+        return lambda value: _ownerless(value)
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def _ownerless(typing: Any, value: Any) -> tuple[Any, Callable[..., Any]]:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             return _without_owner(context, builder, signature.args[0], arguments[0])
 
@@ -84,10 +93,17 @@ if COMPILED:
                 part = _without_owner(context, builder, inner, builder.extract_value(value, place))
                 value = builder.insert_value(value, part, place)
         return value
-else:
-    def borrowed(value: Any) -> Any:
-        """Return ``value``."""
-        return value
+
+
+def inlined(function: Function) -> Function:
+    """Compile a module-level function as a part of each compiled one that calls it, never alone.
+
+    For what takes long to compile and has few callers: on its own it would be optimised twice.
+    """
+    if numba is None:
+        return function
+    compiled = numba.njit(inline='always', error_model='numpy')(function)
+    return compiled  # type: ignore[no-any-return]
 
 
 class ByType(Protocol):
@@ -135,6 +151,38 @@ def by_type(function: Callable[..., Any]) -> ByType:
             return getattr(chosen, 'py_func', None)
     result: ByType = generic
     return result
+
+
+class Handle:
+    """A NamedTuple that compiled functions get as one argument; ``value`` is it.
+
+    Each array in an argument costs a call from Python 0.2 µs, whether it is used or not.
+    """
+
+    def __init__(self, value: Any) -> None:
+        """Take the NamedTuple."""
+        self.value = value
+
+
+if COMPILED:
+    @structref.register
+    class _HandleType(numba.types.StructRef):  # type: ignore[misc]
+        def preprocess_fields(self, fields: Any) -> Any:
+            return tuple((name, numba.types.unliteral(kind)) for name, kind in fields)
+
+    class _CompiledHandle(structref.StructRefProxy):  # type: ignore[misc]
+        pass
+
+    structref.define_proxy(_CompiledHandle, _HandleType, ['value'])
+
+    @jit
+    def _new_handle(value: Any) -> Any:
+        return _CompiledHandle(value)
+
+
+def handle(value: Any) -> Any:
+    """Return a `Handle` of a NamedTuple: its arrays are shared, its scalars are those of now."""
+    return _new_handle(value) if COMPILED else Handle(value)
 
 
 def uncompiled(function: Function) -> Function:

@@ -8,7 +8,7 @@ import numpy as np
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.identification import history, history_step
 from adaptive_blf_control.identification.history_stack import HistoryStack
-from adaptive_blf_control.identification.recorded_pairs import (
+from adaptive_blf_control.identification.stack_arrays import (
     clear_pairs,
     COUNT,
     Pairs,
@@ -18,12 +18,6 @@ from adaptive_blf_control.identification.recorded_pairs import (
 )
 
 __all__ = ['arrays_of_stack']
-
-
-@jit
-def _offer(pairs: Pairs, regressor: np.ndarray, torque: np.ndarray) -> bool:
-    history_step.offer(pairs, regressor, torque)
-    return True
 
 
 @jit
@@ -43,7 +37,7 @@ def _sums(pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
     return pairs.gram, pairs.moment
 
 
-history.offer.register(Pairs, _offer)
+history.offer.register(Pairs, history_step.offer)
 history.forget_pairs.register(Pairs, clear_pairs)
 history.facts.register(Pairs, _facts)
 history.pairs.register(Pairs, _pairs)

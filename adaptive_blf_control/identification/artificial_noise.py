@@ -21,7 +21,7 @@ from adaptive_blf_control.identification.algorithm_1 import arrays_of_stack
 from adaptive_blf_control.identification.history import facts, offer, sums
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.pair_selection import is_different
-from adaptive_blf_control.identification.recorded_pairs import Pairs
+from adaptive_blf_control.identification.stack_arrays import Pairs
 
 __all__ = ['NoNoise', 'NoisyHistory', 'NoisyHistoryArrays', 'in_use', 'no_noise',
            'noisy_sums', 'offer_with_noise']

@@ -13,7 +13,8 @@ import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.history_step import offer
-from adaptive_blf_control.identification.recorded_pairs import (
+from adaptive_blf_control.identification.pair_selection import is_different
+from adaptive_blf_control.identification.stack_arrays import (
     clear_pairs,
     COUNT,
     GROWTH,
@@ -180,5 +181,8 @@ class HistoryStack:
         Returns:
             The slot that was filled or replaced, −1 where the pair was not taken.
         """
-        return int(offer(self.pairs, np.ascontiguousarray(regressor, dtype=float),
-                         np.ascontiguousarray(torque, dtype=float)))
+        regressor = np.ascontiguousarray(regressor, dtype=float)
+        # As `offer` does; by itself it spares most samples the way of all arrays into it.
+        if not self.shrinking and not is_different(regressor, self.pairs.last, self.epsilon):
+            return -1
+        return int(offer(self.pairs, regressor, np.ascontiguousarray(torque, dtype=float)))

@@ -11,7 +11,7 @@ from adaptive_blf_control.identification.rank_selection import (
     oldest_least_missed,
     replacement_for_rank,
 )
-from adaptive_blf_control.identification.recorded_pairs import (
+from adaptive_blf_control.identification.stack_arrays import (
     COUNT,
     GROWTH,
     INSERTIONS,
@@ -120,9 +120,9 @@ def _take_turn(pairs: Pairs, slot: int) -> None:
 @jit
 def _least_missed(pairs: Pairs) -> int:
     """Slot whose absence leaves the largest σ_min, or the oldest that costs the least rank."""
-    nothing = np.zeros(pairs.last.shape)
-    if pairs.counters[RANK] == nothing.shape[1]:
-        slot, _ = best_replacement(pairs, nothing, pairs.figures[TOLERANCE])
+    n, m = pairs.last.shape
+    if pairs.counters[RANK] == m:
+        slot, _ = best_replacement(pairs, np.zeros((n, m)), pairs.figures[TOLERANCE])
         if slot >= 0:
             return slot
     return oldest_least_missed(pairs)
@@ -132,8 +132,8 @@ def _least_missed(pairs: Pairs) -> int:
 def _remove(pairs: Pairs, slot: int) -> None:
     """Take a pair away; the last one moves into its slot."""
     counters = pairs.counters
-    nothing = np.zeros(pairs.last.shape)
-    followed = sums_follow(pairs, slot, nothing, np.zeros(nothing.shape[0]))
+    n, m = pairs.last.shape
+    followed = sums_follow(pairs, slot, np.zeros((n, m)), np.zeros(n))
     counters[COUNT] -= 1
     last = counters[COUNT]
     follow_slot(pairs.directions, slot, pairs.regressors[last])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +36,7 @@ from adaptive_blf_control.identification.step import (
 from adaptive_blf_control.identification.torque_filter import FilteredPair
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 
-__all__ = ['Identifier', 'IdentifierSettings', 'Snapshot']
+__all__ = ['BLOCK', 'Identifier', 'IdentifierSettings', 'LearnedBlock', 'Snapshot']
 
 _DROPPED = {'not finite': NOT_FINITE, 'too large': TOO_LARGE, 'stamp repeated': REPEATED,
             'stamp went back': WENT_BACK}
@@ -57,6 +58,24 @@ class Snapshot(NamedTuple):
     rank: int
     sigma_min: float
     insertions: int
+
+
+class LearnedBlock(NamedTuple):
+    """Samples of a log that were taken one after the other, B of them.
+
+    Attributes:
+        samples: Where they are in the log.
+        rows: [Y_f τ_f] after each of them, shape (B, n, m + 1).
+        usable: Whether the filters had advanced to that pair and were settled, shape (B,).
+    """
+
+    samples: slice
+    rows: np.ndarray
+    usable: np.ndarray
+
+
+BLOCK = 64
+"""Samples of a log that are taken between two returns to Python."""
 
 
 class Identifier:
@@ -330,9 +349,38 @@ class Identifier:
         Raises:
             ParameterError: an array has another shape.
         """
-        times = checked_array('t', t, (-1,))
-        rows = [checked_array(name, value, (len(times), self.arm.n), self.arm.joints)
-                for name, value in (('q', q), ('qd', qd), ('tau', tau))]
-        for sample in zip(times.tolist(), *rows):
-            self.update(*sample)
+        for _ in self.learn_in_blocks(t, q, qd, tau):
+            pass
         return self.theta
+
+    def learn_in_blocks(self, t: Any, q: Any, qd: Any, tau: Any, learning: Any = True,
+                        size: int = BLOCK) -> Iterator[LearnedBlock]:
+        """Take a whole log as :meth:`learn` does, and show what its samples gave.
+
+        Args:
+            t: Times, shape (N,) [s].
+            q: Positions, shape (N, n) [rad].
+            qd: Velocities, shape (N, n) [rad/s].
+            tau: Mean torques over the intervals that end at ``t``, shape (N, n) [N·m].
+            learning: Whether it is learned from a sample, which else is only filtered; one for
+                all, or shape (N,).
+            size: Samples in a block.
+
+        Yields:
+            The blocks in their order, each once its samples have been taken.
+
+        Raises:
+            ParameterError: an array has another shape.
+        """
+        n, m = self.arm.n, self.arm.m
+        times = checked_array('t', t, (-1,))
+        q, qd, tau = (checked_array(name, value, (len(times), n), self.arm.joints)
+                      for name, value in (('q', q), ('qd', qd), ('tau', tau)))
+        chosen = np.array(np.broadcast_to(np.asarray(learning, dtype=bool), times.shape))
+        for begin in range(0, len(times), size):
+            some = slice(begin, begin + size)
+            count = len(times[some])
+            block = LearnedBlock(some, np.empty((count, n, m + 1)), np.empty(count, dtype=bool))
+            self._parts.take_all(times[some], q[some], qd[some], tau[some], self._no_term,
+                                 chosen[some], block.rows, block.usable)
+            yield block

@@ -17,7 +17,6 @@ import math
 import numpy as np
 
 from adaptive_blf_control.compiled import jit
-from adaptive_blf_control.identification.recorded_pairs import COUNT, Pairs, trace
 from adaptive_blf_control.identification.squares import (
     add_square,
     dot,
@@ -25,6 +24,7 @@ from adaptive_blf_control.identification.squares import (
     project,
     seen_square,
 )
+from adaptive_blf_control.identification.stack_arrays import COUNT, Pairs, trace
 from adaptive_blf_control.identification.tridiagonal import (
     eigenvector,
     EPSILON,
@@ -91,12 +91,12 @@ def best_replacement(pairs: Pairs, candidate: np.ndarray, wanted: float) -> tupl
     m = pairs.moment.size
     gain = seen_square(candidate, directions.weakest, m)
     # Far above the rounding of Q, far below what matters.
-    slack = 1e-12 * wanted + 32.0 * EPSILON * trace(pairs.gram)
+    slack = 1e-14 * wanted + 2.0 * EPSILON * trace(pairs.gram)
     if not _bound_by_weakest(directions, count, gain + slack, wanted):
         return -1, 0.0
     pairs.grown[:, :] = pairs.gram
-    add_square(pairs.grown, candidate, 1.0)
-    slack += 32.0 * EPSILON * (trace(pairs.grown) - trace(pairs.gram))
+    add_square(pairs.grown, candidate, candidate.shape[0], 1.0)
+    slack += 2.0 * EPSILON * (trace(pairs.grown) - trace(pairs.gram))
     project(candidate, directions.basis, directions.counters[SET], directions.candidate)
     best, best_slot = wanted, -1
     while True:
@@ -163,7 +163,7 @@ def _sigma_min_with(pairs: Pairs, slot: int) -> float:
     """σ_min with the candidate in a slot; ``vector`` becomes the direction."""
     form, m = pairs.trial, pairs.moment.size
     form.matrix[:, :] = pairs.grown
-    add_square(form.matrix, pairs.regressors[slot], -1.0)
+    add_square(form.matrix, pairs.regressors[slot], pairs.regressors.shape[1], -1.0)
     reduce(form, m)
     value = smallest_eigenvalue(form, m)
     eigenvector(form, m, value, pairs.directions.vector)

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from adaptive_blf_control.compiled import jit
-from adaptive_blf_control.identification.recorded_pairs import COUNT, Pairs, RANK, rank_of
 from adaptive_blf_control.identification.squares import add_square
+from adaptive_blf_control.identification.stack_arrays import COUNT, Pairs, RANK, rank_of
 from adaptive_blf_control.identification.tridiagonal import reduce
 
 __all__ = ['oldest', 'oldest_least_missed', 'replacement_for_rank']
@@ -55,7 +55,7 @@ def _where_rank_grows(pairs: Pairs, candidate: np.ndarray) -> int:
     """Slot whose replacement makes the rank largest, if it grows; else −1."""
     n, m = candidate.shape
     pairs.grown[:, :] = pairs.gram
-    add_square(pairs.grown, candidate, 1.0)
+    add_square(pairs.grown, candidate, candidate.shape[0], 1.0)
     pairs.trial.matrix[:, :] = pairs.grown
     reduce(pairs.trial, m)
     rank, _ = rank_of(pairs.trial, (pairs.counters[COUNT] + 1) * n)
@@ -74,8 +74,10 @@ def _rank_with(pairs: Pairs, slot: int, candidate: np.ndarray) -> int:
     n, m = candidate.shape
     count, form = pairs.counters[COUNT], pairs.trial
     form.matrix[:, :] = 0.0
-    for other in range(count):
-        add_square(form.matrix, candidate if other == slot else pairs.regressors[other], 1.0)
+    rows = pairs.regressors.reshape(pairs.regressors.shape[0] * n, m)
+    add_square(form.matrix, rows, slot * n, 1.0)
+    add_square(form.matrix, candidate, n, 1.0)
+    add_square(form.matrix, rows[(slot + 1) * n:], (count - slot - 1) * n, 1.0)
     reduce(form, m)
     rank, _ = rank_of(form, count * n)
     return rank

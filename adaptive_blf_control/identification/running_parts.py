@@ -9,7 +9,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.regressors import arrays_of, regressors
-from adaptive_blf_control.compiled import uncompiled
+from adaptive_blf_control.compiled import handle, uncompiled
 from adaptive_blf_control.identification.algorithm_1 import arrays_of_stack
 from adaptive_blf_control.identification.artificial_noise import no_noise, NoisyHistory
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor, ResidualMonitor
@@ -21,12 +21,17 @@ from adaptive_blf_control.identification.state_filter import LowPass, StateFilte
 from adaptive_blf_control.identification.step import (
     AGE,
     BEGUN,
-    identifier_step,
     IdentifierState,
+    learn_pair,
     learn_step,
     LearnerState,
+    Learning,
+    observe_sample,
     observe_step,
     PairState,
+    Running,
+    take_sample,
+    take_samples,
 )
 from adaptive_blf_control.identification.torque_filter import TorqueFilter
 from adaptive_blf_control.identification.update_laws import (
@@ -112,8 +117,9 @@ class RunningParts:
         observes = state_filter is not self.state_filter and not isinstance(
             self.arm, _ArmInPython)
         self.compiled = observes and arrays is not None
-        self._observe = observe_step if observes else uncompiled(observe_step)
-        self._learn = learn_step if arrays is not None else uncompiled(learn_step)
+        self._handle: Any = (
+            handle(Running(self.arm, self.state)) if self.compiled else
+            handle(Learning(self.state.pair, self.state.learner)) if arrays else None)
 
     @property
     def memory(self) -> float:
@@ -127,19 +133,41 @@ class RunningParts:
 
     def observe(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> float:
         """Filter one sample, see `observe_step`."""
+        if self.compiled:
+            return float(observe_sample(self._handle, t, q, qd, tau))
         state = self.state
-        return float(self._observe(self.arm, state.state_filter, state.pair, t, q, qd, tau))
+        return uncompiled(observe_step)(self.arm, state.state_filter, state.pair, t, q, qd, tau)
 
     def take(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
              term: np.ndarray) -> None:
         """Filter one sample and learn from it, see `identifier_step`."""
-        state = self.state
         if self.compiled:
-            identifier_step(self.arm, state, t, q, qd, tau, term)
+            take_sample(self._handle, t, q, qd, tau, term)
             return
-        dt = self._observe(self.arm, state.state_filter, state.pair, t, q, qd, tau)
+        dt = self.observe(t, q, qd, tau)
         if dt > 0.0:
-            self._learn(state.pair, state.learner, dt, term)
+            self._learn(dt, term)
+
+    def _learn(self, dt: float, term: np.ndarray) -> None:
+        if self._handle is None:
+            uncompiled(learn_step)(self.state.pair, self.state.learner, dt, term)
+        else:
+            learn_pair(self._handle, dt, term)
+
+    def take_all(self, t: np.ndarray, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
+                 term: np.ndarray, learning: np.ndarray, rows: np.ndarray,
+                 usable: np.ndarray) -> None:
+        """Take samples one after the other, see `take_samples`."""
+        if self.compiled:
+            take_samples(self._handle, t, q, qd, tau, term, learning, rows, usable)
+            return
+        pair, m = self.state.pair, self._theta.size
+        for k in range(t.size):
+            dt = self.observe(t[k], q[k], qd[k], tau[k])
+            if dt > 0.0 and learning[k]:
+                self._learn(dt, term)
+            usable[k] = dt > 0.0 and pair.clock[AGE] >= pair.settling
+            rows[k, :, :m], rows[k, :, m] = pair.filter.regressor, pair.filter.torque
 
     def restart(self) -> None:
         """Restart the filters with the next sample, whatever its time is."""

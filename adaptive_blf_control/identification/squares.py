@@ -20,15 +20,26 @@ def dot(x: np.ndarray, y: np.ndarray, size: int) -> float:
 
 
 @jit
-def add_square(matrix: np.ndarray, regressor: np.ndarray, sign: float) -> None:
-    """Add ± YᵀY of a regressor, shape (n, m), to a matrix, shape (m, m)."""
-    n, m = regressor.shape
-    for k in range(n):
-        y = regressor[k]
+def add_square(matrix: np.ndarray, rows: np.ndarray, count: int, sign: float) -> None:
+    """Add ± YᵀY of the first ``count`` rows of Y, shape (·, m), to a symmetric matrix, (m, m)."""
+    m = matrix.shape[0]
+    whole = count - count % 4
+    for k in range(0, whole, 4):
+        y0, y1, y2, y3 = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
         for i in range(m):
-            row, weight = matrix[i], sign * y[i]
-            for j in range(m):
-                row[j] += weight * y[j]
+            row, a, b, c, d = matrix[i], sign * y0[i], sign * y1[i], sign * y2[i], sign * y3[i]
+            for j in range(i + 1):
+                row[j] += (a * y0[j] + b * y1[j]) + (c * y2[j] + d * y3[j])
+    for k in range(whole, count):
+        y0 = rows[k]
+        for i in range(m):
+            row, a = matrix[i], sign * y0[i]
+            for j in range(i + 1):
+                row[j] += a * y0[j]
+    for i in range(m):
+        row = matrix[i]
+        for j in range(i):
+            matrix[j, i] = row[j]
 
 
 @jit

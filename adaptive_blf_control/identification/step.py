@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.regressors import regressors
-from adaptive_blf_control.compiled import all_finite, jit
+from adaptive_blf_control.compiled import all_finite, Handle, inlined, jit
 from adaptive_blf_control.identification.artificial_noise import (
     in_use,
     noisy_sums,
@@ -22,7 +22,7 @@ from adaptive_blf_control.identification.artificial_noise import (
 )
 from adaptive_blf_control.identification.change_monitor import contradicted, forget_residuals
 from adaptive_blf_control.identification.excitation import accumulate, ExcitationArrays
-from adaptive_blf_control.identification.history import facts, forget_pairs, offer, sums
+from adaptive_blf_control.identification.history import facts, forget_pairs, offer, sums, UNJUDGED
 from adaptive_blf_control.identification.state_filter import filtered, forget_states
 from adaptive_blf_control.identification.torque_filter import (
     filter_pair,
@@ -31,9 +31,10 @@ from adaptive_blf_control.identification.torque_filter import (
 )
 from adaptive_blf_control.identification.update_laws import Evidence, stepped
 
-__all__ = ['AGE', 'BEGUN', 'CHANGES', 'IdentifierState', 'LearnerState', 'NOT_FINITE', 'PairState',
-           'REPEATED', 'RESTARTS', 'TIME', 'TOO_LARGE', 'UPDATES', 'WENT_BACK', 'identifier_step',
-           'learn_step', 'observe_step']
+__all__ = ['AGE', 'BEGUN', 'CHANGES', 'IdentifierState', 'LearnerState', 'Learning', 'NOT_FINITE',
+           'PairState', 'REPEATED', 'RESTARTS', 'Running', 'TIME', 'TOO_LARGE', 'UPDATES',
+           'WENT_BACK', 'identifier_step', 'learn_pair', 'learn_step', 'observe_sample',
+           'observe_step', 'take_sample', 'take_samples']
 
 # Filtered regressors (rad/s², rad²/s², m/s² and the like) and torques [N·m] of a robot stay far
 # below this; the squares of what does not would drown the update law in rounding.
@@ -122,7 +123,7 @@ def _usable(pair: TorqueFilterArrays) -> bool:
                 and (np.abs(pair.torque) < LARGEST).all())
 
 
-@jit
+@inlined
 def observe_step(arm: Any, state_filter: Any, pair: PairState, t: float, q: np.ndarray,
                  qd: np.ndarray, tau: np.ndarray) -> float:
     """Filter one sample without learning from it.
@@ -168,7 +169,7 @@ def observe_step(arm: Any, state_filter: Any, pair: PairState, t: float, q: np.n
     return dt
 
 
-@jit
+@inlined
 def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarray) -> None:
     """Record the present pair, or forget the recorded ones, and advance θ̂.
 
@@ -187,7 +188,7 @@ def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarr
         pair.clock[AGE] = 0.0  # the filters still remember the arm of before
         settled = pair.settling <= 0.0
     if settled:
-        if not offer(learner.history, regressor, torque):
+        if offer(learner.history, regressor, torque) == UNJUDGED:
             counts[NOT_FINITE] += 1
         offer_with_noise(learner.noise, regressor, torque, facts(learner.history)[2])
     accumulate(learner.excitation, dt, regressor)
@@ -203,7 +204,7 @@ def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarr
         counts[NOT_FINITE] += 1
 
 
-@jit
+@inlined
 def identifier_step(arm: Any, state: IdentifierState, t: float, q: np.ndarray, qd: np.ndarray,
                     tau: np.ndarray, term: np.ndarray) -> float:
     """Filter one sample, record its pair and advance θ̂; see `observe_step` and `learn_step`."""
@@ -211,3 +212,74 @@ def identifier_step(arm: Any, state: IdentifierState, t: float, q: np.ndarray, q
     if dt > 0.0:
         learn_step(state.pair, state.learner, dt, term)
     return dt
+
+
+class Running(NamedTuple):
+    """An identifier with its arm.
+
+    Attributes:
+        arm: The arm, see `adaptive_blf_control.arms.regressors`.
+        state: The identifier.
+    """
+
+    arm: Any
+    state: IdentifierState
+
+
+class Learning(NamedTuple):
+    """A pair with what is learned from it, where the filters before it are in Python."""
+
+    pair: PairState
+    learner: LearnerState
+
+
+@jit
+def learn_pair(learning: Handle, dt: float, term: np.ndarray) -> None:
+    """Learn from the present pair as `learn_step` does, called from Python."""
+    pair, learner = learning.value
+    learn_step(pair, learner, dt, term)
+
+
+@jit
+def observe_sample(running: Handle, t: float, q: np.ndarray, qd: np.ndarray,
+                   tau: np.ndarray) -> float:
+    """Take one sample as `observe_step` does, called from Python."""
+    arm, state = running.value
+    return observe_step(arm, state.state_filter, state.pair, t, q, qd, tau)
+
+
+@jit
+def take_sample(running: Handle, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
+                term: np.ndarray) -> float:
+    """Take one sample as `identifier_step` does, called from Python."""
+    arm, state = running.value
+    return identifier_step(arm, state, t, q, qd, tau, term)
+
+
+@jit
+def take_samples(running: Handle, t: np.ndarray, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
+                 term: np.ndarray, learning: np.ndarray, rows: np.ndarray,
+                 usable: np.ndarray) -> None:
+    """Take samples one after the other, and show what each gave.
+
+    Args:
+        running: The identifier.
+        t: Times, shape (N,) [s].
+        q: Positions, shape (N, n) [rad].
+        qd: Velocities, shape (N, n) [rad/s].
+        tau: Mean torques over the intervals that end at ``t``, shape (N, n) [N·m].
+        term: Xᵀe2 held over all of them, shape (m,).
+        learning: Whether it is learned from a sample; else it is filtered only; shape (N,).
+        rows: To be filled with [Y_f τ_f], shape (N, n, m + 1).
+        usable: To be filled: whether the filters were settled in a sample they advanced by, (N,).
+    """
+    arm, state = running.value
+    pair, learner = state.pair, state.learner
+    m = learner.theta.size
+    for k in range(t.size):
+        dt = observe_step(arm, state.state_filter, pair, t[k], q[k], qd[k], tau[k])
+        if dt > 0.0 and learning[k]:
+            learn_step(pair, learner, dt, term)
+        usable[k] = dt > 0.0 and pair.clock[AGE] >= pair.settling
+        rows[k, :, :m] = pair.filter.regressor
+        rows[k, :, m] = pair.filter.torque

@@ -189,8 +189,8 @@ def eigenvector(form: Tridiagonal, size: int, value: float, x: np.ndarray) -> No
     Two steps of inverse iteration below ``value``, which is exact to rounding.
     """
     pivot, factor = form.work[0], form.work[1]
-    shift = value - 4.0 * EPSILON * _row_sum(form, size)
-    tiny = EPSILON * max(abs(value - shift), 1e-290)
+    below = 4.0 * EPSILON * max(_row_sum(form, size), 1e-100)
+    shift, tiny = value - below, EPSILON * below
     before = 1.0
     for i in range(size):
         x[i] = 1.0
@@ -215,7 +215,7 @@ def eigenvector(form: Tridiagonal, size: int, value: float, x: np.ndarray) -> No
 
 @jit
 def _turn_back(form: Tridiagonal, size: int, x: np.ndarray) -> None:
-    """X ← Z x."""
+    """Replace x by Z x."""
     for k in range(1, size):
         row, total = form.matrix[k], 0.0
         for i in range(k):

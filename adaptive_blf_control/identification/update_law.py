@@ -139,10 +139,10 @@ def _same_vector(one: np.ndarray, other: np.ndarray) -> bool:
 
 @jit
 def _same_matrix(one: np.ndarray, other: np.ndarray) -> bool:
+    same = True
     for i in range(one.shape[0]):
-        if not _same_vector(one[i], other[i]):
-            return False
-    return True
+        same = same and _same_vector(one[i], other[i])
+    return same
 
 
 @jit
@@ -162,7 +162,7 @@ def _keep(kept: KeptHistory, gram: np.ndarray, gamma: np.ndarray) -> None:
 @jit
 def _history_slope(scaled: np.ndarray, root: np.ndarray, theta: np.ndarray, kh: float,
                    gram: np.ndarray, moment: np.ndarray, adaptation_term: np.ndarray) -> None:
-    """Scaled = √Γ (k_h (g − G θ̂) − Xᵀe2)."""
+    """Set ``scaled`` to √Γ (k_h (g − G θ̂) − Xᵀe2)."""
     m = theta.size
     for i in range(m):
         row, total = gram[i], 0.0
@@ -173,7 +173,7 @@ def _history_slope(scaled: np.ndarray, root: np.ndarray, theta: np.ndarray, kh: 
 
 @jit
 def _turned(axes: np.ndarray, x: np.ndarray, result: np.ndarray) -> None:
-    """Result = Zᵀ x, four rows of Z at a time."""
+    """Set ``result`` to Zᵀ x, four rows of Z at a time."""
     m = x.size
     for k in range(m):
         result[k] = 0.0
@@ -203,14 +203,14 @@ def _factorise(pivot: np.ndarray, factor: np.ndarray, diagonal: np.ndarray, off:
 
 @jit
 def _eliminate(factor: np.ndarray, x: np.ndarray) -> None:
-    """X ← L⁻¹ x."""
+    """Replace x by L⁻¹ x."""
     for i in range(1, x.size):
         x[i] -= factor[i] * x[i - 1]
 
 
 @jit
 def _substitute(factor: np.ndarray, x: np.ndarray) -> None:
-    """X ← L⁻ᵀ x."""
+    """Replace x by L⁻ᵀ x."""
     for i in range(x.size - 1, 0, -1):
         x[i - 1] -= factor[i] * x[i]
 

@@ -28,7 +28,7 @@ __all__ = ['add_direction', 'clear_directions', 'Directions', 'follow_slot', 'ne
            'project_gram', 'set_weakest', 'SET']
 
 MOST = 14  # directions: more of them cost more than they save
-KNOWN = 1e-3  # a direction of which less is outside of W has no place in it
+KNOWN = 1e-8  # a direction of which less is outside of W has no place in it
 
 SET, NEXT = range(2)  # elements of `Directions.counters`
 
@@ -152,6 +152,6 @@ def project_gram(directions: Directions, gram: np.ndarray) -> None:
 def follow_slot(directions: Directions, slot: int, regressor: np.ndarray) -> None:
     """Let what W sees follow a replacement."""
     count = directions.counters[SET]
-    add_square(directions.gram, directions.seen[slot], -1.0)
+    add_square(directions.gram, directions.seen[slot], regressor.shape[0], -1.0)
     project(regressor, directions.basis, count, directions.seen[slot])
-    add_square(directions.gram, directions.seen[slot], 1.0)
+    add_square(directions.gram, directions.seen[slot], regressor.shape[0], 1.0)

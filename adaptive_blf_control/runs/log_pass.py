@@ -20,6 +20,8 @@ __all__ = ['NO_TEST', 'Given', 'LogPass', 'Prediction', 'Span', 'choose_spans', 
 NO_TEST = 'none'
 Given = str | Sequence[float | None] | None
 """A span as a caller gives it, see `choose_spans`."""
+TIMED = 16
+"""Samples that are taken, and timed, together."""
 
 
 class Span(NamedTuple):
@@ -49,7 +51,7 @@ class LogPass(NamedTuple):
     Attributes:
         train: The filtered pairs θ̂ was learned from.
         test: The filtered pairs it never saw.
-        seconds: Time each update took, shape (number of samples in the training span,) [s].
+        seconds: Time an update took, a mean over each `TIMED` samples of the training span [s].
         prediction: The torque of the test span.
     """
 
@@ -132,21 +134,18 @@ def learn(identifier: Identifier, log: MeasuredLog, train: Span, test: Span) -> 
     fits = BatchFit(n, m), BatchFit(n, m)
     identifier.warm_up()
     seconds, tested = [], []
-    for i in np.flatnonzero(log.t <= test.end):
-        sample = float(log.t[i]), log.q[i], log.qd[i], log.tau[i]
-        before, restarts = identifier.pair, identifier.restarts
-        if learning[i]:
-            begin = time.perf_counter()  # how long the work takes, not a time of the logic
-            identifier.update(*sample)
-            seconds.append(time.perf_counter() - begin)
-        else:
-            identifier.observe(*sample)
-        advanced = identifier.pair is not before and identifier.restarts == restarts
-        if advanced and identifier.settled and (learning[i] or testing[i]):
-            fits[0 if learning[i] else 1].add(*identifier.pair)
-            if testing[i]:
-                regressor, torque = identifier.pair
-                tested.append((log.t[i], torque, regressor @ identifier.theta))
-    prediction = (Prediction(*(np.array(column) for column in zip(*tested))) if tested else
-                  Prediction(np.empty(0), np.empty((0, n)), np.empty((0, n))))
+    until = int(np.searchsorted(log.t, test.end, side='right'))
+    begin = time.perf_counter()  # how long the work takes, not a time of the logic
+    for block in identifier.learn_in_blocks(log.t[:until], log.q[:until], log.qd[:until],
+                                            log.tau[:until], learning[:until], TIMED):
+        taken, some = time.perf_counter() - begin, block.samples
+        if learning[some].any():
+            seconds.append(taken / block.usable.size)
+        for fit, span in zip(fits, (learning, testing & ~learning)):
+            fit.add(block.rows[block.usable & span[some]])
+        rows = block.rows[block.usable & testing[some]]
+        tested.append((log.t[some][block.usable & testing[some]], rows[:, :, m],
+                       rows[:, :, :m] @ identifier.theta))
+        begin = time.perf_counter()
+    prediction = Prediction(*(np.concatenate(column) for column in zip(*tested)))
     return LogPass(*fits, np.array(seconds), prediction)

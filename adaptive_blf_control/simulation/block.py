@@ -15,7 +15,7 @@ from adaptive_blf_control.compiled import borrowed, jit, jit_without_gil
 from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.control.step import Answer, controller_step, ControllerArrays
-from adaptive_blf_control.identification.recorded_pairs import INSERTIONS, RANK, SIGMA_MIN
+from adaptive_blf_control.identification.stack_arrays import INSERTIONS, RANK, SIGMA_MIN
 from adaptive_blf_control.identification.step import identifier_step, IdentifierState
 from adaptive_blf_control.simulation.step import (
     delayed,
@@ -193,6 +193,7 @@ def run_block(loop: LoopArrays, memory: LoopMemory, given: BlockInputs, trace: T
 @jit
 def _write_trace(trace: TraceRows, k: int, q: np.ndarray, qd: np.ndarray, reference: np.ndarray,
                  torque: np.ndarray, theta: np.ndarray) -> None:
+    trace = borrowed(trace)
     for i in range(q.size):
         trace.q[k, i], trace.qd[k, i] = q[i], qd[i]
         trace.e1[k, i] = q[i] - reference[i]

@@ -11,8 +11,8 @@ import pytest
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.identification.recorded_pairs import SIZE, THRESHOLD
 from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.identification.stack_arrays import SIZE, THRESHOLD
 
 
 def named(**values):

@@ -11,7 +11,7 @@ import pytest
 import adaptive_blf_control as door
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.artificial_noise import NoisyHistory
+from adaptive_blf_control.identification.artificial_noise import NoisyHistory, offer_with_noise
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.identification.settings import IdentifierSettings
@@ -172,7 +172,7 @@ def test_noise_ends_when_its_own_stack_has_full_rank():
     for _ in range(50):
         regressor = np.zeros((2, 5))
         regressor[0, 0] = random.normal()
-        history.offer(regressor, np.zeros(2))
+        offer_with_noise(history.arrays, regressor, np.zeros(2), 0)
     assert history.stack.rank == 5
     assert history.noisy == 3  # two rows each
 

@@ -54,7 +54,7 @@ def test_known_model_starts_with_the_value_of_the_barrier_and_e2_alone(run):
 
 def test_a_run_beyond_the_guaranteed_error_is_reported_with_joint_and_time(run):
     loop, trace = run('two_link', 0.5)
-    aside = np.where(trace.t >= 0.25, 0.2, 0.0)[:, None] * [1.0, 0.0]
+    aside = np.where(trace.t >= 0.25, 0.25, 0.0)[:, None] * [1.0, 0.0]
     guarantee = guarantee_of_trace(loop, dataclasses.replace(
         trace, q=trace.q + aside, e1=trace.e1 + aside))
     assert guarantee.first.joint == 'joint1'

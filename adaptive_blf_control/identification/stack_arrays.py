@@ -38,7 +38,7 @@ __all__ = ['clear_pairs', 'COUNT', 'GROWTH', 'INSERTIONS', 'is_full',
 # Q may follow from the one before while what rounding has left in it is surely below this part
 # of σ_min and this many units in its last place; otherwise it is summed anew.
 NEGLIGIBLE = 1e-6
-UNITS = 16.0
+UNITS = 64.0
 
 # Elements of `Pairs.counters` ...
 SIZE, COUNT, INSERTIONS, REVISION, RANK, TURN = range(6)
@@ -86,7 +86,8 @@ def new_pairs(n: int, m: int, slots: int) -> Pairs:
 
 def with_slots(pairs: Pairs, slots: int) -> Pairs:
     """Return the same stack with more slots."""
-    result = new_pairs(*pairs.last.shape, slots)
+    n, m = pairs.last.shape
+    result = new_pairs(n, m, slots)
     count, source, target = pairs.counters[COUNT], pairs.directions, result.directions
     for new, old in ((result.regressors, pairs.regressors), (result.torques, pairs.torques),
                      (result.turns, pairs.turns), (target.seen, source.seen),
@@ -136,8 +137,10 @@ def sum_anew(pairs: Pairs) -> None:
     """Sum Q and the moment over the pairs."""
     pairs.gram[:, :] = 0.0
     pairs.moment[:] = 0.0
-    for slot in range(pairs.counters[COUNT]):
-        add_square(pairs.gram, pairs.regressors[slot], 1.0)
+    slots, n, m = pairs.regressors.shape
+    count = pairs.counters[COUNT]
+    add_square(pairs.gram, pairs.regressors.reshape(slots * n, m), count * n, 1.0)
+    for slot in range(count):
         _add_moment(pairs.moment, pairs.regressors[slot], pairs.torques[slot], 1.0)
     pairs.figures[ROUNDING] = 0.0
 
@@ -148,7 +151,7 @@ def sums_follow(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarr
 
     Only with rank full: in a deficient Q the rounding of earlier pairs would pass for rank.
     """
-    m = pairs.moment.size
+    n, m = regressor.shape
     if pairs.counters[RANK] < m:
         return False
     before, figures = trace(pairs.gram), pairs.figures
@@ -157,8 +160,8 @@ def sums_follow(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarr
     figures[ROUNDING] += EPSILON * max(before, after)
     if figures[ROUNDING] > min(UNITS * EPSILON * after, NEGLIGIBLE * figures[SIGMA_MIN]):
         return False
-    add_square(pairs.gram, regressor, 1.0)
-    add_square(pairs.gram, pairs.regressors[slot], -1.0)
+    add_square(pairs.gram, regressor, n, 1.0)
+    add_square(pairs.gram, pairs.regressors[slot], n, -1.0)
     _add_moment(pairs.moment, regressor, torque, 1.0)
     _add_moment(pairs.moment, pairs.regressors[slot], pairs.torques[slot], -1.0)
     return True
