@@ -17,6 +17,7 @@ from adaptive_blf_control.compiled import (
     before_each_compilation,
     by_type,
     COMPILED,
+    handle,
     jit,
 )
 from adaptive_blf_control.control import barrier, law, reference
@@ -227,3 +228,22 @@ def test_a_second_process_compiles_no_integrator():
                            text=True, env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
             for _ in range(2)]
     assert runs[-1].stdout == ''
+
+
+class Counter(NamedTuple):
+    count: np.ndarray
+    step: float
+
+
+@jit
+def _count(counter) -> float:
+    counter.value.count[0] += counter.value.step
+    return counter.value.count[0]
+
+
+def test_a_handle_shares_the_arrays_of_its_tuple_with_compiled_functions():
+    counter = Counter(np.zeros(1), 2.0)
+    held = handle(counter)
+    assert [_count(held) for _ in range(3)] == [2.0, 4.0, 6.0]
+    assert counter.count[0] == held.value.count[0] == 6.0
+    assert isinstance(held.value, Counter)

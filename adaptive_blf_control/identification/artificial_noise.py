@@ -11,35 +11,22 @@ pairs for ever: noise points in all directions and makes σ_min large.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import by_type, jit
+from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.algorithm_1 import arrays_of_stack
-from adaptive_blf_control.identification.history import facts, offer, sums
+from adaptive_blf_control.identification.history import facts, offer
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.pair_selection import is_different
 from adaptive_blf_control.identification.stack_arrays import Pairs
 
-__all__ = ['NoNoise', 'NoisyHistory', 'NoisyHistoryArrays', 'in_use', 'no_noise',
-           'noisy_sums', 'offer_with_noise']
+__all__ = ['ACTIVE', 'NOISY', 'NoisyHistory', 'NoisyHistoryArrays', 'offer_with_noise']
 
 # Elements of `NoisyHistoryArrays.counts`
 ACTIVE, NOISY = range(2)
-
-
-class NoNoise(NamedTuple):
-    """Nothing is offered with artificial noise; the arrays are there for their types."""
-
-    gram: np.ndarray
-    moment: np.ndarray
-
-
-def no_noise() -> NoNoise:
-    """Return what stands for no artificial noise."""
-    return NoNoise(np.zeros((1, 1)), np.zeros(1))
 
 
 class NoisyHistoryArrays(NamedTuple):
@@ -48,7 +35,8 @@ class NoisyHistoryArrays(NamedTuple):
     Attributes:
         history: The pairs, those with artificial noise among them.
         last: The last regressor that was different, without noise, shape (n, m).
-        counts: Whether the pairs are in use, and how many were offered with noise, shape (2,).
+        counts: By name: whether the pairs are ACTIVE, that is, taught from in place of the
+            measured ones; how many were offered with noise, NOISY; shape (2,).
         random: Where the noise comes from.
         deviation: Standard deviation of every element of Δ, relative to the RMS of Y_f.
         epsilon: ε of Algorithm 1, applied to the regressor without noise.
@@ -62,51 +50,17 @@ class NoisyHistoryArrays(NamedTuple):
     epsilon: float
 
 
-@by_type
-def offer_with_noise(noise: Any, regressor: np.ndarray, torque: np.ndarray, rank: int) -> None:
+@jit
+def offer_with_noise(noise: NoisyHistoryArrays, regressor: np.ndarray, torque: np.ndarray,
+                     rank: int) -> None:
     """Offer a pair to Algorithm 1, with noise while the rank of the noisy pairs is short.
 
     Args:
         noise: The pairs with artificial noise.
         regressor: Y_f, shape (n, m).
         torque: τ_f, shape (n,) [N·m].
-        rank: Rank of the measured pairs; once it is m, the noisy ones are out of use.
+        rank: Rank of the measured pairs; once it is m, the noisy ones are not active any more.
     """
-    raise TypeError(f'{type(noise).__name__} takes no pairs with artificial noise')
-
-
-@by_type
-def in_use(noise: Any) -> bool:
-    """Whether θ̂ is learned from the pairs with artificial noise, not from the measured ones."""
-    raise TypeError(f'{type(noise).__name__} holds no pairs with artificial noise')
-
-
-@by_type
-def noisy_sums(noise: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return Q, shape (m, m), and Σ Y_fjᵀ τ_fj, shape (m,), of the pairs with noise."""
-    raise TypeError(f'{type(noise).__name__} holds no pairs with artificial noise')
-
-
-@jit
-def _offer_nothing(noise: NoNoise, regressor: np.ndarray, torque: np.ndarray, rank: int) -> None:
-    pass
-
-
-@jit
-def _not_in_use(noise: NoNoise) -> bool:
-    return False
-
-
-@jit
-def _no_sums(noise: NoNoise) -> tuple[np.ndarray, np.ndarray]:
-    return noise.gram, noise.moment
-
-
-@jit
-def _offer_with_noise(noise: NoisyHistoryArrays, regressor: np.ndarray, torque: np.ndarray,
-                      rank: int) -> None:
-    if not noise.counts[ACTIVE]:
-        return
     n, m = regressor.shape
     if is_different(regressor, noise.last, noise.epsilon):
         noise.last[:, :] = regressor
@@ -119,23 +73,6 @@ def _offer_with_noise(noise: NoisyHistoryArrays, regressor: np.ndarray, torque: 
         offer(noise.history, offered, torque)
     if rank == m:
         noise.counts[ACTIVE] = 0
-
-
-@jit
-def _in_use(noise: NoisyHistoryArrays) -> bool:
-    return bool(noise.counts[ACTIVE])
-
-
-@jit
-def _noisy_sums(noise: NoisyHistoryArrays) -> tuple[np.ndarray, np.ndarray]:
-    return sums(noise.history)
-
-
-for _function, _none, _some in (
-        (offer_with_noise, _offer_nothing, _offer_with_noise), (in_use, _not_in_use, _in_use),
-        (noisy_sums, _no_sums, _noisy_sums)):
-    _function.register(NoNoise, _none)
-    _function.register(NoisyHistoryArrays, _some)
 
 
 class NoisyHistory:
@@ -155,16 +92,16 @@ class NoisyHistory:
             size: P, number of pairs.
             epsilon: ε of Algorithm 1, applied to the regressor without noise.
             deviation: Standard deviation of every element of Δ, relative to the RMS of the
-                elements of Y_f, > 0.
+                elements of Y_f; 0: never active.
             seed: Of the noise.
         """
-        if not (math.isfinite(deviation) and deviation > 0.0):
-            raise ParameterError('identifier.history.noise', deviation, 'a finite value > 0')
-        self.stack = HistoryStack(n, m, size, epsilon)
-        self._counts = np.array([1, 0])
+        if not (math.isfinite(deviation) and deviation >= 0.0):
+            raise ParameterError('identifier.history.noise', deviation, 'a finite value >= 0')
+        self.stack = HistoryStack(n, m, size if deviation > 0.0 else 1, epsilon)
+        self._counts = np.array([deviation > 0.0, 0], dtype=np.int64)
         self._random = np.random.default_rng(seed)
         self._last = np.zeros((n, m))
-        self._deviation = deviation
+        self._deviation = float(deviation)
 
     @property
     def arrays(self) -> NoisyHistoryArrays:
@@ -173,15 +110,20 @@ class NoisyHistory:
                                   self._random, self._deviation, float(self.stack.epsilon))
 
     @property
-    def active(self) -> bool:
-        """Whether θ̂ is learned from these pairs; no longer once the measured rank was full."""
-        return bool(self._counts[ACTIVE])
-
-    @property
     def noisy(self) -> int:
         """How many pairs were offered with artificial noise."""
         return int(self._counts[NOISY])
 
+    @property
+    def in_use(self) -> bool:
+        """Whether θ̂ is learned from pairs with artificial noise."""
+        return bool(self._counts[ACTIVE] and self._counts[NOISY])
+
+    def end(self) -> None:
+        """Go back to the measured pairs for good."""
+        self._counts[ACTIVE] = 0
+
     def retune(self, size: int, epsilon: float) -> None:
         """Use another P and ε."""
-        self.stack.retune(size, epsilon, 0.0)
+        if self._deviation > 0.0:
+            self.stack.retune(size, epsilon, 0.0)

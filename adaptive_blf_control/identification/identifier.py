@@ -153,23 +153,28 @@ class Identifier:
         return Snapshot(self.arm.parameters, self.theta, stack.rank, stack.sigma_min,
                         stack.insertions)
 
-    def warm_up(self) -> None:
-        """Compile everything that runs, or may be switched on, on throw-away identifiers.
+    def warm_up(self, log: bool = False) -> None:
+        """Compile everything that runs, or may be switched on, on a throw-away identifier.
 
         Parts that were given as objects are left alone.
+
+        Args:
+            log: What :meth:`learn` runs, in place of what :meth:`update` does.
         """
         settings = self.settings.replace(**{
             'history.size': self.arm.m, 'filter.settle': 0.0, 'filter.gap': 1.0,
             'change.window': max(self.settings.change.window, 1e-3),
             'excitation.window': max(self.settings.excitation.window, 1e-3)})
         parts = self._given.reusable()._asdict()
+        count, joints = settings.history.size + 5, self.arm.n
         random = np.random.default_rng(0)
-        for order in {0, 2, settings.filter.state_order}:
-            spare = Identifier(self.arm, settings.replace(**{'filter.state_order': order}),
-                               **parts)
-            for k in range(settings.history.size + 5):
-                q, qd, tau = random.normal(size=(3, self.arm.n))
-                spare.update(k * 1e-3, q, qd, tau)
+        t, samples = 1e-3 * np.arange(count), random.normal(size=(3, count, joints))
+        spare = Identifier(self.arm, settings, **parts)
+        if log:
+            spare.learn(t, *samples)
+            return
+        for k in range(count):
+            spare.update(t[k], *samples[:, k])
 
     def __repr__(self) -> str:
         """Show what has been learned."""

@@ -19,6 +19,7 @@ import numpy as np
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.identification.squares import (
     add_square,
+    assign,
     dot,
     energy,
     project,
@@ -94,7 +95,7 @@ def best_replacement(pairs: Pairs, candidate: np.ndarray, wanted: float) -> tupl
     slack = 1e-14 * wanted + 2.0 * EPSILON * trace(pairs.gram)
     if not _bound_by_weakest(directions, count, gain + slack, wanted):
         return -1, 0.0
-    pairs.grown[:, :] = pairs.gram
+    assign(pairs.grown, pairs.gram)
     add_square(pairs.grown, candidate, candidate.shape[0], 1.0)
     slack += 2.0 * EPSILON * (trace(pairs.grown) - trace(pairs.gram))
     project(candidate, directions.basis, directions.counters[SET], directions.candidate)
@@ -162,8 +163,8 @@ def _joint_bound(directions: Directions, slot: int) -> float:
 def _sigma_min_with(pairs: Pairs, slot: int) -> float:
     """σ_min with the candidate in a slot; ``vector`` becomes the direction."""
     form, m = pairs.trial, pairs.moment.size
-    form.matrix[:, :] = pairs.grown
-    add_square(form.matrix, pairs.regressors[slot], pairs.regressors.shape[1], -1.0)
+    assign(form.matrix, pairs.grown)
+    add_square(form.matrix, pairs.regressors[slot], pairs.last.shape[0], -1.0)
     reduce(form, m)
     value = smallest_eigenvalue(form, m)
     eigenvector(form, m, value, pairs.directions.vector)

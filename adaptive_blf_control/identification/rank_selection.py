@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which pair to replace while σ_min is 0, where Algorithm 1 cannot tell one from another.
 
-The replacement that makes the rank largest is taken if the rank grows; that happens at most m
-times, so this part is left to LAPACK. Where the rank stays, the oldest pair goes, unless the rank
-would fall.
+The replacement that makes the rank largest is taken if the rank grows. Where it stays, the oldest
+pair goes, unless the rank would fall.
 """
 
 from __future__ import annotations
@@ -11,96 +10,87 @@ from __future__ import annotations
 import numpy as np
 
 from adaptive_blf_control.compiled import jit
-from adaptive_blf_control.identification.squares import add_square
-from adaptive_blf_control.identification.stack_arrays import COUNT, Pairs, RANK, rank_of
-from adaptive_blf_control.identification.tridiagonal import reduce
+from adaptive_blf_control.identification.squares import add_square, assign
+from adaptive_blf_control.identification.stack_arrays import (
+    COUNT,
+    Pairs,
+    RANK,
+    rank_of,
+    take_turn,
+)
+from adaptive_blf_control.identification.tridiagonal import count_up_to, reduce
 
-__all__ = ['oldest', 'oldest_least_missed', 'replacement_for_rank']
-
-# A leverage this close to 1 is 1: no other pair reaches that direction.
-ALONE = 1.0 - 1e-10
-
-
-@jit
-def replacement_for_rank(pairs: Pairs, candidate: np.ndarray) -> tuple[int, int]:
-    """Return the slot to replace, or −1, and then the slot that was indispensable, or −1."""
-    slot = _where_rank_grows(pairs, candidate)
-    if slot >= 0:
-        return slot, -1
-    slot = oldest(pairs, np.zeros(pairs.counters[COUNT], dtype=np.int64))
-    if _rank_with(pairs, slot, candidate) >= pairs.counters[RANK]:
-        return slot, -1
-    return -1, slot
+__all__ = ['least_missed', 'replacement_for_rank']
 
 
 @jit
-def oldest(pairs: Pairs, costs: np.ndarray) -> int:
-    """Return the slot whose turn is longest ago among those of the lowest cost."""
-    found = 0
-    for slot in range(1, pairs.counters[COUNT]):
-        if costs[slot] < costs[found] or (costs[slot] == costs[found]
-                                          and pairs.turns[slot] < pairs.turns[found]):
+def replacement_for_rank(pairs: Pairs, candidate: np.ndarray) -> int:
+    """Return the slot to replace, or −1."""
+    n, m = candidate.shape
+    count, known = pairs.counters[COUNT], pairs.counters[RANK]
+    assign(pairs.grown, pairs.gram)
+    add_square(pairs.grown, candidate, n, 1.0)
+    assign(pairs.trial.matrix, pairs.grown)
+    reduce(pairs.trial, m)
+    rank, tolerance = rank_of(pairs.trial, (count + 1) * n)
+    if rank > known:
+        slot, lost = least_missed(pairs, pairs.grown, rank, tolerance)
+        # Summed again, too: a huge pair leaves its rounding behind in a difference of sums.
+        if rank - lost > known and _rank_with(pairs, slot, candidate) > known:
+            return slot
+    slot = _oldest_after(pairs.turns, count, -1)
+    if _rank_with(pairs, slot, candidate) >= known:
+        return slot
+    take_turn(pairs, slot)  # indispensable: look at the next one next time
+    return -1
+
+
+@jit
+def least_missed(pairs: Pairs, total: np.ndarray, rank: int, tolerance: float) -> tuple[int, int]:
+    """Return the oldest of the pairs that cost a sum the least rank, and how much that is.
+
+    Args:
+        pairs: Oldest first, so that the search ends with the first that costs nothing.
+        total: The sum Q, of which the pairs are part, shape (m, m).
+        rank: Its rank.
+        tolerance: From which eigenvalue on a direction counts, see `rank_of`.
+    """
+    form, (n, m) = pairs.trial, pairs.last.shape
+    found, least, turn = -1, rank + 1, -1
+    for _ in range(pairs.counters[COUNT]):
+        slot = _oldest_after(pairs.turns, pairs.counters[COUNT], turn)
+        turn = pairs.turns[slot]
+        assign(form.matrix, total)
+        add_square(form.matrix, pairs.regressors[slot], n, -1.0)
+        reduce(form, m)
+        lost = rank - (m - count_up_to(form, m, tolerance))
+        if lost < least:
+            found, least = slot, lost
+        if least <= 0:
+            break
+    return found, least
+
+
+@jit
+def _oldest_after(turns: np.ndarray, count: int, turn: int) -> int:
+    """Slot whose turn is longest ago among those after ``turn``."""
+    found = -1
+    for slot in range(count):
+        if turns[slot] > turn and (found < 0 or turns[slot] < turns[found]):
             found = slot
     return found
 
 
 @jit
-def oldest_least_missed(pairs: Pairs) -> int:
-    """Return the oldest of the pairs whose absence costs the least rank."""
-    return oldest(pairs, _lost_ranks(pairs, pairs.gram, pairs.counters[RANK]))
-
-
-@jit
-def _where_rank_grows(pairs: Pairs, candidate: np.ndarray) -> int:
-    """Slot whose replacement makes the rank largest, if it grows; else −1."""
-    n, m = candidate.shape
-    pairs.grown[:, :] = pairs.gram
-    add_square(pairs.grown, candidate, candidate.shape[0], 1.0)
-    pairs.trial.matrix[:, :] = pairs.grown
-    reduce(pairs.trial, m)
-    rank, _ = rank_of(pairs.trial, (pairs.counters[COUNT] + 1) * n)
-    if rank <= pairs.counters[RANK]:
-        return -1
-    lost = _lost_ranks(pairs, pairs.grown, rank)
-    slot = oldest(pairs, lost)
-    grows = rank - lost[slot] > pairs.counters[RANK]
-    # By itself, too: a huge pair leaves its rounding behind in a difference of sums.
-    return slot if grows and _rank_with(pairs, slot, candidate) > pairs.counters[RANK] else -1
-
-
-@jit
 def _rank_with(pairs: Pairs, slot: int, candidate: np.ndarray) -> int:
-    """Rank with the candidate in a slot, summed anew."""
+    """Rank with the candidate in a slot, summed again."""
     n, m = candidate.shape
     count, form = pairs.counters[COUNT], pairs.trial
-    form.matrix[:, :] = 0.0
     rows = pairs.regressors.reshape(pairs.regressors.shape[0] * n, m)
+    form.matrix[:] = 0.0
     add_square(form.matrix, rows, slot * n, 1.0)
     add_square(form.matrix, candidate, n, 1.0)
     add_square(form.matrix, rows[(slot + 1) * n:], (count - slot - 1) * n, 1.0)
     reduce(form, m)
     rank, _ = rank_of(form, count * n)
     return rank
-
-
-@jit
-def _lost_ranks(pairs: Pairs, total: np.ndarray, rank: int) -> np.ndarray:
-    """By how much the rank of a sum Q falls without each of its pairs, shape (count,).
-
-    With Q = V Λ Vᵀ restricted to its range and W = Y_l V Λ^{−½}, Q − Y_lᵀY_l has lost one rank for
-    every eigenvalue 1 of W Wᵀ (a leverage: how much of a direction is this pair's alone). Its
-    trace, below 1 for all but ``rank`` pairs at most, settles the others without an eigenvalue
-    problem.
-    """
-    count, m = pairs.counters[COUNT], total.shape[0]
-    lost = np.zeros(count, dtype=np.int64)
-    if rank == 0:
-        return lost
-    values, vectors = np.linalg.eigh(total)
-    whitening = np.ascontiguousarray(vectors[:, m - rank:] / np.sqrt(values[m - rank:]))
-    for slot in range(count):
-        rows = np.dot(pairs.regressors[slot], whitening)
-        if np.sum(rows * rows) > ALONE:
-            for leverage in np.linalg.eigvalsh(np.dot(rows, rows.T)):
-                lost[slot] += leverage > ALONE
-    return lost

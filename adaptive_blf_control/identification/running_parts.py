@@ -11,7 +11,7 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.regressors import arrays_of, regressors
 from adaptive_blf_control.compiled import handle, uncompiled
 from adaptive_blf_control.identification.algorithm_1 import arrays_of_stack
-from adaptive_blf_control.identification.artificial_noise import no_noise, NoisyHistory
+from adaptive_blf_control.identification.artificial_noise import NoisyHistory
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor, ResidualMonitor
 from adaptive_blf_control.identification.excitation import Excitation
 from adaptive_blf_control.identification.history_stack import HistoryStack
@@ -93,16 +93,14 @@ class RunningParts:
         self._counts, self._clock = np.zeros(8, dtype=np.int64), np.zeros(2)
         self._join()
 
-    def _new_noisy_history(self) -> NoisyHistory | None:
+    def _new_noisy_history(self) -> NoisyHistory:
         history, arm = self._settings.history, self._make.arm
-        if history.noise == 0.0:
-            return None
         return NoisyHistory(arm.n, arm.m, history.size, history.epsilon, history.noise,
                             history.noise_seed)
 
     def _join(self) -> None:
         """Take the parts as arrays where that is possible."""
-        noisy, filters = self._noisy, self._settings.filter
+        filters = self._settings.filter
         arrays = _as_arrays(self.history, self.monitor, self.law, self._make.arm.n)
         history, monitor, law = arrays or (self.history, self.monitor, self.law)
         state_filter = (self.state_filter.arrays if type(self.state_filter) is LowPass
@@ -111,15 +109,21 @@ class RunningParts:
             state_filter,
             PairState(self._filter.arrays, self._counts, self._clock, float(filters.gap),
                       float(filters.settle * self.memory)),
-            LearnerState(self._theta, history,
-                         no_noise() if noisy is None else noisy.arrays,
-                         monitor, self.excitation.arrays, law))
+            LearnerState(self._theta, history, self._noisy.arrays, monitor,
+                         self.excitation.arrays, law))
         observes = state_filter is not self.state_filter and not isinstance(
             self.arm, _ArmInPython)
         self.compiled = observes and arrays is not None
-        self._handle: Any = (
-            handle(Running(self.arm, self.state)) if self.compiled else
-            handle(Learning(self.state.pair, self.state.learner)) if arrays else None)
+        self._learns = arrays is not None
+        self._made: Any = None
+
+    @property
+    def _handle(self) -> Any:
+        """What compiled functions get: all, or what is after filters in Python."""
+        if self._made is None:
+            self._made = handle(Running(self.arm, self.state) if self.compiled else
+                                Learning(self.state.pair, self.state.learner))
+        return self._made
 
     @property
     def memory(self) -> float:
@@ -129,7 +133,7 @@ class RunningParts:
     @property
     def artificial_noise(self) -> bool:
         """Whether pairs with artificial noise teach (Remark 3)."""
-        return self._noisy is not None and self._noisy.active and self._noisy.noisy > 0
+        return self._noisy.in_use
 
     def observe(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> float:
         """Filter one sample, see `observe_step`."""
@@ -141,6 +145,7 @@ class RunningParts:
     def take(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
              term: np.ndarray) -> None:
         """Filter one sample and learn from it, see `identifier_step`."""
+        self._follow_stack()
         if self.compiled:
             take_sample(self._handle, t, q, qd, tau, term)
             return
@@ -148,16 +153,23 @@ class RunningParts:
         if dt > 0.0:
             self._learn(dt, term)
 
+    def _follow_stack(self) -> None:
+        """Take the arrays of a stack whose size was changed beside `retune`."""
+        history: Any = self.history
+        if self._learns and arrays_of_stack(history) is not self.state.learner.history:
+            self._join()
+
     def _learn(self, dt: float, term: np.ndarray) -> None:
-        if self._handle is None:
-            uncompiled(learn_step)(self.state.pair, self.state.learner, dt, term)
-        else:
+        if self._learns:
             learn_pair(self._handle, dt, term)
+        else:
+            uncompiled(learn_step)(self.state.pair, self.state.learner, dt, term)
 
     def take_all(self, t: np.ndarray, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
                  term: np.ndarray, learning: np.ndarray, rows: np.ndarray,
                  usable: np.ndarray) -> None:
         """Take samples one after the other, see `take_samples`."""
+        self._follow_stack()
         if self.compiled:
             take_samples(self._handle, t, q, qd, tau, term, learning, rows, usable)
             return
@@ -220,9 +232,10 @@ class RunningParts:
             self.history = history
         self.history.retune(chosen.size, chosen.epsilon, chosen.minimum_growth)
         if (chosen.noise, chosen.noise_seed) != (former.noise, former.noise_seed):
-            full = self.history.rank == self._make.arm.m
-            self._noisy = None if full else self._new_noisy_history()
-        elif self._noisy is not None:
+            self._noisy = self._new_noisy_history()
+            if self.history.rank == self._make.arm.m:
+                self._noisy.end()
+        else:
             self._noisy.retune(chosen.size, chosen.epsilon)
 
 

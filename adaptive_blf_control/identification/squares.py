@@ -7,7 +7,7 @@ import numpy as np
 
 from adaptive_blf_control.compiled import jit
 
-__all__ = ['add_square', 'dot', 'energy', 'project', 'seen_square']
+__all__ = ['add_square', 'assign', 'dot', 'energy', 'project', 'seen_square']
 
 
 @jit
@@ -17,6 +17,15 @@ def dot(x: np.ndarray, y: np.ndarray, size: int) -> float:
     for i in range(size):
         total += x[i] * y[i]
     return total
+
+
+@jit
+def assign(target: np.ndarray, source: np.ndarray) -> None:
+    """Copy a matrix into another one of its shape."""
+    for i in range(source.shape[0]):
+        row, new = target[i], source[i]
+        for j in range(source.shape[1]):
+            row[j] = new[j]
 
 
 @jit

@@ -2,7 +2,7 @@
 """The arrays of a history stack, changed in place by compiled functions, and what is known of Q.
 
 Q = Σ Y_fjᵀ Y_fj follows a replacement by a sum and a difference while what rounding leaves in it
-is surely negligible; otherwise it is summed anew.
+is surely negligible; otherwise it is summed again.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.compiled import jit
-from adaptive_blf_control.identification.squares import add_square
+from adaptive_blf_control.identification.squares import add_square, assign
 from adaptive_blf_control.identification.tridiagonal import (
     count_up_to,
     eigenvector,
@@ -26,17 +26,19 @@ from adaptive_blf_control.identification.tridiagonal import (
 from adaptive_blf_control.identification.weak_directions import (
     clear_directions,
     Directions,
+    follow_slot,
     new_directions,
+    project_gram,
     set_weakest,
 )
 
-__all__ = ['clear_pairs', 'COUNT', 'GROWTH', 'INSERTIONS', 'is_full',
-           'measure', 'new_pairs', 'Pairs', 'RANK', 'rank_of', 'REVISION', 'SIGMA_MIN', 'SIZE',
-           'sum_anew', 'sums_follow', 'surely_full_rank', 'THRESHOLD', 'TOLERANCE', 'trace',
-           'TURN', 'with_slots']
+__all__ = ['clear_pairs', 'COUNT', 'GROWTH', 'INSERTIONS', 'is_full', 'measure', 'NEGLIGIBLE',
+           'new_pairs', 'Pairs', 'RANK', 'rank_of', 'remove', 'REVISION', 'ROUNDING', 'SIGMA_MIN',
+           'SIZE', 'store', 'sum_anew', 'sums_follow', 'surely_full_rank', 'take_turn',
+           'THRESHOLD', 'TOLERANCE', 'trace', 'TURN', 'with_slots']
 
 # Q may follow from the one before while what rounding has left in it is surely below this part
-# of σ_min and this many units in its last place; otherwise it is summed anew.
+# of σ_min and this many units in its last place; otherwise it is summed again.
 NEGLIGIBLE = 1e-6
 UNITS = 64.0
 
@@ -135,7 +137,7 @@ def _add_moment(moment: np.ndarray, regressor: np.ndarray, torque: np.ndarray,
 @jit
 def sum_anew(pairs: Pairs) -> None:
     """Sum Q and the moment over the pairs."""
-    pairs.gram[:, :] = 0.0
+    pairs.gram[:] = 0.0
     pairs.moment[:] = 0.0
     slots, n, m = pairs.regressors.shape
     count = pairs.counters[COUNT]
@@ -143,11 +145,12 @@ def sum_anew(pairs: Pairs) -> None:
     for slot in range(count):
         _add_moment(pairs.moment, pairs.regressors[slot], pairs.torques[slot], 1.0)
     pairs.figures[ROUNDING] = 0.0
+    project_gram(pairs.directions, pairs.gram)
 
 
 @jit
 def sums_follow(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarray) -> bool:
-    """Let Q and the moment follow a replacement; False, and nothing, where they had to be anew.
+    """Let Q and the moment follow a replacement; False, and nothing, where a new sum is needed.
 
     Only with rank full: in a deficient Q the rounding of earlier pairs would pass for rank.
     """
@@ -165,6 +168,42 @@ def sums_follow(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarr
     _add_moment(pairs.moment, regressor, torque, 1.0)
     _add_moment(pairs.moment, pairs.regressors[slot], pairs.torques[slot], -1.0)
     return True
+
+
+@jit
+def take_turn(pairs: Pairs, slot: int) -> None:
+    """Make a slot the one whose turn comes last."""
+    pairs.counters[TURN] += 1
+    pairs.turns[slot] = pairs.counters[TURN]
+
+
+@jit
+def store(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarray) -> None:
+    """Put a pair into a slot, the first empty one or one that is filled."""
+    if slot == pairs.counters[COUNT]:
+        pairs.counters[COUNT] += 1
+    take_turn(pairs, slot)
+    assign(pairs.regressors[slot], regressor)
+    assign(pairs.last, regressor)
+    pairs.torques[slot] = torque
+    pairs.counters[INSERTIONS] += 1
+    pairs.counters[REVISION] += 1
+    follow_slot(pairs.directions, slot, regressor)
+
+
+@jit
+def remove(pairs: Pairs, slot: int) -> None:
+    """Take a pair away; the last one moves into its slot."""
+    pairs.counters[COUNT] -= 1
+    last, directions = pairs.counters[COUNT], pairs.directions
+    add_square(directions.gram, directions.seen[slot], pairs.last.shape[0], -1.0)
+    for array in (pairs.regressors, directions.seen):
+        assign(array[slot], array[last])
+        array[last] = 0.0
+    pairs.torques[slot] = pairs.torques[last]
+    pairs.torques[last] = 0.0
+    pairs.turns[slot] = pairs.turns[last]
+    pairs.counters[REVISION] += 1
 
 
 @jit
@@ -204,7 +243,7 @@ def surely_full_rank(pairs: Pairs, sigma_min: float) -> bool:
 def measure(pairs: Pairs) -> None:
     """Set rank, its tolerance and σ_min, and in a full stack the weakest direction, from Q."""
     m, form = pairs.moment.size, pairs.trial
-    form.matrix[:, :] = pairs.gram
+    assign(form.matrix, pairs.gram)
     reduce(form, m)
     rank, tolerance = rank_of(form, pairs.counters[COUNT] * pairs.regressors.shape[1])
     pairs.counters[RANK] = rank

@@ -16,8 +16,8 @@ import numpy as np
 from adaptive_blf_control.arms.regressors import regressors
 from adaptive_blf_control.compiled import all_finite, Handle, inlined, jit
 from adaptive_blf_control.identification.artificial_noise import (
-    in_use,
-    noisy_sums,
+    ACTIVE,
+    NoisyHistoryArrays,
     offer_with_noise,
 )
 from adaptive_blf_control.identification.change_monitor import contradicted, forget_residuals
@@ -80,7 +80,7 @@ class LearnerState(NamedTuple):
 
     theta: np.ndarray
     history: Any
-    noise: Any
+    noise: NoisyHistoryArrays
     monitor: Any
     excitation: ExcitationArrays
     law: Any
@@ -190,11 +190,12 @@ def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarr
     if settled:
         if offer(learner.history, regressor, torque) == UNJUDGED:
             counts[NOT_FINITE] += 1
-        offer_with_noise(learner.noise, regressor, torque, facts(learner.history)[2])
+        if learner.noise.counts[ACTIVE]:
+            offer_with_noise(learner.noise, regressor, torque, facts(learner.history)[2])
     accumulate(learner.excitation, dt, regressor)
     gram, moment = sums(learner.history)
-    if in_use(learner.noise):
-        gram, moment = noisy_sums(learner.noise)
+    if learner.noise.counts[ACTIVE]:
+        gram, moment = sums(learner.noise.history)
     theta = stepped(learner.law, learner.theta, dt,
                     Evidence(regressor, torque, settled, gram, moment, term))
     if all_finite(theta):

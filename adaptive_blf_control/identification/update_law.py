@@ -90,7 +90,7 @@ def advance(kept: KeptHistory, theta: np.ndarray, dt: float, gamma: np.ndarray, 
     that leaves of the pair's residual.
 
     Args:
-        kept: Of the steps before; reduced anew where G or Γ is another.
+        kept: Of the steps before; reduced again where G or Γ is another.
         theta: θ̂, shape (m,); changed in place.
         dt: Step [s].
         gamma: Diagonal of Γ, shape (m,), > 0.

@@ -132,7 +132,7 @@ def learn(identifier: Identifier, log: MeasuredLog, train: Span, test: Span) -> 
     learning, testing = (_inside(span, log.t, last) for span in (train, test))
     n, m = identifier.arm.n, identifier.arm.m
     fits = BatchFit(n, m), BatchFit(n, m)
-    identifier.warm_up()
+    identifier.warm_up(log=True)
     seconds, tested = [], []
     until = int(np.searchsorted(log.t, test.end, side='right'))
     begin = time.perf_counter()  # how long the work takes, not a time of the logic

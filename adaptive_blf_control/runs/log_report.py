@@ -20,8 +20,8 @@ def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
     """Return the figures; lists are in the order of the joints, RMSE in N·m, None without a test.
 
     ``batch_test_rmse`` is that of least squares over all pairs of the training span,
-    ``test_torque_rms`` the RMS of the filtered torque itself, ``us_per_sample`` the median
-    time of an update.
+    ``test_torque_rms`` the RMS of the filtered torque itself, ``us_per_sample`` the median time
+    of an update [µs], where each time is a mean over `TIMED` samples.
     """
     arm, stack, theta = identifier.arm, identifier.stack, identifier.theta
     microseconds = 1e6 * result.seconds
