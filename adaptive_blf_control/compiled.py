@@ -16,7 +16,7 @@ import numpy as np
 
 from adaptive_blf_control.machine_code import cache_folder
 
-__all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation', 'borrowed',
+__all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation',
            'by_type', 'handle', 'inlined', 'jit', 'jit_without_gil', 'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
@@ -25,7 +25,7 @@ try:
     import numba
     from numba.core import event as numba_event
     from numba.experimental import structref
-    from numba.extending import intrinsic, overload
+    from numba.extending import overload
     import scipy.linalg  # noqa: F401 (numba's np.linalg is scipy's LAPACK)
     COMPILED: bool = not numba.config.DISABLE_JIT
 except ImportError:  # plain numpy is the documented fallback
@@ -68,42 +68,6 @@ def inlined(function: Function) -> Function:
         return function
     compiled = numba.njit(inline='always', error_model='numpy')(function)
     return compiled  # type: ignore[no-any-return]
-
-
-def borrowed(value: Any) -> Any:
-    """Return ``value``; in a compiled function, without counting the owners of its arrays.
-
-    numba counts the owners of an array each time one is taken out of a tuple and when it is no
-    longer used, with atomic operations: with tuples of many arrays that takes most of the time.
-    ``pairs = borrowed(pairs)`` at the begin of a function lets numba see that nothing of this
-    argument is to be counted. The caller keeps it alive; nothing of it may be returned to Python.
-    """
-    return value
-
-
-if COMPILED:
-    @overload(borrowed, strict=False)
-    def _borrowed(value: Any) -> Callable[..., Any]:
-        return lambda value: _ownerless(value)
-
-    @intrinsic  # type: ignore[untyped-decorator]
-    def _ownerless(typing: Any, value: Any) -> tuple[Any, Callable[..., Any]]:
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            return _without_owner(context, builder, signature.args[0], arguments[0])
-
-        return value(value), generate
-
-    def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-        if isinstance(kind, numba.types.Array):
-            array = context.make_array(kind)(context, builder, value)
-            array.meminfo = context.get_constant_null(numba.types.MemInfoPointer(kind.dtype))
-            array.parent = context.get_constant_null(numba.types.pyobject)
-            return array._getvalue()
-        if isinstance(kind, numba.types.BaseTuple):
-            for place, inner in enumerate(kind):
-                part = _without_owner(context, builder, inner, builder.extract_value(value, place))
-                value = builder.insert_value(value, part, place)
-        return value
 
 
 class ByType(Protocol):

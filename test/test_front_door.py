@@ -44,7 +44,7 @@ LEARN = """
 import adaptive_blf_control as blf
 arm = blf.TwoLinkArm()
 identifier = blf.Identifier(arm)
-identifier.learn([0.0, 0.1], [[0.0, 0.0]] * 2, [[0.0, 0.0]] * 2, [[0.0, 0.0]] * 2)
+identifier.learn([0.0, 0.01], [[0.0, 0.0]] * 2, [[0.0, 0.0]] * 2, [[0.0, 0.0]] * 2)
 output = blf.Controller(arm).update(0.0, [0.0, 0.0], [0.0, 0.0], identifier.theta)
 """
 

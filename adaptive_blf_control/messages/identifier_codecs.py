@@ -3,11 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.republish import HistoryPublication
 from adaptive_blf_control.messages.cdr import encode_float64, encode_int32
 from adaptive_blf_control.messages.joint_state import JointStateCodec
@@ -29,21 +28,24 @@ class EstimateStream:
         self._theta = JointStateCodec(parameters, fields=('position',))
         self._history = HistoryPublication()
 
-    def messages(self, stamp: int, theta: np.ndarray, identifier: Identifier) -> dict[str, bytes]:
+    def messages(self, stamp: int, theta: np.ndarray, rank: int, sigma_min: float,
+                 insertions: int, excitation: Callable[[], float | None]) -> dict[str, bytes]:
         """Return the messages of a sample by topic; the estimate, which answers it, is the last.
 
         Args:
             stamp: Of the sample [ns].
             theta: θ̂ after the sample, shape (m,).
-            identifier: After the sample.
+            rank: Of the history after the sample.
+            sigma_min: Its σ_min.
+            insertions: Pairs that it has taken so far.
+            excitation: Returns the excitation index, None where it is switched off.
         """
         messages: dict[str, bytes] = {}
-        stack = identifier.stack
-        if self._history.due(stack.insertions):
-            messages[HISTORY_RANK] = encode_int32(stack.rank)
-            messages[HISTORY_SIGMA_MIN] = encode_float64(stack.sigma_min)
-            excitation = identifier.excitation
-            if excitation is not None:
-                messages[EXCITATION] = encode_float64(excitation)
+        if self._history.due(insertions):
+            messages[HISTORY_RANK] = encode_int32(rank)
+            messages[HISTORY_SIGMA_MIN] = encode_float64(sigma_min)
+            index = excitation()
+            if index is not None:
+                messages[EXCITATION] = encode_float64(index)
         messages[THETA_HAT] = self._theta.encode(stamp, theta)
         return messages

@@ -114,8 +114,12 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         if self._zero_ns is None:
             self._zero_ns = stamp  # seconds since 1970 as a double would cost 2e-7 s of precision
         t = (stamp - self._zero_ns) * 1e-9
-        theta = self.identifier.update(t, q, qd, tau, self.terms.held(stamp))
-        for topic, message in self._stream.messages(stamp, theta, self.identifier).items():
+        identifier = self.identifier
+        theta = identifier.update(t, q, qd, tau, self.terms.held(stamp))
+        stack = identifier.stack
+        for topic, message in self._stream.messages(
+                stamp, theta, stack.rank, stack.sigma_min, stack.insertions,
+                lambda: identifier.excitation).items():
             self._outputs[topic].publish(message)
         self.model.observe(stamp, t)
         self.sampled(stamp)

@@ -27,7 +27,8 @@ from adaptive_blf_control.messages.topics import (
     JOINT_STATES,
     RECORDED,
 )
-from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop
+from adaptive_blf_control.simulation.sample import Sample
 
 __all__ = ['BagObserver']
 
@@ -82,7 +83,8 @@ class BagObserver:
             ADAPTATION_TERM: self._controller.adaptation_term(stamp, output),
             **self._monitors.messages(stamp, output, controller.margins(output), self._decimation,
                                       lambda: controller.lyapunov(output, sample.theta_used)),
-            **self._estimates.messages(stamp, sample.theta_hat, self._loop.identifier),
+            **self._estimates.messages(stamp, sample.theta_hat, sample.rank, sample.sigma_min,
+                                       sample.insertions, lambda: sample.excitation),
         }
         for topic, message in messages.items():
             self._bag.write(f'/{topic}', message, stamp)
