@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.configuration.build import (
+    ArmStore,
     build_arm,
     build_identifier,
     build_plant,
@@ -209,3 +210,11 @@ def test_a_urdf_arm_needs_a_urdf(values):
     pytest.importorskip('pinocchio')
     with pytest.raises(ParameterError, match="'urdf'.*a path, package"):
         build_arm(values('arm_driver', 'arm=urdf'))
+
+
+def test_arms_of_the_same_settings_are_built_once(values):
+    arms = ArmStore()
+    controller = values('controller')
+    assert arms.arm(controller) is arms.arm(values('identifier'))
+    assert arms.arm(controller) is not arms.arm(values('controller', 'joints=[a, b]'))
+    assert arms.arm(values('controller', 'joints=[a, b]')).joints == ('a', 'b')
