@@ -16,14 +16,15 @@ import numpy as np
 
 from adaptive_blf_control.machine_code import cache_folder
 
-__all__ = ['ByType', 'COMPILED', 'all_finite', 'before_each_compilation', 'borrowed', 'by_type',
-           'jit', 'jit_without_gil', 'uncompiled']
+__all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation', 'borrowed',
+           'by_type', 'handle', 'inlined', 'jit', 'jit_without_gil', 'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 try:
     import numba
     from numba.core import event as numba_event
+    from numba.experimental import structref
     from numba.extending import intrinsic, overload
     import scipy.linalg  # noqa: F401 (numba's np.linalg is scipy's LAPACK)
     COMPILED: bool = not numba.config.DISABLE_JIT
@@ -94,6 +95,17 @@ if COMPILED:
         return value
 
 
+def inlined(function: Function) -> Function:
+    """Compile a module-level function as a part of each compiled one that calls it, never alone.
+
+    For what takes long to compile and has few callers: on its own it would be optimised twice.
+    """
+    if numba is None:
+        return function
+    compiled = numba.njit(inline='always', error_model='numpy')(function)
+    return compiled  # type: ignore[no-any-return]
+
+
 class ByType(Protocol):
     """A function with one implementation per type of its first argument."""
 
@@ -139,6 +151,38 @@ def by_type(function: Callable[..., Any]) -> ByType:
             return getattr(chosen, 'py_func', None)
     result: ByType = generic
     return result
+
+
+class Handle:
+    """A NamedTuple that compiled functions get as one argument; ``value`` is it.
+
+    Each array in an argument costs a call from Python 0.2 µs, whether it is used or not.
+    """
+
+    def __init__(self, value: Any) -> None:
+        """Take the NamedTuple."""
+        self.value = value
+
+
+if COMPILED:
+    @structref.register
+    class _HandleType(numba.types.StructRef):  # type: ignore[misc]
+        def preprocess_fields(self, fields: Any) -> Any:
+            return tuple((name, numba.types.unliteral(kind)) for name, kind in fields)
+
+    class _CompiledHandle(structref.StructRefProxy):  # type: ignore[misc]
+        pass
+
+    structref.define_proxy(_CompiledHandle, _HandleType, ['value'])
+
+    @jit
+    def _new_handle(value: Any) -> Any:
+        return _CompiledHandle(value)
+
+
+def handle(value: Any) -> Any:
+    """Return a `Handle` of a NamedTuple: its arrays are shared, its scalars are those of now."""
+    return _new_handle(value) if COMPILED else Handle(value)
 
 
 def uncompiled(function: Function) -> Function:

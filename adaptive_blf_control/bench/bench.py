@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bench import arms, coverage, rates
+from adaptive_blf_control.bench import arms, coverage, identifier_steps, rates
 from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
@@ -82,6 +82,14 @@ def _against_c(options: argparse.Namespace) -> None:
     print('| ours, us per step | the program in C, -O2 | ratio |')
     print('|---|---|---|')
     print(f'| {measured.ours:.2f} | {measured.c:.2f} | {measured.ratio:.2f} |', flush=True)
+
+
+def _steps(options: argparse.Namespace) -> None:
+    print('\n## Steps of the identifier\n')
+    _machine()
+    print('panda, 20 s: 50 parameters, 60 pairs; candidates after the history has full rank.\n')
+    times = identifier_steps.times_of(load_yaml(options.config / 'panda.yaml'), 20.0)
+    print(identifier_steps.table(times), flush=True)
 
 
 def _run_json(arguments: list[str]) -> dict[str, Any]:
@@ -180,9 +188,9 @@ def _arms(options: argparse.Namespace) -> None:
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
-    'scenarios': _scenarios, 'against_c': _against_c, 'processes': _processes,
-    'measured': _measured, 'models': _models, 'coverage': _coverage, 'arms': _arms,
-    'rates': _rates}
+    'scenarios': _scenarios, 'against_c': _against_c, 'steps': _steps,
+    'processes': _processes, 'measured': _measured, 'models': _models, 'coverage': _coverage,
+    'arms': _arms, 'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:

@@ -62,7 +62,7 @@ def _integral_cl(loop: ClosedLoop, filtered: bool = False) -> Law:
                          settings.history.minimum_growth)
     state_filter = None
     if filtered and settings.filter.state_order:
-        state_filter = LowPass(settings.filter.state_order,
+        state_filter = LowPass(arm.n, settings.filter.state_order,
                                settings.filter.state_time_constant)
     return IntegralConcurrentLearning(arm, loop.controller.settings, settings.kh / ERROR_GAMMA,
                                       stack, window_samples(loop), state_filter)

@@ -31,8 +31,18 @@ class PairTimes:
         stack = identifier.stack
         if stack.insertions == self._insertions:
             return
+        self.note(t, identifier.pair[1], stack)
+
+    def note(self, t: float, torque: np.ndarray, stack: History) -> None:
+        """Take the time of the pair that a history may have taken last.
+
+        Args:
+            t: Time of its sample [s].
+            torque: Its τ_f, shape (n,) [N·m].
+            stack: The history.
+        """
         self._insertions = stack.insertions
-        self._times[identifier.pair[1].tobytes()] = t
+        self._times[torque.tobytes()] = t
         if len(self._times) > _KEPT * stack.size:
             held = {row.tobytes() for row in stack.torques[:stack.count]}
             self._times = {key: time for key, time in self._times.items() if key in held}

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Sequence
+import itertools
 import time
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from adaptive_blf_control.arrays import checked_number
 from adaptive_blf_control.bags.logs import MeasuredLog
 from adaptive_blf_control.bags.row_store import RowStore
 from adaptive_blf_control.errors import LogError, ParameterError
-from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.identifier import Identifier, LearnedBlock
 from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import estimate_uncertainty, Uncertainty
 from adaptive_blf_control.runs.batch_fit import BatchFit
@@ -25,6 +26,8 @@ __all__ = ['NO_TEST', 'Given', 'LogPass', 'Prediction', 'Section', 'Span', 'choo
 NO_TEST = 'none'
 Given = str | Sequence[float | None] | None
 """A span as a caller gives it, see `choose_spans`."""
+TIMED = 16
+"""Samples that are taken, and timed, together."""
 
 
 class Span(NamedTuple):
@@ -56,7 +59,7 @@ class LogPass(NamedTuple):
     Attributes:
         train: The filtered pairs θ̂ was learned from.
         test: The filtered pairs it never saw.
-        seconds: Time each update took, shape (number of samples in the training span,) [s].
+        seconds: Time an update took, a mean over each `TIMED` samples of the training span [s].
         prediction: The torque of the test span.
         uncertainty: How sure θ̂ is after the training span; None where no pair was recorded.
     """
@@ -174,7 +177,7 @@ def learn(identifier: Identifier, sections: Sequence[Section]) -> LogPass:
     predicted; time goes on from one to the next, with a pause that restarts the filters.
     """
     passing = _Pass(identifier)
-    identifier.warm_up()
+    identifier.warm_up(log=True)
     for section in sections[:-1]:
         passing.stream(section, learning=True, testing=False)
     passing.stream(sections[-1], learning=True, testing=True)
@@ -199,39 +202,47 @@ class _Pass:
 
     def stream(self, section: Section, *, learning: bool, testing: bool) -> None:
         """Stream one log as far as it is needed."""
-        log, identifier = section.log, self._identifier
-        last = float(log.t[-1])
-        end = section.test.end if testing else section.train.end
-        learned = _inside(section.train, log.t, last) & learning
-        tested = _inside(section.test, log.t, last) & testing
-        t, breaks = 0.0, set(log.breaks)
-        for i in np.flatnonzero(log.t <= end):
-            if i in breaks:
-                identifier.restart()
-            t = self._begin + float(log.t[i])
-            sample = t, log.q[i], log.qd[i], log.tau[i]
-            before, restarts = identifier.pair, identifier.restarts
-            if learned[i]:
-                begin = time.perf_counter()  # how long the work takes, not a time of the logic
-                identifier.update(*sample)
-                self._seconds.append(time.perf_counter() - begin)
-                self._seen.observe(t, identifier)
-            else:
-                identifier.observe(*sample)
-            advanced = identifier.pair is not before and identifier.restarts == restarts
-            if advanced and identifier.settled:
-                self._count(t, bool(learned[i]), bool(tested[i]))
-        self._begin = t + 10.0 * max(identifier.settings.filter.gap, 1.0)
+        log, last = section.log, float(section.log.t[-1])
+        until = int(np.searchsorted(log.t, section.test.end if testing else section.train.end,
+                                    side='right'))
+        t = self._begin + log.t[:until]
+        learned = _inside(section.train, log.t[:until], last) & learning
+        tested = _inside(section.test, log.t[:until], last) & testing
+        breaks = [i for i in log.breaks if i < until]
+        for begin, end in itertools.pairwise((0, *breaks, until)):
+            if begin in breaks:
+                self._identifier.restart()
+            some = slice(begin, end)
+            self._take((t[some], log.q[some], log.qd[some], log.tau[some]), learned[some],
+                       tested[some])
+        self._begin = float(t[-1]) if until else 0.0
+        self._begin += 10.0 * max(self._identifier.settings.filter.gap, 1.0)
 
-    def _count(self, t: float, learned: bool, tested: bool) -> None:
-        identifier = self._identifier
-        if learned:
-            self._train.add(*identifier.pair)
-        elif tested:
-            self._test.add(*identifier.pair)
-        if tested:
+    def _take(self, samples: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+              learned: np.ndarray, tested: np.ndarray) -> None:
+        begin = time.perf_counter()  # how long the work takes, not a time of the logic
+        for block in self._identifier.learn_in_blocks(*samples, learned, TIMED):
+            some = block.samples
+            if learned[some].any():
+                self._seconds.append((time.perf_counter() - begin) / block.usable.size)
+            self._gather(block, samples[0][some], learned[some], tested[some])
+            begin = time.perf_counter()
+
+    def _gather(self, block: LearnedBlock, t: np.ndarray, learned: np.ndarray,
+                tested: np.ndarray) -> None:
+        identifier, rows = self._identifier, block.rows
+        for k in np.flatnonzero(block.recorded):
+            self._seen.note(float(t[k]), rows[k, :, -1], identifier.stack)
+        self._train.add(rows[block.usable & learned])
+        self._test.add(rows[block.usable & tested & ~learned])
+        tested = block.usable & tested
+        if tested.any():
             self._judged = self._judged or estimate_uncertainty(identifier, self._seen)
-            self._tested.append(np.concatenate([[t], *_predicted(identifier, self._judged)]))
+            regressors, torques = rows[tested][:, :, :-1], rows[tested][:, :, -1]
+            half = (np.full(torques.shape, np.inf) if self._judged is None else
+                    self._judged.half_width(regressors))
+            for row in np.column_stack([t[tested], torques, regressors @ identifier.theta, half]):
+                self._tested.append(row)
 
     def result(self) -> LogPass:
         """Return what was gathered."""
@@ -240,11 +251,3 @@ class _Pass:
                                               for k in range(3)))
         judged = self._judged or estimate_uncertainty(self._identifier, self._seen)
         return LogPass(self._train, self._test, np.array(self._seconds), prediction, judged)
-
-
-def _predicted(identifier: Identifier,
-               judged: Uncertainty | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return filtered torque, the predicted one and its half width, each (n,) [N·m]."""
-    regressor, torque = identifier.pair
-    half = np.full(torque.shape, np.inf) if judged is None else judged.half_width(regressor)
-    return torque, regressor @ identifier.theta, half

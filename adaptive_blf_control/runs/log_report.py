@@ -22,8 +22,8 @@ def figures_of(sections: Sequence[Section], identifier: Identifier,
 
     Spans are those of the first log, ``period_us`` too; ``spans`` has those of all of them.
     ``batch_test_rmse`` is that of least squares over all pairs of the training span,
-    ``test_torque_rms`` the RMS of the filtered torque itself, ``us_per_sample`` the median
-    time of an update.
+    ``test_torque_rms`` the RMS of the filtered torque itself, ``us_per_sample`` the median time
+    of an update [µs], where each time is a mean over `TIMED` samples.
     """
     first = sections[0]
     arm, stack, theta = identifier.arm, identifier.stack, identifier.theta
