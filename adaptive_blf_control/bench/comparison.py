@@ -16,8 +16,9 @@ from adaptive_blf_control.configuration.parameter_file import apply_settings
 from adaptive_blf_control.control.laws.protocol import Law, own_estimate, uses_estimate
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.state_filter import LowPass
-from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample, Trace
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import known_truth
+from adaptive_blf_control.simulation.sample import Sample
 
 __all__ = ['FIXED', 'LAWS', 'Compared', 'WRONG_MODEL', 'run_law', 'window_samples']
 

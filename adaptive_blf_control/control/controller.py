@@ -16,6 +16,7 @@ from adaptive_blf_control.arrays import (
     checked_number,
     checked_vectors,
 )
+from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.constraints import Constraint, Constraints, MotionState
 from adaptive_blf_control.control.law import limited_answer
@@ -45,11 +46,10 @@ from adaptive_blf_control.control.sets import (
 )
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.control.step import (
-    controller_step,
+    answer_sample,
     ControllerArrays,
     FIRST_INTERVAL,
     Memory,
-    new_answer,
     new_memory,
 )
 from adaptive_blf_control.errors import ParameterError
@@ -208,7 +208,7 @@ class Controller:
         other.__dict__.update(self.__dict__)
         other._memory = Memory(*(array.copy() for array in self._memory))
         if self._arrays is not None:
-            other._arrays = self._arrays._replace(memory=other._memory)
+            other._arrays, other._handle = self._arrays._replace(memory=other._memory), None
         return other
 
     def _tuned(self, settings: ControllerSettings, before: Law | None = None) -> _Tuning:
@@ -242,6 +242,7 @@ class Controller:
         self.safety, self.performance, self.reference, self._bounds = sets
         joints = self.arm.joints
         arm = arrays_of(self.arm)
+        self._handle: Any = None  # of the arrays, made with the first sample
         self._arrays = None if arm is None or type(self._law) is not AblfLaw else (
             ControllerArrays(arm, self._law.gains, self._limit, self._rate_limit, self._memory))
         self.constraints = Constraints(
@@ -286,6 +287,10 @@ class Controller:
     def bounds(self, t: float) -> Bounds:
         """Return the performance bounds in use at ``t`` [s], with their rates."""
         return self._bounds.at(t)
+
+    def bounds_along(self, times: np.ndarray) -> Bounds:
+        """Return the bounds in use at N times, (N,) [s]; the arrays have shape (N, n)."""
+        return self._bounds.along(times)
 
     def retune(self, t: float, q: np.ndarray, *, settings: ControllerSettings | None = None,
                safety: JointInterval | None = None, performance: JointInterval | None = None,
@@ -351,8 +356,9 @@ class Controller:
         point, bounds = self.reference.at(t), self._bounds.at(t)
         if self._arrays is None:
             return self._asked(LawSample(t, q, qd, torque, point, bounds, theta))
-        answer = new_answer(*self._n, *self._m)
-        x = controller_step(self._arrays, answer, t, q, qd, theta, point, bounds)
+        if self._handle is None:
+            self._handle = handle(self._arrays)
+        answer, x = answer_sample(self._handle, t, q, qd, theta, point, bounds)
         return ControlOutput(answer.torque, answer.term,
                              MotionState(t, q, qd, answer.e1, bounds), answer.e2, point, x,
                              answer.bound, answer.wanted)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.regressors import law_regressor
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, Handle, jit
 from adaptive_blf_control.control.law import (
     add_unwound,
     joint_errors,
@@ -23,8 +23,8 @@ from adaptive_blf_control.control.law import (
 from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
 
-__all__ = ['AblfGains', 'Answer', 'controller_step', 'ControllerArrays', 'FIRST_INTERVAL',
-           'Memory', 'new_answer', 'new_memory']
+__all__ = ['AblfGains', 'Answer', 'answer_sample', 'controller_step', 'ControllerArrays',
+           'FIRST_INTERVAL', 'Memory', 'new_answer', 'new_memory']
 
 FIRST_INTERVAL = 1e-3  # s that the first torque of a motion may have taken to rise from zero
 
@@ -154,3 +154,12 @@ def controller_step(controller: ControllerArrays, answer: Answer, t: float, q: n
     term[:] = 0.0
     add_unwound(term, x, e2, wanted, torque)
     return x
+
+
+@jit
+def answer_sample(controller: Handle, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
+                  point: ReferencePoint, bounds: Bounds) -> tuple[Answer, np.ndarray]:
+    """Answer one sample as `controller_step` does, called from Python; with the regressor X."""
+    arrays = controller.value
+    answer = new_answer(q.size, theta.size)
+    return answer, controller_step(arrays, answer, t, q, qd, theta, point, bounds)

@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.republish import HistoryPublication
 from adaptive_blf_control.messages.cdr import encode_float64, encode_int32
 from adaptive_blf_control.messages.joint_state import JointStateCodec
@@ -18,7 +18,15 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
 )
 
-__all__ = ['EstimateStream']
+__all__ = ['EstimateStream', 'HistoryFigures']
+
+
+class HistoryFigures(NamedTuple):
+    """Rank and σ_min of the history, and the excitation index, None where switched off."""
+
+    rank: int
+    sigma_min: float
+    excitation: float | None
 
 
 class EstimateStream:
@@ -29,20 +37,21 @@ class EstimateStream:
         self._theta = JointStateCodec(parameters, fields=('position',))
         self._history = HistoryPublication()
 
-    def messages(self, stamp: int, theta: np.ndarray, identifier: Identifier) -> dict[str, bytes]:
+    def messages(self, stamp: int, theta: np.ndarray, insertions: int,
+                 figures: Callable[[], HistoryFigures]) -> dict[str, bytes]:
         """Return the messages of a sample by topic; the estimate, which answers it, is the last.
 
         Args:
             stamp: Of the sample [ns].
             theta: θ̂ after the sample, shape (m,).
-            identifier: After the sample.
+            insertions: Pairs that the history has taken so far.
+            figures: Called where those of the history are due.
         """
         messages: dict[str, bytes] = {}
-        stack = identifier.stack
-        if self._history.due(stack.insertions):
-            messages[HISTORY_RANK] = encode_int32(stack.rank)
-            messages[HISTORY_SIGMA_MIN] = encode_float64(stack.sigma_min)
-            excitation = identifier.excitation
+        if self._history.due(insertions):
+            rank, sigma_min, excitation = figures()
+            messages[HISTORY_RANK] = encode_int32(rank)
+            messages[HISTORY_SIGMA_MIN] = encode_float64(sigma_min)
             if excitation is not None:
                 messages[EXCITATION] = encode_float64(excitation)
         messages[THETA_HAT] = self._theta.encode(stamp, theta)

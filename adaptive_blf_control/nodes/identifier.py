@@ -16,7 +16,7 @@ from adaptive_blf_control.configuration.build import build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.identification.rank_condition import rank_warning
-from adaptive_blf_control.messages.identifier_codecs import EstimateStream
+from adaptive_blf_control.messages.identifier_codecs import EstimateStream, HistoryFigures
 from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.stamp import STAMP_LIMIT
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES
@@ -109,7 +109,10 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             self._zero_ns = stamp  # seconds since 1970 as a double would cost 2e-7 s of precision
         theta = self.identifier.update((stamp - self._zero_ns) * 1e-9, q, qd, tau,
                                        self.terms.held(stamp))
-        for topic, message in self._stream.messages(stamp, theta, self.identifier).items():
+        stack = self.identifier.stack
+        for topic, message in self._stream.messages(
+                stamp, theta, stack.insertions, lambda: HistoryFigures(
+                    stack.rank, stack.sigma_min, self.identifier.excitation)).items():
             self._outputs[topic].publish(message)
         self.sampled(stamp)
         if self.identifier.changes != self._changes:

@@ -31,8 +31,9 @@ from adaptive_blf_control.runs.start_check import loop_warnings
 from adaptive_blf_control.runs.summary import Run, run_of_trace, summarise, table
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
 from adaptive_blf_control.simulation.abilities import contacts_of
-from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample, Trace
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import Plant, REQUIRED
+from adaptive_blf_control.simulation.sample import Sample
 from adaptive_blf_control.simulation.sensors import Sensor
 
 __all__ = ['Simulation', 'duration_of', 'simulate']
@@ -54,6 +55,7 @@ class Simulation(Trace):
         rank: Rank of the history, shape (N,).
         sigma_min: Its σ_min, shape (N,).
         wall_s: How long it took [s].
+        in_python: Parts that had to be asked sample by sample, which is slower.
         loop: The objects that ran.
     """
 
@@ -104,7 +106,8 @@ class Simulation(Trace):
             f'Theorem 2            {why_not(self.loop)}',
             *(f'contact              from {begin:.3f} s to {end:.3f} s'
               for begin, end in figures['contacts_s']),
-            f'speed                {figures["real_time_factor"]:.1f} x real time'])
+            f'speed                {figures["real_time_factor"]:.1f} x real time'
+            + (f', sample by sample: {", ".join(self.in_python)}' if self.in_python else '')])
 
 
 def duration_of(data: Mapping[str, Any], duration: float | None) -> float:
@@ -133,7 +136,7 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
         law: A control law, or a class of laws, in place of the scenario's; see `Controller`.
         update_law: An update law, or a class of them, likewise; see `Identifier`.
         constraints: What else counts as inside, beside the scenario's; see `Controller`.
-        observer: Called with every sample.
+        observer: Called with every sample; where all parts are ours, after each block of samples.
         changes: Parameters of ``controller``, ``identifier`` and ``arm_driver``, by name or as
             YAML nests them: ``controller={'k2': [30.0, 5.0]}`` and ``**{'controller.k2': 5.0}``;
             without a node's name for every node that knows them.
