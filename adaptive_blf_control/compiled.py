@@ -59,6 +59,17 @@ def _compiled(function: Function, **options: bool) -> Function:
     return compiled  # type: ignore[no-any-return]
 
 
+def inlined(function: Function) -> Function:
+    """Compile a module-level function as a part of each compiled one that calls it, never alone.
+
+    For what takes long to compile and has few callers: on its own it would be optimised twice.
+    """
+    if numba is None:
+        return function
+    compiled = numba.njit(inline='always', error_model='numpy')(function)
+    return compiled  # type: ignore[no-any-return]
+
+
 def borrowed(value: Any) -> Any:
     """Return ``value``; in a compiled function, without counting the owners of its arrays.
 
@@ -93,17 +104,6 @@ if COMPILED:
                 part = _without_owner(context, builder, inner, builder.extract_value(value, place))
                 value = builder.insert_value(value, part, place)
         return value
-
-
-def inlined(function: Function) -> Function:
-    """Compile a module-level function as a part of each compiled one that calls it, never alone.
-
-    For what takes long to compile and has few callers: on its own it would be optimised twice.
-    """
-    if numba is None:
-        return function
-    compiled = numba.njit(inline='always', error_model='numpy')(function)
-    return compiled  # type: ignore[no-any-return]
 
 
 class ByType(Protocol):
@@ -154,7 +154,7 @@ def by_type(function: Callable[..., Any]) -> ByType:
 
 
 class Handle:
-    """A NamedTuple that compiled functions get as one argument; ``value`` is it.
+    """A NamedTuple that compiled functions get as one argument; ``value`` is it there.
 
     Each array in an argument costs a call from Python 0.2 µs, whether it is used or not.
     """

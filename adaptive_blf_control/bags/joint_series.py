@@ -125,7 +125,8 @@ def merged(parts: Sequence[JointSeries], joints: Sequence[str]) -> JointSeries:
     times, columns = seconds(base), {}
     for part in parts:
         own = seconds(part)
-        far = np.diff(own, append=np.inf) > BETWEEN * np.median(np.diff(own))
+        steps = np.diff(own, append=np.inf)
+        far = steps > BETWEEN * float(np.median(steps))  # of one row: none is near
         for i, name in enumerate(part.names):
             columns[name] = [values[:, i] if part is base else
                              _between(times, own, values[:, i], far)

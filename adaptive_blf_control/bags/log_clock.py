@@ -92,12 +92,16 @@ def _wild_and_starts(t: np.ndarray) -> tuple[np.ndarray, list[int]]:
 
 def _rising(t: np.ndarray, good: np.ndarray) -> np.ndarray:
     """Return which times come after all good ones before them, shape (N,)."""
+    if good.all() and (t[1:] > t[:-1]).all():
+        return good  # as nearly always; a long log has no memory to waste
     latest = np.maximum.accumulate(np.where(good, t, -np.inf))
     return good & np.concatenate(([True], t[1:] > latest[:-1]))
 
 
 def _joined(sections: list[np.ndarray]) -> np.ndarray:
     """Put sections behind each other at the distance of a median period, from 0 on."""
+    if len(sections) == 1:
+        return sections[0] - sections[0][:1]
     periods = np.concatenate([np.diff(section) for section in sections])
     period = float(np.median(periods)) if periods.size else 1.0
     joined: list[np.ndarray] = []

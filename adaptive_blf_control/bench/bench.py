@@ -188,9 +188,9 @@ def _arms(options: argparse.Namespace) -> None:
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
-    'scenarios': _scenarios, 'against_c': _against_c, 'steps': _steps,
-    'processes': _processes, 'measured': _measured, 'models': _models, 'coverage': _coverage,
-    'arms': _arms, 'rates': _rates}
+    'scenarios': _scenarios, 'steps': _steps, 'against_c': _against_c, 'processes': _processes,
+    'measured': _measured, 'models': _models, 'coverage': _coverage, 'arms': _arms,
+    'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:

@@ -15,7 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.configuration.build import build_closed_loop
-from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
+from adaptive_blf_control.configuration.parameter_file import (
+    apply_changes,
+    apply_settings,
+    load_yaml,
+)
+from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import (
     estimate_uncertainty,
@@ -50,10 +55,10 @@ class Study(NamedTuple):
 
 STUDIES = (
     Study('three_link_encoder', 40.0, 20.0, 2.0),
-    Study('panda', 20.0, 10.0, 1.0, (
+    Study('panda_ideal', 20.0, 10.0, 1.0, (
         'arm_driver.sensors.model=encoder', 'arm_driver.sensors.torque_noise=0.05',
         'identifier.filter.time_constant=0.05', 'identifier.filter.settle=5.0',
-        'identifier.filter.state_order=4', 'identifier.filter.state_time_constant=0.01',
+        'identifier.filter.state_order=2', 'identifier.filter.state_time_constant=0.004',
         'identifier.history.size=300', 'identifier.history.epsilon=0.03',
         'identifier.change.window=0.0')),
 )
@@ -99,10 +104,11 @@ def coverage(study: Study, folder: Path, runs: int) -> Iterator[Coverage]:
     start = np.array(data['/**/arm_driver']['ros__parameters']['initial_position'])
     for run in range(runs):
         begin = (start + random.uniform(-2e-3, 2e-3, start.size)).round(6).tolist()
-        yield _run(study, build_closed_loop(apply_settings(data, [
-            *study.settings, f'arm_driver.sensors.seed={run}',
-            f'arm_driver.payload={random.uniform(0.0, study.payload):.4f}',
-            f'arm_driver.initial_position={begin}', 'controller.reference.smooth_start=2.0'])))
+        yield _run(study, build_closed_loop(apply_changes(apply_settings(data, study.settings), {
+            'arm_driver.sensors.seed': run,
+            'arm_driver.payload': random.uniform(0.0, study.payload),
+            'arm_driver.initial_position': begin,
+            'controller.reference.smooth_start': 2.0})))
 
 
 def _run(study: Study, loop: ClosedLoop) -> Coverage:
@@ -124,7 +130,8 @@ def _run(study: Study, loop: ClosedLoop) -> Coverage:
             model.append(np.abs(regressor @ (theta - truth))
                          <= judged.half_width(regressor, measured=False))
             measured.append(np.abs(regressor @ theta - torque) <= judged.half_width(regressor))
-    assert judged is not None
+    if judged is None:
+        raise ParameterError('train', study.train, 'a time in which a pair is recorded')
     scaled = (theta - truth) / judged.std
     return Coverage(float(np.mean(np.abs(scaled) <= NORMAL)), float(np.mean(model)),
                     float(np.mean(measured)), float(np.sqrt(np.mean(scaled ** 2))))

@@ -111,6 +111,14 @@ class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, w
         5.0,
         'The estimate is written to estimate_file this often while learning; 0 only on '
         '~/save_estimate.', 's', 0.0, 3600.0, live=True)
+    model_file: str = parameter(
+        '',
+        'Where ~/save_model writes the physically consistent model; the URDF with its values '
+        'goes beside it, with the suffix .urdf. Empty: model.yaml where theta_hat.yaml goes.')
+    model_period: float = parameter(
+        5.0,
+        'The consistent model and the standard deviations of theta_hat are published this often, '
+        'but not in lockstep; 0: never.', 's', 0.0, 3600.0, live=True)
     resume_within: float = parameter(
         0.0,
         'Start from estimate_file if it was written less than this long ago, so that an '

@@ -19,39 +19,42 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.given_parameters import load_estimate, theta_of
 from adaptive_blf_control.identification.identifier import Snapshot
 
-__all__ = ['estimate_path', 'recent_estimate', 'write_estimate']
+__all__ = ['estimate_path', 'recent_estimate', 'write_estimate', 'write_text']
 
 FOLDER = 'adaptive_blf_control'
 FILE = 'theta_hat.yaml'
 PLAIN = re.compile(r'(?!(?i:y|yes|n|no|on|off|true|false|null)$)[A-Za-z][A-Za-z0-9_]*$')
 
 
-def estimate_path(text: str, namespace: str, environment: Mapping[str, str]) -> Path:
-    """Return the file that the parameter ``estimate_file`` stands for.
+def estimate_path(text: str, namespace: str, environment: Mapping[str, str],
+                  name: str = 'identifier.estimate_file', file: str = FILE) -> Path:
+    """Return the file that a parameter as ``estimate_file`` stands for.
 
     Args:
-        text: The parameter; a leading ``~`` is the home folder. Empty: ``theta_hat.yaml`` in
+        text: The parameter; a leading ``~`` is the home folder. Empty: ``file`` in
             ``adaptive_blf_control/NAMESPACE`` below ``ROS_HOME``, ``~/.ros`` where that is not
             set, so that neither the present folder is littered nor an estimate lost.
         namespace: Of the node, e.g. ``/left``.
         environment: ``ROS_HOME`` and ``HOME`` are looked at.
+        name: Of the parameter, for messages.
+        file: Name of the file where the parameter is empty.
 
     Raises:
         ParameterError: a home folder is needed and not known.
     """
     ros_home = environment.get('ROS_HOME', '')
     if not text:
-        folder = _at_home(ros_home or '~/.ros', environment)
-        return folder.joinpath(FOLDER, *filter(None, namespace.split('/')), FILE)
-    return _at_home(text, environment)
+        folder = _at_home(ros_home or '~/.ros', environment, name)
+        return folder.joinpath(FOLDER, *filter(None, namespace.split('/')), file)
+    return _at_home(text, environment, name)
 
 
-def _at_home(text: str, environment: Mapping[str, str]) -> Path:
+def _at_home(text: str, environment: Mapping[str, str], name: str) -> Path:
     if text != '~' and not text.startswith('~/'):
         return Path(text)
     home = environment.get('HOME', '')
     if not home:
-        raise ParameterError('identifier.estimate_file', text,
+        raise ParameterError(name, text,
                              'a path without ~ where HOME is not set')
     return Path(home, text[2:])
 
@@ -101,10 +104,15 @@ def write_estimate(path: Path, snapshot: Snapshot, written_at: str = '', *,
     """
     if make_folder:
         _make_folder(path.parent)
+    write_text(path, _content(snapshot, written_at, std))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file so that a reader sees all of it or that of before; otherwise as above."""
     temporary = path.with_name(f'.{path.name}.{os.getpid()}.{threading.get_ident()}')
     try:
         with temporary.open('w', encoding='utf-8') as file:
-            file.write(_content(snapshot, written_at, std))
+            file.write(text)
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)

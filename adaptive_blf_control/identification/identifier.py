@@ -68,7 +68,7 @@ class LearnedBlock(NamedTuple):
         samples: Where they are in the log.
         rows: [Y_f τ_f] after each of them, shape (B, n, m + 1).
         usable: Whether the filters had advanced to that pair and were settled, shape (B,).
-    recorded: Whether the history was another one after it, shape (B,).
+        recorded: Whether the history was another one after it, shape (B,).
     """
 
     samples: slice

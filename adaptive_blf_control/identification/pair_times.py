@@ -4,15 +4,32 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.identification.history import History
 from adaptive_blf_control.identification.identifier import Identifier
 
-__all__ = ['PairTimes']
+__all__ = ['PairTimes', 'RecordedHistory']
 
 _KEPT = 4  # times the size of the history: entries before those of pairs that left are dropped
+
+
+class RecordedHistory(NamedTuple):
+    """The pairs that a history holds at one sample; nothing of it changes later.
+
+    Attributes:
+        regressors: Y_f, shape (P, n, m).
+        torques: τ_f, shape (P, n) [N·m].
+        times: When each was taken, shape (P,) [s]; NaN where that is not known.
+        memory: How long the filters remember [s].
+    """
+
+    regressors: np.ndarray
+    torques: np.ndarray
+    times: np.ndarray
+    memory: float
 
 
 class PairTimes:
@@ -46,6 +63,13 @@ class PairTimes:
         if len(self._times) > _KEPT * stack.size:
             held = {row.tobytes() for row in stack.torques[:stack.count]}
             self._times = {key: time for key, time in self._times.items() if key in held}
+
+    def recorded(self, identifier: Identifier) -> RecordedHistory:
+        """Return a copy of what the identifier has recorded."""
+        stack = identifier.stack
+        count = stack.count
+        return RecordedHistory(stack.regressors[:count].copy(), stack.torques[:count].copy(),
+                               self.times(stack), identifier.memory)
 
     def times(self, stack: History) -> np.ndarray:
         """Return when each recorded pair was taken, shape (count,) [s]; NaN where not seen."""

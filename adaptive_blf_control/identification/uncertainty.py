@@ -32,6 +32,7 @@ NORMAL = 1.959963984540054
 _BLOCKS = 5
 _BIN, _LONGEST = 0.25, 20.0  # times the filters' memory: resolution and longest time looked at
 _ALIKE = 0.05  # an autocorrelation that counts
+_MOST = 2000  # pairs that are looked at for it: the work grows with their square
 _ROUNDING = 1e-6
 _FREEDOM = 0.1  # least part of the equations that is taken not to have been fitted
 
@@ -88,11 +89,8 @@ class Uncertainty(NamedTuple):
 
 def estimate_uncertainty(identifier: Identifier, seen: PairTimes) -> Uncertainty | None:
     """Judge what an identifier's history determines; None while it is empty."""
-    stack = identifier.stack
-    if stack.count == 0:
-        return None
-    return uncertainty(stack.regressors[:stack.count], stack.torques[:stack.count],
-                       seen.times(stack), identifier.memory)
+    recorded = seen.recorded(identifier)
+    return uncertainty(*recorded) if len(recorded.times) else None
 
 
 def uncertainty(regressors: np.ndarray, torques: np.ndarray, times: np.ndarray,
@@ -163,7 +161,7 @@ def integral_correlation_time(residuals: np.ndarray, times: np.ndarray,
         times: Shape (P,) [s]; NaN, at the end, where not known.
         least: Shortest T [s].
     """
-    known = np.isfinite(times)
+    known = np.flatnonzero(np.isfinite(times))[:_MOST]
     errors, times = residuals[known], times[known]
     width = _BIN * least
     bins = int(_LONGEST / _BIN)

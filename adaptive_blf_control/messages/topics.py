@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ['ADAPTATION_TERM', 'ALL', 'BARRIER', 'CLOCK', 'COMMANDS', 'EXCITATION', 'GUARANTEE',
+__all__ = ['ADAPTATION_TERM', 'ALL', 'BARRIER', 'CLOCK', 'COMMANDS', 'CONSISTENT_MODEL',
+           'EXCITATION', 'GUARANTEE',
            'HISTORY_RANK', 'HISTORY_SIGMA_MIN', 'JOINT_STATES', 'JOINT_TRAJECTORY', 'KINDS',
-           'RECORDED', 'REFERENCE', 'THETA_HAT', 'TOPICS', 'TRACKING_ERROR', 'Topic',
+           'RECORDED', 'REFERENCE', 'THETA_HAT', 'THETA_STD', 'TOPICS', 'TRACKING_ERROR', 'Topic',
            'published_by']
 
 KINDS = ('arm_driver', 'controller', 'identifier', 'recorder')
@@ -84,6 +85,15 @@ EXCITATION = _topic(
     'identifier/excitation', 'std_msgs/msg/Float64', 'identifier', (),
     'persistence-of-excitation index (21) over `excitation.window`: what the gradient law (20) '
     'needs. Beside the rank it shows why one law converges and the other does not')
+CONSISTENT_MODEL = _topic(
+    'identifier/consistent_model', 'sensor_msgs/msg/JointState', 'identifier', (),
+    'named vector, every `model_period`, not in lockstep: the parameters of the physically '
+    'consistent model of the recorded pairs, for an arm from a URDF; see '
+    '[identification.md](identification.md)')
+THETA_STD = _topic(
+    'identifier/theta_std', 'sensor_msgs/msg/JointState', 'identifier', (),
+    'named vector, likewise: standard deviation of each parameter of θ̂ under the recorded '
+    'pairs, infinite where these do not determine it')
 ADAPTATION_TERM = _topic(
     'controller/adaptation_term', 'sensor_msgs/msg/JointState', 'controller', ('identifier',),
     'named vector: Xᵀe2 of (37); it acts over the interval that follows its stamp. Joints whose '

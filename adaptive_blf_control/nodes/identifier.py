@@ -14,13 +14,14 @@ from std_srvs.srv import Trigger
 
 from adaptive_blf_control.configuration.build import build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
-from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.errors import ArmError, BagError
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.messages.identifier_codecs import EstimateStream, HistoryFigures
 from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.stamp import STAMP_LIMIT
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES
 from adaptive_blf_control.nodes.estimate_saver import EstimateSaver, resumed_estimate
+from adaptive_blf_control.nodes.model_output import ModelOutput
 from adaptive_blf_control.nodes.term_input import TermInput
 from adaptive_blf_control.runtime.compiling import compiling
 from adaptive_blf_control.runtime.data_node import DataNode
@@ -38,6 +39,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         identifier: The object that learns; its ``theta`` and ``stack`` are what is published.
         terms: The adaptation terms of the controller.
         saver: Writes the estimate file.
+        model: Publishes and writes the physically consistent model.
         last_ns: Stamp of the last state [ns]; 0 before the first.
     """
 
@@ -65,7 +67,9 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
                               reliable=self.lockstep)
         self.create_service(Trigger, '~/reset_history', self.on_reset_history)
         self.create_service(Trigger, '~/save_estimate', self.on_save_estimate)
+        self.create_service(Trigger, '~/save_model', self.on_save_model)
         self.saver = EstimateSaver(self, self.identifier.snapshot)
+        self.model = ModelOutput(self, self.identifier, self._outputs)
 
     def _check_rank(self) -> None:
         warning = rank_warning(self.identifier.settings, self.arm.n, self.arm.m)
@@ -83,6 +87,8 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         self._check_rank()
         if 'estimate_period' in changed:
             self.saver.retune(settings.estimate_period)
+        if 'model_period' in changed:
+            self.model.retune(settings.model_period)
 
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> None:
         """Learn from one joint state and publish θ̂."""
@@ -107,13 +113,14 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             self.identifier.reset_history()
         if self._zero_ns is None:
             self._zero_ns = stamp  # seconds since 1970 as a double would cost 2e-7 s of precision
-        theta = self.identifier.update((stamp - self._zero_ns) * 1e-9, q, qd, tau,
-                                       self.terms.held(stamp))
+        t = (stamp - self._zero_ns) * 1e-9
+        theta = self.identifier.update(t, q, qd, tau, self.terms.held(stamp))
         stack = self.identifier.stack
         for topic, message in self._stream.messages(
                 stamp, theta, stack.insertions, lambda: HistoryFigures(
                     stack.rank, stack.sigma_min, self.identifier.excitation)).items():
             self._outputs[topic].publish(message)
+        self.model.observe(stamp, t)
         self.sampled(stamp)
         if self.identifier.changes != self._changes:
             self._changes = self.identifier.changes
@@ -137,6 +144,18 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             response.success, response.message = False, str(error)
         else:
             response.success, response.message = True, str(path.resolve())
+        return response
+
+    def on_save_model(self, request: Trigger.Request,
+                      response: Trigger.Response) -> Trigger.Response:
+        """Write the consistent model and its URDF; see the parameter ``model_file``."""
+        try:
+            model, urdf = self.model.save()
+        except (ArmError, OSError, ValueError, np.linalg.LinAlgError) as error:
+            response.success, response.message = False, str(error)
+        else:
+            response.success = True
+            response.message = f'{model.resolve()} {urdf.resolve()}'
         return response
 
     def _drift(self) -> float:

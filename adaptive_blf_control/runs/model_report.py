@@ -111,7 +111,12 @@ def _confidence_lines(figures: dict[str, Any]) -> list[str]:
 
 
 def parameter_table(figures: dict[str, Any]) -> str:
-    """Return every parameter with its standard deviation and what the data say about it."""
+    """Return every parameter with its standard deviation and what the data say about it.
+
+    Empty where no pair was recorded.
+    """
+    if 'confidence' not in figures:
+        return ''
     width = max(map(len, figures['theta_hat']))
     model = figures.get('consistent', {}).get('theta', {})
     lines = [f'{"parameter":<{width}}{"θ̂":>12}{"± std":>12}{"consistent":>12}  determined']

@@ -67,10 +67,8 @@ def why_not(loop: ClosedLoop) -> str | None:
         return 'theta* of the plant is not known'
     if not isinstance(loop.controller.law, AblfLaw):
         return 'is not about this law'
-    unexpressed = unexpressed_by(plant, parameters)
-    if unexpressed is not None:
-        return (f'is not about this plant: no theta expresses {100.0 * unexpressed.max():.2g} % '
-                'of the torque of a joint')
+    if unexpressed_by(plant, parameters) is not None:
+        return 'is not about this plant: no theta expresses all of its torque'
     return None
 
 

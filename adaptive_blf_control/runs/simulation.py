@@ -30,7 +30,7 @@ from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuara
 from adaptive_blf_control.runs.start_check import loop_warnings
 from adaptive_blf_control.runs.summary import Run, run_of_trace, summarise, table
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
-from adaptive_blf_control.simulation.abilities import contacts_of
+from adaptive_blf_control.simulation.abilities import contacts_of, unexpressed_by
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import Plant, REQUIRED
 from adaptive_blf_control.simulation.sample import Sample
@@ -89,6 +89,8 @@ class Simulation(Trace):
         figures, guarantee = dict(self._summary), self._run_guarantee
         figures['guarantee'] = None if guarantee is None else guarantee.figures()
         figures['predicted_torque_error'] = torque_error_of_trace(self.loop, self)
+        unexpressed = unexpressed_by(self.loop.plant, self.loop.arm.parameters)
+        figures['unexpressed_torque'] = None if unexpressed is None else unexpressed.tolist()
         figures['contacts_s'] = contacts_of(self.loop.plant)
         figures['wall_s'] = self.wall_s
         figures['real_time_factor'] = float(self.t[-1] / self.wall_s)
@@ -100,6 +102,10 @@ class Simulation(Trace):
         lines = [table(figures, self._run)]
         if any(value is not None for value in figures['predicted_torque_error']):
             lines.append(torque_line(figures['predicted_torque_error']))
+        if figures['unexpressed_torque'] is not None:
+            lines.append('beyond any theta     ' + ', '.join(
+                f'{100.0 * part:.2g} %' for part in figures['unexpressed_torque'])
+                + ' of the torque of random motions')
         return '\n'.join([
             *lines,
             guarantee.line() if guarantee is not None else

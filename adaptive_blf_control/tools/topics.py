@@ -40,7 +40,7 @@ LIFECYCLE = ['change_state', 'get_available_states', 'get_available_transitions'
              'get_transition_graph']
 PARAMETERS = ['describe_parameters', 'get_parameter_types', 'get_parameters', 'list_parameters',
               'set_parameters', 'set_parameters_atomically']
-OWN_SERVICES = {'identifier': ['reset_history', 'save_estimate']}
+OWN_SERVICES = {'identifier': ['reset_history', 'save_estimate', 'save_model']}
 
 
 def _route(topic: Topic) -> str:

@@ -30,7 +30,7 @@ __all__ = ['Adaptation', 'adaptation_for', 'parameter_deviation']
 LINKS = 0.25  # part by which inertial parameters of a URDF's links are usually wrong
 FRICTION, LEAST_FRICTION = 0.5, 0.002  # of the URDF's friction; of the torque limit at full speed
 HORIZON = 30.0  # s
-INTEGRATION = 5e-4  # part of the torque by which even exact samples contradict each other
+INTEGRATION = 5e-5  # part of the torque by which even exact samples contradict each other
 SHARE = 1e-4  # k_t/k_h: the pairs decide, not the noise of the present sample
 
 
@@ -70,8 +70,8 @@ def adaptation_for(arm: UrdfArm, deviation: np.ndarray, masses: np.ndarray,
 
 
 def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarray,
-                        payload: float) -> np.ndarray:
-    """Return standard deviations of θ around the URDF's values, shape (m,).
+                        payload: float, *, from_zero: bool = False) -> np.ndarray:
+    """Return standard deviations of θ around its start, shape (m,).
 
     Mass, first moments and inertia of every link are off by a quarter of m, m l and m l², with l
     its distance from the joint axis or its radius of gyration, whichever is larger; a base
@@ -82,19 +82,21 @@ def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarra
         speed: Speed limits, shape (n,) [rad/s].
         torque_limit: Torque limits, shape (n,) [N·m].
         payload: Mass that may be at the tip besides [kg].
+        from_zero: Whether θ̂ starts at 0, off by all of the URDF's values instead.
     """
     mass, moment = arm.inertial[:, :1], arm.inertial[:, 1:4]
     # Half of Ixx + Iyy + Izz: that of a mass m in the distance l about either axis across, m l².
     inertia = 0.5 * arm.inertial[:, [4, 6, 9]].sum(axis=1, keepdims=True)
     first = np.maximum(np.linalg.norm(moment, axis=1, keepdims=True), np.sqrt(mass * inertia))
     sizes = np.hstack([mass, np.repeat(first, 3, axis=1), np.repeat(inertia, 6, axis=1)])
-    links = arm.base_from_standard ** 2 @ (LINKS * sizes.reshape(arm.n * PER_BODY)) ** 2
+    links, part = (1.0, 1.0) if from_zero else (LINKS, FRICTION)
+    base = arm.base_from_standard ** 2 @ (links * sizes.reshape(arm.n * PER_BODY)) ** 2
     nominal = arm.nominal[arm.base_count:]
     least = LEAST_FRICTION * torque_limit
     smallest = np.concatenate([np.zeros(0), *(
         least / speed if name == 'fv' else least for name in _friction_kinds(arm))])
-    friction = np.maximum(FRICTION * np.abs(nominal), smallest)
-    square = np.concatenate([links, friction ** 2])
+    friction = np.maximum(part * np.abs(nominal), smallest)
+    square = np.concatenate([base, friction ** 2])
     if arm.payload_direction is not None:
         square = square + (payload * arm.payload_direction) ** 2
     return np.asarray(np.sqrt(square))

@@ -46,7 +46,7 @@ def _driver(recipe: Recipe) -> dict[str, Any]:
     values: dict[str, Any] = {
         'rate': robot.rate, 'initial_position': recipe.motion.centre,
         'torque_limit': recipe.torque_limit, 'substeps': recipe.substeps,
-        'dead_time': math.ceil(robot.delay * robot.rate - 1e-9),
+        'actuator.delay': robot.delay,
         'command_timeout': _timeout(robot.rate),
         'sensors.torque_noise': robot.torque_noise}
     if robot.encoder_counts is not None:
@@ -97,7 +97,7 @@ def reasons_of(recipe: Recipe) -> Mapping[str, str]:
     ms = f'{1e3 * delay.total:.3g} ms'
     return {
         'arm_driver.initial_position': 'Centre of the reference.',
-        'arm_driver.dead_time': f'As stated, {1e3 * robot.delay:.3g} ms.',
+        'arm_driver.actuator.delay': 'As stated.',
         'arm_driver.substeps': 'So that viscous friction on small inertias is integrated stably.',
         'identifier.gamma': 'As uncertain as the URDF is, a quarter of every link; as fast as a '
                             f'loop with {ms} of delay bears.',

@@ -32,7 +32,7 @@ __all__ = ['Recipe', 'recipe']
 
 USED = 2.0  # a torque limit that nobody states is so many times what the reference needs
 LEAST_TORQUE = 1.0  # N·m, and at least this
-START_ROOM = 2.0  # performance bound over the error of a start from zero
+START_ROOM, PAYLOAD_ROOM = 2.0, 1.25  # bound over the error of a start from zero, of a payload
 UNKNOWN_FRICTION = 0.01  # part of the torque limit that dry friction outside the model may be
 
 
@@ -59,6 +59,7 @@ class Recipe:
         dry_friction: That is not in the model [N·m].
         friction_error: Error that it leaves [rad].
         start_error: Error of the start, with θ̂ as far off as the URDF usually is, or 0 [rad].
+        payload_error: Error after the payload is put on at once, at rest in the centre [rad].
         assumed: What was assumed because neither URDF nor owner says.
     """
 
@@ -80,6 +81,7 @@ class Recipe:
     dry_friction: np.ndarray
     friction_error: np.ndarray
     start_error: np.ndarray
+    payload_error: np.ndarray
     assumed: tuple[str, ...]
 
     @property
@@ -98,10 +100,11 @@ def recipe(arm: UrdfArm, robot: Robot) -> Recipe:
     """
     limits = known_limits(arm, robot)
     found = _within(arm, robot, limits, motion_within(arm, limits, robot))
-    if not robot.from_zero:
+    needed = START_ROOM * found.start_error if robot.from_zero else np.zeros(arm.n)
+    needed = np.maximum(needed, PAYLOAD_ROOM * found.payload_error)
+    if (needed <= found.motion.bound).all():
         return found
-    wide = motion_within(arm, limits, robot, START_ROOM * found.start_error)
-    return _within(arm, robot, limits, wide)
+    return _within(arm, robot, limits, motion_within(arm, limits, robot, needed))
 
 
 def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recipe:
@@ -117,9 +120,13 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
     usual = float(np.sqrt(np.mean(torques ** 2)))
     filters = filters_for(robot, float(np.sqrt(np.mean(states.qd ** 2, axis=0)).max()),
                           float(inertia.most.max()), usual)
-    deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload)
+    deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload,
+                                    from_zero=robot.from_zero)
     adaptation = adaptation_for(arm, deviation, masses, states, delay, filters.noise, usual)
     dry = _dry_friction(arm, torque_limit)
+    start = Start(mass_matrices(arm, arm.nominal, motion.centre[None])[0],
+                  arm.X(motion.centre, *np.zeros((3, arm.n))), gains, motion.bound, friction,
+                  friction, adaptation.gamma, delay)
     return Recipe(
         arm=arm, robot=robot, limits=limits, motion=motion, states=states, inertia=inertia,
         friction=friction, gains=gains, adaptation=adaptation, filters=filters,
@@ -129,11 +136,9 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
         torque=torque, torque_limit=torque_limit, dry_friction=dry,
         friction_error=static_error(dry, motion.bound, *gains),
         start_error=start_error(
-            Start(mass_matrices(arm, arm.nominal, motion.centre[None])[0],
-                  arm.X(motion.centre, *np.zeros((3, arm.n))), gains, motion.bound,
-                  friction, 0.0 * friction if robot.from_zero else friction, adaptation.gamma,
-                  delay),
+            start._replace(known=0.0 * friction) if robot.from_zero else start,
             arm.nominal[:, None] if robot.from_zero else np.diag(deviation)),
+        payload_error=start_error(start, (loaded - arm.nominal)[:, None]),
         assumed=limits.assumed + assumed)
 
 

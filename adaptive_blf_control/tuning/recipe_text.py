@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 import math
 
+import numpy as np
+
 from adaptive_blf_control.tuning.gains import total_rate
 from adaptive_blf_control.tuning.recipe import Recipe
 from adaptive_blf_control.tuning.sensing import measured_velocity_noise
@@ -65,6 +67,11 @@ def _sensors(recipe: Recipe) -> Iterator[str]:
                'of the noise through')
     begin = 'theta_hat = 0' if robot.from_zero else "the URDF's values, a quarter off"
     yield f'start      the error of the first second, with {begin}'
+    if robot.payload:
+        worst = int(np.argmax(recipe.payload_error / recipe.motion.bound))
+        joint, error = recipe.arm.joints[worst], recipe.payload_error[worst]
+        yield (f'payload    {robot.payload:g} kg put on at once moves {joint} by {error:.2g} rad, '
+               'before it is learned')
     if recipe.dry_friction.any():
         yield ('friction   the error that a dry friction of 1 % of the torque limit leaves, which '
                'the model does not have (--coulomb learns it)')

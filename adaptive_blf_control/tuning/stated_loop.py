@@ -18,4 +18,6 @@ def simulated_delay(settings: DriverSettings) -> LoopDelay:
     """Return the delay of the simulated drives and sensors."""
     period, sensors = 1.0 / settings.rate, settings.sensors
     lag = sensors.velocity_time_constant + 0.5 * period if sensors.model == 'encoder' else 0.0
-    return loop_delay(settings.rate, settings.dead_time * period, lag)
+    actuator = settings.actuator
+    delay = settings.dead_time * period + actuator.delay + actuator.jitter
+    return loop_delay(settings.rate, delay, lag)

@@ -52,3 +52,17 @@ def test_a_history_that_was_emptied_starts_again(record: Callable[..., list]) ->
         learner.update(*sample)
         seen.observe(sample.t, learner)
     assert np.nanmin(seen.times(learner.stack)) >= 1.5
+
+
+def test_what_is_recorded_is_a_copy_that_stays(record: Callable[..., list]) -> None:
+    learner, seen = identifier(10), PairTimes()
+    for sample in record(1500):
+        learner.update(*sample)
+        seen.observe(sample.t, learner)
+    recorded = seen.recorded(learner)
+    before = [part.copy() for part in recorded[:3]]
+    assert recorded.regressors.shape == (10, 2, 5)
+    assert recorded.memory == learner.memory
+    learner.reset_history()
+    for part, expected in zip(recorded[:3], before, strict=True):
+        np.testing.assert_array_equal(part, expected)

@@ -130,3 +130,12 @@ def test_condition_is_that_of_columns_of_length_one() -> None:
     stacked = regressors.reshape(-1, 4)
     expected = np.linalg.cond(stacked / np.linalg.norm(stacked, axis=0))
     assert judged.condition == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize('count', [1, 2, 9])
+def test_few_pairs_are_judged_without_a_complaint(count: int) -> None:
+    torques = np.random.default_rng(8).normal(size=(count, 2))
+    judged = uncertainty(rows(count), torques, np.arange(float(count)), 0.1)
+    assert np.isfinite(judged.unexplained).all()
+    assert (judged.std > 0.0).all()
+    np.testing.assert_array_equal(np.isfinite(judged.std).all(), count > 1)

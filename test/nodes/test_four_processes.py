@@ -28,6 +28,7 @@ from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.diagnostics import decode_diagnostics
 from adaptive_blf_control.messages.topics import (
     COMMANDS,
+    CONSISTENT_MODEL,
     GUARANTEE,
     JOINT_STATES,
     JOINT_TRAJECTORY,
@@ -42,8 +43,8 @@ from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 from patience import PATIENCE
 
-# Spoken on only if asked for, and where a parameter changes.
-QUIET = (GUARANTEE, JOINT_TRAJECTORY, '/parameter_events')
+# Spoken on only if asked for, where a parameter changes, and for an arm from a URDF.
+QUIET = (GUARANTEE, JOINT_TRAJECTORY, '/parameter_events', CONSISTENT_MODEL)
 
 
 def _left_over(folder: Path) -> list[str]:

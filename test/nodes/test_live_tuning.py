@@ -62,7 +62,7 @@ NEW: dict[str, dict[str, Any]] = {
         'timeout_action': 'damping', 'damping': [1.0, 2.0, 3.0], 'lockstep.rate': 2.0,
     },
     'identifier': {
-        'estimate_file': 'elsewhere.yaml', 'estimate_period': 60.0,
+        'estimate_file': 'elsewhere.yaml', 'estimate_period': 60.0, 'model_period': 90.0,
         'gamma': [1.0, 2.0, 3.0, 4.0, 5.0], 'kt': 3.0, 'kh': 4.0, 'filter.time_constant': 0.01,
         'filter.gap': 0.2, 'filter.settle': 1.0, 'filter.state_order': 3,
         'filter.state_time_constant': 0.01, 'change.window': 0.3, 'change.threshold': 30.0,
@@ -136,6 +136,7 @@ def _identifier_uses(node: IdentifierNode) -> dict[str, Any]:
     return {
         'estimate_file': str(file_of(node)),
         'estimate_period': node.saver.period,
+        'model_period': node.model.period,
         'gamma': settings.gamma, 'kt': settings.kt, 'kh': settings.kh,
         **{f'filter.{name}': value for name, value in settings.filter.values().items()},
         'filter.state_order': round((identifier.memory - settings.filter.time_constant)
@@ -593,7 +594,7 @@ def test_a_guarantee_asked_for_while_running_is_stated_with_the_next_motion(
     message = deserialize_message(heard[0][0], JointState)
     output = live.node.output
     value = dict(zip(message.name, message.position))['V0']
-    assert value == pytest.approx(barrier(output.e1, output.bound)
+    assert value == pytest.approx(barrier(output.e1, output.bound, np.ones(2))
                                   + 0.5 * 5.0 * output.e2 @ output.e2 + 0.5 * 0.5**2)
 
 

@@ -35,7 +35,7 @@ def test_the_file_states_the_loop_and_sensors_that_were_stated(panda: Path) -> N
     data = load_yaml(panda)
     driver, controller = (node_settings(data, kind) for kind in (DriverSettings,
                                                                  ControllerNodeSettings))
-    assert (driver.dead_time, driver.rate) == (4, 1000.0)
+    assert (driver.actuator.delay, driver.rate) == (0.004, 1000.0)
     assert driver.sensors.model == 'encoder'
     assert driver.sensors.encoder_counts * driver.sensors.gear_ratio == 200000.0
     assert driver.sensors.torque_noise == 0.05
@@ -56,9 +56,9 @@ def test_a_configured_arm_keeps_its_sets_late_and_noisy_with_a_urdf_that_is_a_fi
     assert np.abs(run.e1).max() < 0.1
 
 
-def test_the_same_gains_are_refused_in_a_loop_that_is_three_times_as_late(panda: Path) -> None:
+def test_the_same_gains_are_refused_in_a_loop_that_is_four_times_as_late(panda: Path) -> None:
     with pytest.raises(ParameterError, match=r'controller\.k2.*would do'):
-        simulate(load_yaml(panda), 0.1, **{'arm_driver.dead_time': 40})
+        simulate(load_yaml(panda), 0.1, **{'arm_driver.actuator.delay': 0.04})
 
 
 def test_a_file_that_exists_is_kept_unless_it_is_to_be_overwritten(panda: Path, capsys) -> None:

@@ -115,4 +115,6 @@ def test_the_loop_is_as_late_as_stated_or_simulated() -> None:
     driver = DriverSettings(rate=1000.0, dead_time=3, sensors=sensors)
     assert simulated_delay(driver) == pytest.approx((0.001, 0.003, 0.0065))
     assert simulated_delay(DriverSettings()) == (0.001, 0.0, 0.0)
+    late = DriverSettings(rate=500.0, actuator={'delay': 0.003, 'jitter': 0.001})
+    assert simulated_delay(late) == pytest.approx((0.002, 0.004, 0.0))
     assert stated.longer(simulated_delay(driver)) == pytest.approx((0.002, 0.004, 0.0065))

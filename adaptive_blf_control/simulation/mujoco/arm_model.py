@@ -54,6 +54,7 @@ class ArmModel:
     Attributes:
         model: The ``mujoco.MjModel``.
         joints: Joint names, length n.
+        ids: Numbers of the joints in the model, shape (n,).
         position: Addresses of the joints in qpos, shape (n,).
         velocity: Addresses of the joints in qvel, shape (n,).
         turns: Whether each joint is a hinge, not a slide, shape (n,).
@@ -62,20 +63,22 @@ class ArmModel:
             [N·m·(s/rad)^½].
     """
 
-    def __init__(self, model: Any, joints: Sequence[str], loads: dict[str, str]) -> None:
+    def __init__(self, model: Any, joints: Sequence[str], names: Sequence[str],
+                 loads: dict[str, str]) -> None:
         """Take over a compiled model; its loads start without mass.
 
         Args:
             model: The ``mujoco.MjModel``.
             joints: Names in the order of every array.
+            names: Their names in the model.
             loads: Body of the load of each link, see `load_body`.
         """
         self._mujoco = load_mujoco()
         self.model, self.joints = model, tuple(joints)
-        ids = [model.joint(name).id for name in joints]
-        self.position, self.velocity = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
-        self.turns = model.jnt_type[ids] == self._mujoco.mjtJoint.mjJNT_HINGE
-        self.offset, self.square_root = np.zeros((2, len(ids)))
+        self.ids = np.array([model.joint(name).id for name in names])
+        self.position, self.velocity = model.jnt_qposadr[self.ids], model.jnt_dofadr[self.ids]
+        self.turns = model.jnt_type[self.ids] == self._mujoco.mjtJoint.mjJNT_HINGE
+        self.offset, self.square_root = np.zeros((2, len(self.ids)))
         self._bodies = {link: model.body(name).id for link, name in loads.items()}
         self._centres = {link: model.body_ipos[body].copy() for link, body in self._bodies.items()}
         self._masses = dict.fromkeys(loads, 0.0)

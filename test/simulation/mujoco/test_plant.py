@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.errors import ArmError, ParameterError
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.plant import MujocoPlant
 from adaptive_blf_control.simulation.plant import truth_of
@@ -102,6 +102,15 @@ def test_the_drives_saturate(made):
     assert plant.torque.tolist() == [4.0, -4.0]
 
 
+def test_a_simulation_that_diverges_is_an_error_and_no_file(made, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    plant = made(torque_limit=[1e300])
+    plant.apply(np.full(2, 1e300))
+    with pytest.raises(ArmError, match='MuJoCo diverges at 0.0000 s with the torque'):
+        plant.advance(0.001)
+    assert list(tmp_path.iterdir()) == []  # MuJoCo's own log
+
+
 def test_the_brakes_hold_without_torque(made):
     plant = made(initial_velocity=[1.0, 1.0], actuator={'delay': 0.01})
     plant.apply(np.ones(2))
@@ -189,6 +198,15 @@ def test_an_obstacle_ahead_stops_the_arm_and_goes(made, mjcf, contact):
     plant.advance(0.5)
     assert plant.touched[-1][1] <= 0.5
     assert plant.q[0] > stopped + 0.1  # it falls on
+
+
+def test_bounces_are_one_contact_and_a_later_touch_is_another(made):
+    plant = made(initial_velocity=[1.0, 0.0], **scheduled(
+        (0.0, 'contact', 1.0), (0.3, 'contact', 0.0), (0.5, 'contact', 1.0)))
+    plant.advance(0.8)
+    (_, end), (again, _) = plant.touched
+    assert end <= 0.3
+    assert again >= 0.5
 
 
 def test_an_obstacle_at_a_fixed_place_is_hit_there(made, mjcf):
@@ -279,7 +297,6 @@ def test_a_schedule_that_cannot_be_taken_changes_nothing(made, two_link_settings
 
 
 @pytest.mark.parametrize(('settings', 'message'), [
-    ({'dead_time': 2}, 'actuator.delay in seconds'),
     ({'true_model': 'given', 'true_parameters': [1.0]}, 'nominal: the arm in MuJoCo'),
     ({'schedule': {'time': [1.0, 2.0]}}, 'of the same length'),
     ({'mujoco': {'contact': {'link': 'gripper'}}}, 'contact.link.*one of upper, lower, hand'),

@@ -33,7 +33,9 @@ def scenario(pair_urdf):
                        'reference': dict.fromkeys(JOINTS, SWING)}})
 
 
-def test_two_plants_that_share_no_dynamics_move_alike(scenario):
+@pytest.mark.parametrize('dead_time', [0, 2])
+def test_two_plants_that_share_no_dynamics_move_alike(scenario, dead_time):
+    scenario = apply_changes(scenario, {'arm_driver.dead_time': dead_time})
     ours = simulate(scenario, 2.0, arm_driver={'substeps': 4})  # as MuJoCo: 0.25 ms
     theirs = simulate(scenario, 2.0, arm_driver={'plant': 'mujoco',
                                                  'mujoco': {'integrator': 'rk4'}})
@@ -85,13 +87,17 @@ def test_learning_is_judged_by_the_torque_that_mujoco_needs(scenario):
     assert max(run.figures['predicted_torque_error']) < 0.01
     assert run.figures['guarantee'] is not None
     assert 'predicted torque     off by' in repr(run)
+    assert run.figures['unexpressed_torque'] is None
 
 
 def test_what_no_parameter_expresses_is_said_in_the_summary(scenario):
     run = simulate(scenario, 0.2, arm_driver={
         'plant': 'mujoco', 'true_friction': {'rotor_inertia': [0.0, 0.2], 'coulomb': [1.0]}})
     assert run.figures['guarantee'] is None
-    assert 'is not about this plant: no theta expresses' in repr(run)
+    shoulder, elbow = run.figures['unexpressed_torque']
+    assert 0.0 < shoulder < elbow < 1.0
+    assert f'{100.0 * elbow:.2g} % of the torque of random motions' in repr(run)
+    assert 'is not about this plant: no theta expresses all of its torque' in repr(run)
 
 
 def test_a_contact_is_reported_and_the_sets_may_be_left_while_it_lasts(scenario):
