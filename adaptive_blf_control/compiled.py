@@ -103,6 +103,8 @@ if COMPILED:
             for place, inner in enumerate(kind):
                 part = _without_owner(context, builder, inner, builder.extract_value(value, place))
                 value = builder.insert_value(value, part, place)
+            return value
+        context.nrt.incref(builder, kind, value)  # what else has owners, a random generator
         return value
 
 
