@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.arrays import are_vectors, checked_count, checked_number, checked_vectors
-from adaptive_blf_control.compiled import by_type, jit
+from adaptive_blf_control.compiled import borrowed, by_type, jit
 
 __all__ = ['acceleration', 'advance', 'CompiledDynamics']
 
@@ -48,6 +48,7 @@ def advance(arm: Any, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
     Returns:
         Positions and velocities after ``dt``.
     """
+    arm = borrowed(arm)
     h = dt / substeps
     q, qd = q.copy(), qd.copy()
     stages = np.empty((4, q.size))

@@ -33,8 +33,8 @@ from adaptive_blf_control.simulation.plant import Plant, REQUIRED, SimulatedArm
 from adaptive_blf_control.simulation.rotation import rotation
 from adaptive_blf_control.simulation.sensors import Sensor
 
-__all__ = ['ArmStore', 'OwnParts', 'build_arm', 'build_closed_loop', 'build_identifier', 'build_plant',
-           'initial_estimate', 'initial_theta']
+__all__ = ['ArmStore', 'OwnParts', 'build_arm', 'build_closed_loop', 'build_identifier',
+           'build_plant', 'initial_estimate', 'initial_theta']
 
 FRICTION = {'viscous': 'friction_viscous', 'coulomb': 'friction_coulomb',
             'offset': 'friction_offset', 'square_root': 'friction_square_root',

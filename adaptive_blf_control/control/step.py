@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.regressors import law_regressor
-from adaptive_blf_control.compiled import Handle, jit
+from adaptive_blf_control.compiled import borrowed, Handle, jit
 from adaptive_blf_control.control.law import (
     add_unwound,
     joint_errors,
@@ -130,6 +130,8 @@ def controller_step(controller: ControllerArrays, answer: Answer, t: float, q: n
     Returns:
         Regressor X, shape (n, m).
     """
+    controller, answer = borrowed(controller), borrowed(answer)
+    point, bounds = borrowed(point), borrowed(bounds)
     gains, memory = controller.gains, controller.memory
     e1, e2, bound = answer.e1, answer.e2, answer.bound
     alpha, alpha_dot, k1 = answer.alpha, answer.alpha_dot, gains.k1

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.identification import history, history_step
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.stack_arrays import (
@@ -22,6 +22,7 @@ __all__ = ['arrays_of_stack']
 
 @jit
 def _facts(pairs: Pairs) -> tuple[int, int, int, int]:
+    pairs = borrowed(pairs)
     counters = pairs.counters
     return counters[COUNT], counters[SIZE], counters[RANK], counters[REVISION]
 

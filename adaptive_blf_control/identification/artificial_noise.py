@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.algorithm_1 import arrays_of_stack
 from adaptive_blf_control.identification.history import facts, offer
@@ -61,6 +61,7 @@ def offer_with_noise(noise: NoisyHistoryArrays, regressor: np.ndarray, torque: n
         torque: τ_f, shape (n,) [N·m].
         rank: Rank of the measured pairs; once it is m, the noisy ones are not active any more.
     """
+    noise = borrowed(noise)
     n, m = regressor.shape
     if is_different(regressor, noise.last, noise.epsilon):
         noise.last[:, :] = regressor

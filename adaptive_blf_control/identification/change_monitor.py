@@ -20,7 +20,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from adaptive_blf_control.compiled import by_type, jit, uncompiled
+from adaptive_blf_control.compiled import borrowed, by_type, jit, uncompiled
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.history import facts, History, pairs, sums
 
@@ -137,6 +137,7 @@ class ResidualArrays(NamedTuple):
 def take_over(monitor: ResidualArrays, regressors: np.ndarray, torques: np.ndarray,
               gram: np.ndarray, moment: np.ndarray) -> None:
     """Take θ_s and the residuals of the recorded pairs, (P, n, m) and (P, n), from their sums."""
+    monitor = borrowed(monitor)
     slots, n, m = regressors.shape
     inverse = np.linalg.inv(gram)
     monitor.theta[:] = np.dot(inverse, moment)
@@ -155,6 +156,7 @@ def take_over(monitor: ResidualArrays, regressors: np.ndarray, torques: np.ndarr
 def residuals_contradicted(monitor: ResidualArrays, dt: float, regressor: np.ndarray,
                            torque: np.ndarray, history: History) -> bool:
     """Compare a pair with the recorded ones, see `ChangeMonitor.watch`."""
+    monitor = borrowed(monitor)
     count, size, rank, revision = facts(history)
     if monitor.window <= 0.0 or count != size or rank != regressor.shape[1]:
         return False
@@ -174,6 +176,7 @@ def residuals_contradicted(monitor: ResidualArrays, dt: float, regressor: np.nda
 @jit
 def forget_statistic(monitor: ResidualArrays) -> None:
     """Begin with an empty mean and without residuals."""
+    monitor = borrowed(monitor)
     monitor.statistic[:] = 0.0
     monitor.revision[0] = -1
 

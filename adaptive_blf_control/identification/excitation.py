@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['PARTS', 'Excitation', 'ExcitationArrays', 'accumulate', 'with_sample']
@@ -49,6 +49,7 @@ class ExcitationArrays(NamedTuple):
 @jit
 def accumulate(arrays: ExcitationArrays, dt: float, regressor: np.ndarray) -> None:
     """Add the filtered regressor Y_f, shape (n, m), held over ``dt`` [s]."""
+    arrays = borrowed(arrays)
     count = arrays.parts.shape[0]
     if count == 0:
         return

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.identification.pair_selection import best_replacement, is_different
 from adaptive_blf_control.identification.rank_selection import least_missed, replacement_for_rank
 from adaptive_blf_control.identification.stack_arrays import (
@@ -46,6 +46,7 @@ def offer(pairs: Pairs, regressor: np.ndarray, torque: np.ndarray) -> int:
     Returns:
         The slot that was filled or replaced, −1 where the pair was not taken.
     """
+    pairs = borrowed(pairs)
     counters, figures, m = pairs.counters, pairs.figures, regressor.shape[1]
     shrinking = counters[COUNT] > counters[SIZE]
     if not shrinking and not is_different(regressor, pairs.last, figures[THRESHOLD]):

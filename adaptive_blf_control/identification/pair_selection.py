@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.identification.squares import (
     add_square,
     assign,
@@ -88,6 +88,7 @@ def best_replacement(pairs: Pairs, candidate: np.ndarray, wanted: float) -> tupl
     Returns:
         Slot −1 where no replacement reaches ``wanted``.
     """
+    pairs = borrowed(pairs)
     directions, count = pairs.directions, pairs.counters[COUNT]
     m = pairs.moment.size
     gain = seen_square(candidate, directions.weakest, m)
@@ -121,6 +122,7 @@ def best_replacement(pairs: Pairs, candidate: np.ndarray, wanted: float) -> tupl
 @jit
 def _bound_by_weakest(directions: Directions, count: int, gain: float, wanted: float) -> bool:
     """Set the bounds by the weakest direction of Q; whether one of them leaves a slot open."""
+    directions = borrowed(directions)
     promising = False
     for slot in range(count):
         bound = directions.strength[0] + gain - directions.energies[slot]
@@ -133,6 +135,7 @@ def _bound_by_weakest(directions: Directions, count: int, gain: float, wanted: f
 @jit
 def _most_promising(directions: Directions, count: int, best: float) -> int:
     """Slot with the largest bound that reaches ``best``, −1 for none."""
+    directions = borrowed(directions)
     found, largest = -1, best
     for slot in range(count):
         bound = directions.bounds[slot]
@@ -145,6 +148,7 @@ def _most_promising(directions: Directions, count: int, best: float) -> int:
 @jit
 def _joint_bound(directions: Directions, slot: int) -> float:
     """Smallest eigenvalue of the trial's projection on W; ``weights`` become its direction."""
+    directions = borrowed(directions)
     size, form = directions.counters[SET], directions.form
     candidate, seen = directions.candidate, directions.seen[slot]
     for i in range(size):
@@ -162,6 +166,7 @@ def _joint_bound(directions: Directions, slot: int) -> float:
 @jit
 def _sigma_min_with(pairs: Pairs, slot: int) -> float:
     """σ_min with the candidate in a slot; ``vector`` becomes the direction."""
+    pairs = borrowed(pairs)
     form, m = pairs.trial, pairs.moment.size
     assign(form.matrix, pairs.grown)
     add_square(form.matrix, pairs.regressors[slot], pairs.last.shape[0], -1.0)
@@ -174,6 +179,7 @@ def _sigma_min_with(pairs: Pairs, slot: int) -> float:
 @jit
 def _take_in(pairs: Pairs, candidate: np.ndarray) -> None:
     """Take ``vector`` into W; ``weights`` become the part of it that is in W, as a unit vector."""
+    pairs = borrowed(pairs)
     directions, m = pairs.directions, candidate.shape[1]
     count = pairs.counters[COUNT]
     add_direction(directions, directions.vector, pairs.regressors, pairs.gram, count)
@@ -193,6 +199,7 @@ def _take_in(pairs: Pairs, candidate: np.ndarray) -> None:
 @jit
 def _sharpen(directions: Directions, count: int, best: float, slack: float) -> None:
     """Lower the bounds of all open slots by what the direction ``weights`` sees."""
+    directions = borrowed(directions)
     size, weights = directions.counters[SET], directions.weights
     strength = (energy(directions.gram, weights, size)
                 + seen_square(directions.candidate, weights, size) + slack)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.identification.squares import add_square, assign
 from adaptive_blf_control.identification.stack_arrays import (
     COUNT,
@@ -26,6 +26,7 @@ __all__ = ['least_missed', 'replacement_for_rank']
 @jit
 def replacement_for_rank(pairs: Pairs, candidate: np.ndarray) -> int:
     """Return the slot to replace, or −1."""
+    pairs = borrowed(pairs)
     n, m = candidate.shape
     count, known = pairs.counters[COUNT], pairs.counters[RANK]
     assign(pairs.grown, pairs.gram)
@@ -55,6 +56,7 @@ def least_missed(pairs: Pairs, total: np.ndarray, rank: int, tolerance: float) -
         rank: Its rank.
         tolerance: From which eigenvalue on a direction counts, see `rank_of`.
     """
+    pairs = borrowed(pairs)
     form, (n, m) = pairs.trial, pairs.last.shape
     found, least, turn = -1, rank + 1, -1
     for _ in range(pairs.counters[COUNT]):
@@ -84,6 +86,7 @@ def _oldest_after(turns: np.ndarray, count: int, turn: int) -> int:
 @jit
 def _rank_with(pairs: Pairs, slot: int, candidate: np.ndarray) -> int:
     """Rank with the candidate in a slot, summed again."""
+    pairs = borrowed(pairs)
     n, m = candidate.shape
     count, form = pairs.counters[COUNT], pairs.trial
     rows = pairs.regressors.reshape(pairs.regressors.shape[0] * n, m)

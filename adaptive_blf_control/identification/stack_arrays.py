@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.identification.squares import add_square, assign
 from adaptive_blf_control.identification.tridiagonal import (
     count_up_to,
@@ -104,6 +104,7 @@ def with_slots(pairs: Pairs, slots: int) -> Pairs:
 @jit
 def clear_pairs(pairs: Pairs) -> None:
     """Forget every pair; size and thresholds stay."""
+    pairs = borrowed(pairs)
     for array in (pairs.gram, pairs.last):
         array[:] = 0.0
     pairs.regressors[:] = 0.0
@@ -121,6 +122,7 @@ def clear_pairs(pairs: Pairs) -> None:
 @jit
 def is_full(pairs: Pairs) -> bool:
     """Whether all P slots are filled."""
+    pairs = borrowed(pairs)
     return bool(pairs.counters[COUNT] >= pairs.counters[SIZE])
 
 
@@ -137,6 +139,7 @@ def _add_moment(moment: np.ndarray, regressor: np.ndarray, torque: np.ndarray,
 @jit
 def sum_again(pairs: Pairs) -> None:
     """Sum Q and the moment over the pairs."""
+    pairs = borrowed(pairs)
     pairs.gram[:] = 0.0
     pairs.moment[:] = 0.0
     slots, n, m = pairs.regressors.shape
@@ -154,6 +157,7 @@ def sums_follow(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarr
 
     Only with rank full: in a deficient Q the rounding of earlier pairs would pass for rank.
     """
+    pairs = borrowed(pairs)
     n, m = regressor.shape
     if pairs.counters[RANK] < m:
         return False
@@ -173,6 +177,7 @@ def sums_follow(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarr
 @jit
 def take_turn(pairs: Pairs, slot: int) -> None:
     """Make a slot the one whose turn comes last."""
+    pairs = borrowed(pairs)
     pairs.counters[TURN] += 1
     pairs.turns[slot] = pairs.counters[TURN]
 
@@ -180,6 +185,7 @@ def take_turn(pairs: Pairs, slot: int) -> None:
 @jit
 def store(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarray) -> None:
     """Put a pair into a slot, the first empty one or one that is filled."""
+    pairs = borrowed(pairs)
     if slot == pairs.counters[COUNT]:
         pairs.counters[COUNT] += 1
     take_turn(pairs, slot)
@@ -194,6 +200,7 @@ def store(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarray) ->
 @jit
 def remove(pairs: Pairs, slot: int) -> None:
     """Take a pair away; the last one moves into its slot."""
+    pairs = borrowed(pairs)
     pairs.counters[COUNT] -= 1
     last, directions = pairs.counters[COUNT], pairs.directions
     add_square(directions.gram, directions.seen[slot], pairs.last.shape[0], -1.0)
@@ -227,6 +234,7 @@ def _square(regressor: np.ndarray) -> float:
 @jit
 def rank_of(form: Tridiagonal, rows: int) -> tuple[int, float]:
     """Rank of a reduced sum over so many rows, and the rounding that it is told from."""
+    form = borrowed(form)
     m = form.diagonal.size
     tolerance = max(m, rows) * EPSILON * max(largest_eigenvalue(form, m), 0.0)
     return m - count_up_to(form, m, tolerance), tolerance
@@ -235,6 +243,7 @@ def rank_of(form: Tridiagonal, rows: int) -> tuple[int, float]:
 @jit
 def surely_full_rank(pairs: Pairs, sigma_min: float) -> bool:
     """Whether the tolerance of `rank_of` is below σ_min whatever the largest eigenvalue is."""
+    pairs = borrowed(pairs)
     rows = pairs.counters[COUNT] * pairs.regressors.shape[1]
     return bool(sigma_min > max(pairs.moment.size, rows) * EPSILON * trace(pairs.gram))
 
@@ -242,6 +251,7 @@ def surely_full_rank(pairs: Pairs, sigma_min: float) -> bool:
 @jit
 def measure(pairs: Pairs) -> None:
     """Set rank, its tolerance and σ_min, and in a full stack the weakest direction, from Q."""
+    pairs = borrowed(pairs)
     m, form = pairs.moment.size, pairs.trial
     assign(form.matrix, pairs.gram)
     reduce(form, m)

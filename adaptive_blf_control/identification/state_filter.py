@@ -22,7 +22,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from adaptive_blf_control.arrays import checked_array
-from adaptive_blf_control.compiled import by_type, jit
+from adaptive_blf_control.compiled import borrowed, by_type, jit
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['LowPass', 'LowPassArrays', 'STATE_FILTERS', 'StateFilter', 'cascade_step',
@@ -154,6 +154,7 @@ def low_pass_filtered(low_pass: LowPassArrays, dt: float, q: np.ndarray, qd: np.
 @jit
 def forget_low_passed(low_pass: LowPassArrays) -> None:
     """Begin with the next sample as if the arm had come from where it is."""
+    low_pass = borrowed(low_pass)
     low_pass.begun[0] = False
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.regressors import regressors
-from adaptive_blf_control.compiled import all_finite, Handle, inlined, jit
+from adaptive_blf_control.compiled import all_finite, borrowed, Handle, inlined, jit
 from adaptive_blf_control.identification.artificial_noise import (
     ACTIVE,
     NoisyHistoryArrays,
@@ -103,6 +103,7 @@ class IdentifierState(NamedTuple):
 @jit
 def _interval(pair: PairState, t: float) -> float:
     """Return the time since the last sample [s], 0 for the first; NaN where it is dropped."""
+    pair = borrowed(pair)
     if not pair.counts[BEGUN]:
         return 0.0
     dt = t - pair.clock[TIME]
@@ -119,6 +120,7 @@ def _finite_sample(t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> 
 
 @jit
 def _usable(pair: TorqueFilterArrays) -> bool:
+    pair = borrowed(pair)
     return bool((np.abs(pair.regressor) < LARGEST).all()
                 and (np.abs(pair.torque) < LARGEST).all())
 
@@ -141,6 +143,7 @@ def observe_step(arm: Any, state_filter: Any, pair: PairState, t: float, q: np.n
         The interval [s] the filters advanced by; 0 where they (re)started or the sample was
         dropped.
     """
+    pair = borrowed(pair)
     counts, clock = pair.counts, pair.clock
     if not _finite_sample(t, q, qd, tau):
         counts[NOT_FINITE] += 1
@@ -179,6 +182,8 @@ def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarr
         dt: Time since the last pair [s], > 0.
         term: Xᵀe2 held over that interval, shape (m,).
     """
+    pair = borrowed(pair)
+    learner = borrowed(learner)
     counts, regressor, torque = pair.counts, pair.filter.regressor, pair.filter.torque
     settled = bool(pair.clock[AGE] >= pair.settling)
     if settled and contradicted(learner.monitor, dt, regressor, torque, learner.history):
@@ -209,6 +214,7 @@ def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarr
 def identifier_step(arm: Any, state: IdentifierState, t: float, q: np.ndarray, qd: np.ndarray,
                     tau: np.ndarray, term: np.ndarray) -> float:
     """Filter one sample, record its pair and advance θ̂; see `observe_step` and `learn_step`."""
+    state = borrowed(state)
     dt = observe_step(arm, state.state_filter, state.pair, t, q, qd, tau)
     if dt > 0.0:
         learn_step(state.pair, state.learner, dt, term)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['FilteredPair', 'TorqueFilter', 'TorqueFilterArrays', 'filter_pair', 'filter_step',
@@ -67,6 +67,7 @@ class TorqueFilterArrays(NamedTuple):
 def filter_pair(arrays: TorqueFilterArrays, dt: float, y1: np.ndarray, y2: np.ndarray,
                 tau: np.ndarray) -> bool:
     """Filter one sample, see `TorqueFilter.update`; False for the first one."""
+    arrays = borrowed(arrays)
     advances = bool(arrays.begun[0])
     if advances:
         regressor, torque = filter_step(
@@ -83,6 +84,7 @@ def filter_pair(arrays: TorqueFilterArrays, dt: float, y1: np.ndarray, y2: np.nd
 @jit
 def forget_pair(arrays: TorqueFilterArrays) -> None:
     """Begin with the next sample from Y_f = 0, τ_f = 0."""
+    arrays = borrowed(arrays)
     arrays.regressor[:, :] = 0.0
     arrays.torque[:] = 0.0
     arrays.begun[0] = False

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 
 __all__ = ['EPSILON', 'Tridiagonal', 'count_up_to', 'eigenvector', 'largest_eigenvalue', 'reduce',
            'smallest_eigenvalue', 'tridiagonal', 'turned_axes']
@@ -53,6 +53,7 @@ def tridiagonal(m: int) -> Tridiagonal:
 @jit
 def reduce(form: Tridiagonal, size: int) -> None:
     """Reduce the first ``size`` rows and columns of ``form.matrix`` to T, in place."""
+    form = borrowed(form)
     v, w, u, p = form.work[0], form.work[1], form.work[2], form.work[3]
     v[:size] = 0.0
     w[:size] = 0.0
@@ -82,6 +83,7 @@ def reduce(form: Tridiagonal, size: int) -> None:
 @jit
 def _reflector(form: Tridiagonal, row: np.ndarray, k: int) -> float:
     """Make the first k elements of a row the reflector that leaves only the last of them."""
+    form = borrowed(form)
     last, rest = row[k - 1], 0.0
     for i in range(k - 1):
         rest += row[i] * row[i]
@@ -115,6 +117,7 @@ def _fold(matrix: np.ndarray, k: int, v: np.ndarray, w: np.ndarray, u: np.ndarra
 @jit
 def _row_sum(form: Tridiagonal, size: int) -> float:
     """The largest row sum of |T|, a bound of its eigenvalues."""
+    form = borrowed(form)
     largest = 0.0
     for i in range(size):
         total = abs(form.diagonal[i]) + abs(form.off[i])
@@ -127,6 +130,7 @@ def _row_sum(form: Tridiagonal, size: int) -> float:
 @jit
 def count_up_to(form: Tridiagonal, size: int, bound: float) -> int:
     """Return how many eigenvalues of T are not above ``bound``: Sturm's count."""
+    form = borrowed(form)
     count, pivot = 0, 1.0
     tiny = EPSILON * EPSILON * max(_row_sum(form, size), 1e-290)
     for i in range(size):
@@ -140,6 +144,7 @@ def count_up_to(form: Tridiagonal, size: int, bound: float) -> int:
 @jit
 def smallest_eigenvalue(form: Tridiagonal, size: int) -> float:
     """Return the smallest eigenvalue of a positive semi-definite T, to the rounding of ‖T‖."""
+    form = borrowed(form)
     scale = _row_sum(form, size)
     return _from_below(form, size, -2.0 * size * EPSILON * scale, scale)
 
@@ -147,6 +152,7 @@ def smallest_eigenvalue(form: Tridiagonal, size: int) -> float:
 @jit
 def largest_eigenvalue(form: Tridiagonal, size: int) -> float:
     """Return the largest eigenvalue of T, to the rounding of ‖T‖."""
+    form = borrowed(form)
     scale = _row_sum(form, size)
     for i in range(size):
         form.diagonal[i] = -form.diagonal[i]
@@ -163,6 +169,7 @@ def _from_below(form: Tridiagonal, size: int, lower: float, scale: float) -> flo
     With q_i the pivots of T − x I, s1 = Σ 1/(λ_i − x) = −Σ q_i'/q_i and s2 = Σ 1/(λ_i − x)²
     follow from derivatives of their recursion.
     """
+    form = borrowed(form)
     value = lower
     for _ in range(_ITERATIONS):
         s1, s2, inverse, slope, bend = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -188,6 +195,7 @@ def eigenvector(form: Tridiagonal, size: int, value: float, x: np.ndarray) -> No
 
     Two steps of inverse iteration below ``value``, which is exact to rounding.
     """
+    form = borrowed(form)
     pivot, factor = form.work[0], form.work[1]
     below = 4.0 * EPSILON * max(_row_sum(form, size), 1e-100)
     shift, tiny = value - below, EPSILON * below
@@ -216,6 +224,7 @@ def eigenvector(form: Tridiagonal, size: int, value: float, x: np.ndarray) -> No
 @jit
 def _turn_back(form: Tridiagonal, size: int, x: np.ndarray) -> None:
     """Replace x by Z x."""
+    form = borrowed(form)
     for k in range(1, size):
         row, total = form.matrix[k], 0.0
         for i in range(k):
@@ -228,6 +237,7 @@ def _turn_back(form: Tridiagonal, size: int, x: np.ndarray) -> None:
 @jit
 def turned_axes(form: Tridiagonal, axes: np.ndarray) -> None:
     """Set ``axes``, shape (m, m), to Z of a matrix of m rows."""
+    form = borrowed(form)
     size, total = axes.shape[0], form.work[0]
     for i in range(size):
         row = axes[i]

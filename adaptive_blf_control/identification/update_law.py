@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.identification.tridiagonal import (
     reduce,
     Tridiagonal,
@@ -102,6 +102,7 @@ def advance(kept: KeptHistory, theta: np.ndarray, dt: float, gamma: np.ndarray, 
         moment: g, shape (m,).
         adaptation_term: Xᵀ e2, shape (m,); zeros give (22).
     """
+    kept = borrowed(kept)
     if not (_same_vector(kept.gamma, gamma) and _same_matrix(kept.gram, gram)):
         _keep(kept, gram, gamma)
     n, m = yf.shape
@@ -147,6 +148,7 @@ def _same_matrix(one: np.ndarray, other: np.ndarray) -> bool:
 
 @jit
 def _keep(kept: KeptHistory, gram: np.ndarray, gamma: np.ndarray) -> None:
+    kept = borrowed(kept)
     m = gamma.size
     for i in range(m):
         kept.gamma[i] = gamma[i]

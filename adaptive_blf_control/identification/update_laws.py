@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from adaptive_blf_control.arrays import checked_array
-from adaptive_blf_control.compiled import by_type, jit
+from adaptive_blf_control.compiled import borrowed, by_type, jit
 from adaptive_blf_control.identification.update_law import advance, kept_history, KeptHistory
 from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made
 
@@ -112,6 +112,7 @@ class ImplicitArrays(NamedTuple):
 def implicitly_stepped(law: ImplicitArrays, theta: np.ndarray, dt: float,
                        evidence: Evidence) -> np.ndarray:
     """Return θ̂ after one implicit step of (37), stable for every gain."""
+    law = borrowed(law)
     result = theta.copy()
     advance(law.kept, result, dt, law.gamma, law.kt if evidence.settled else 0.0, law.kh,
             evidence.regressor, evidence.torque, evidence.gram, evidence.moment,

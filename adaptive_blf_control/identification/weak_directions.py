@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.identification.squares import (
     add_square,
     dot,
@@ -85,6 +85,7 @@ def new_directions(n: int, m: int, slots: int) -> Directions:
 @jit
 def clear_directions(directions: Directions) -> None:
     """Forget all directions."""
+    directions = borrowed(directions)
     directions.counters[:] = 0
     directions.basis[:] = 0.0
     directions.seen[:] = 0.0
@@ -95,6 +96,7 @@ def clear_directions(directions: Directions) -> None:
 def set_weakest(directions: Directions, regressors: np.ndarray, gram: np.ndarray,
                 count: int) -> None:
     """Take over what ``weakest`` sees of Q and of ``count`` pairs, and the direction into W."""
+    directions = borrowed(directions)
     m = directions.weakest.size
     directions.strength[0] = energy(gram, directions.weakest, m)
     for slot in range(count):
@@ -106,6 +108,7 @@ def set_weakest(directions: Directions, regressors: np.ndarray, gram: np.ndarray
 def add_direction(directions: Directions, direction: np.ndarray, regressors: np.ndarray,
                   gram: np.ndarray, count: int) -> None:
     """Take a unit vector, shape (m,), into W in place of the row that is there longest."""
+    directions = borrowed(directions)
     m, row = direction.size, directions.counters[NEXT]
     vector = directions.work[0]
     vector[:] = direction
@@ -132,6 +135,7 @@ def add_direction(directions: Directions, direction: np.ndarray, regressors: np.
 @jit
 def _project_row(directions: Directions, gram: np.ndarray, row: int) -> None:
     """Set one row and column of W Q Wᵀ."""
+    directions = borrowed(directions)
     m, basis = gram.shape[0], directions.basis
     image = directions.work[1]
     for i in range(m):
@@ -144,6 +148,7 @@ def _project_row(directions: Directions, gram: np.ndarray, row: int) -> None:
 @jit
 def project_gram(directions: Directions, gram: np.ndarray) -> None:
     """Set W Q Wᵀ."""
+    directions = borrowed(directions)
     for row in range(directions.counters[SET]):
         _project_row(directions, gram, row)
 
@@ -151,6 +156,7 @@ def project_gram(directions: Directions, gram: np.ndarray) -> None:
 @jit
 def follow_slot(directions: Directions, slot: int, regressor: np.ndarray) -> None:
     """Let what W sees follow a replacement."""
+    directions = borrowed(directions)
     count = directions.counters[SET]
     add_square(directions.gram, directions.seen[slot], regressor.shape[0], -1.0)
     project(regressor, directions.basis, count, directions.seen[slot])

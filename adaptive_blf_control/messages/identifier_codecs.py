@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,15 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
 )
 
-__all__ = ['EstimateStream']
+__all__ = ['EstimateStream', 'HistoryFigures']
+
+
+class HistoryFigures(NamedTuple):
+    """Rank and σ_min of the history, and the excitation index, None where switched off."""
+
+    rank: int
+    sigma_min: float
+    excitation: float | None
 
 
 class EstimateStream:
@@ -28,24 +37,22 @@ class EstimateStream:
         self._theta = JointStateCodec(parameters, fields=('position',))
         self._history = HistoryPublication()
 
-    def messages(self, stamp: int, theta: np.ndarray, rank: int, sigma_min: float,
-                 insertions: int, excitation: Callable[[], float | None]) -> dict[str, bytes]:
+    def messages(self, stamp: int, theta: np.ndarray, insertions: int,
+                 figures: Callable[[], HistoryFigures]) -> dict[str, bytes]:
         """Return the messages of a sample by topic; the estimate, which answers it, is the last.
 
         Args:
             stamp: Of the sample [ns].
             theta: θ̂ after the sample, shape (m,).
-            rank: Of the history after the sample.
-            sigma_min: Its σ_min.
-            insertions: Pairs that it has taken so far.
-            excitation: Returns the excitation index, None where it is switched off.
+            insertions: Pairs that the history has taken so far.
+            figures: Called where those of the history are due.
         """
         messages: dict[str, bytes] = {}
         if self._history.due(insertions):
+            rank, sigma_min, excitation = figures()
             messages[HISTORY_RANK] = encode_int32(rank)
             messages[HISTORY_SIGMA_MIN] = encode_float64(sigma_min)
-            index = excitation()
-            if index is not None:
-                messages[EXCITATION] = encode_float64(index)
+            if excitation is not None:
+                messages[EXCITATION] = encode_float64(excitation)
         messages[THETA_HAT] = self._theta.encode(stamp, theta)
         return messages

@@ -16,7 +16,7 @@ from adaptive_blf_control.configuration.build import build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.errors import ArmError, BagError
 from adaptive_blf_control.identification.rank_condition import rank_warning
-from adaptive_blf_control.messages.identifier_codecs import EstimateStream
+from adaptive_blf_control.messages.identifier_codecs import EstimateStream, HistoryFigures
 from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.stamp import STAMP_LIMIT
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES
@@ -114,12 +114,11 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         if self._zero_ns is None:
             self._zero_ns = stamp  # seconds since 1970 as a double would cost 2e-7 s of precision
         t = (stamp - self._zero_ns) * 1e-9
-        identifier = self.identifier
-        theta = identifier.update(t, q, qd, tau, self.terms.held(stamp))
-        stack = identifier.stack
+        theta = self.identifier.update(t, q, qd, tau, self.terms.held(stamp))
+        stack = self.identifier.stack
         for topic, message in self._stream.messages(
-                stamp, theta, stack.rank, stack.sigma_min, stack.insertions,
-                lambda: identifier.excitation).items():
+                stamp, theta, stack.insertions, lambda: HistoryFigures(
+                    stack.rank, stack.sigma_min, self.identifier.excitation)).items():
             self._outputs[topic].publish(message)
         self.model.observe(stamp, t)
         self.sampled(stamp)

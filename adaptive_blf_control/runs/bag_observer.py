@@ -19,7 +19,7 @@ from adaptive_blf_control.configuration.parameter_file import (
 )
 from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
-from adaptive_blf_control.messages.identifier_codecs import EstimateStream
+from adaptive_blf_control.messages.identifier_codecs import EstimateStream, HistoryFigures
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
@@ -83,8 +83,9 @@ class BagObserver:
             ADAPTATION_TERM: self._controller.adaptation_term(stamp, output),
             **self._monitors.messages(stamp, output, controller.margins(output), self._decimation,
                                       lambda: controller.lyapunov(output, sample.theta_used)),
-            **self._estimates.messages(stamp, sample.theta_hat, sample.rank, sample.sigma_min,
-                                       sample.insertions, lambda: sample.excitation),
+            **self._estimates.messages(
+                stamp, sample.theta_hat, sample.insertions,
+                lambda: HistoryFigures(sample.rank, sample.sigma_min, sample.excitation)),
         }
         for topic, message in messages.items():
             self._bag.write(f'/{topic}', message, stamp)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit, jit_without_gil
+from adaptive_blf_control.compiled import borrowed, jit, jit_without_gil
 from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.control.step import Answer, controller_step, ControllerArrays
@@ -156,6 +156,8 @@ def run_block(loop: LoopArrays, memory: LoopMemory, given: BlockInputs, trace: T
         trace: Its rows are written.
         observed: Likewise, where it has rows.
     """
+    loop, memory, given = borrowed(loop), borrowed(memory), borrowed(given)
+    trace, observed = borrowed(trace), borrowed(observed)
     plant, sensor, controller = loop.plant, loop.sensor, loop.controller
     arm, identifier = loop.identifier_arm, loop.identifier
     theta, term, answer = memory.theta, memory.term, memory.answer
@@ -191,6 +193,7 @@ def run_block(loop: LoopArrays, memory: LoopMemory, given: BlockInputs, trace: T
 @jit
 def _write_trace(trace: TraceRows, k: int, q: np.ndarray, qd: np.ndarray, reference: np.ndarray,
                  torque: np.ndarray, theta: np.ndarray) -> None:
+    trace = borrowed(trace)
     for i in range(q.size):
         trace.q[k, i], trace.qd[k, i] = q[i], qd[i]
         trace.e1[k, i] = q[i] - reference[i]

@@ -120,7 +120,8 @@ class ClosedLoop:
         """Run for ``duration`` [s] of arm time and return the trace.
 
         Where every part is ours, whole blocks of samples run in one compiled function, and the
-        observer is called with those of a block after it; else it goes sample by sample.
+        observer is called with those of a block after it; else it goes sample by sample. Who
+        changes a part while the loop runs takes `samples`.
 
         Args:
             duration: Length of the run [s]; the sample at its end is included.

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.integrator import advance
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.control.barrier import Each
 from adaptive_blf_control.control.law import limited_joint
 
@@ -47,6 +47,7 @@ def delayed(line: DelayLine, commanded: np.ndarray, torque: np.ndarray) -> None:
         commanded: Command that is held, shape (n,) [N·m].
         torque: Is written: the command of D − 1 samples ago, shape (n,) [N·m].
     """
+    line = borrowed(line)
     place = line.place[0]
     line.commands[place] = commanded
     place = (place + 1) % line.commands.shape[0]
@@ -95,6 +96,7 @@ def encoder_step(state: EncoderState, q: np.ndarray, qd: np.ndarray, dt: float,
         resolution: Step of one count [rad].
         time_constant: T [s]; 0 for none.
     """
+    state = borrowed(state)
     differs = state.begun[0] and dt > 0.0
     keep = math.exp(-dt / time_constant) if time_constant > 0.0 else 0.0
     for i in range(q.size):
@@ -128,6 +130,7 @@ class SensorArrays(NamedTuple):
 def sensor_step(sensor: SensorArrays, q: np.ndarray, qd: np.ndarray, dt: float,
                 measured_q: np.ndarray, measured_qd: np.ndarray) -> None:
     """Write what a sensor shows of true positions and velocities, ``dt`` [s] after the last."""
+    sensor = borrowed(sensor)
     if sensor.counts:
         encoder_step(sensor.state, q, qd, dt, sensor.resolution, sensor.time_constant)
         measured_q[:] = sensor.state.q
@@ -166,6 +169,7 @@ class PlantArrays(NamedTuple):
 @jit
 def plant_step(plant: PlantArrays, torque: np.ndarray, dt: float) -> None:
     """Command a torque, shape (n,) [N·m], and move on by ``dt`` [s]."""
+    plant = borrowed(plant)
     commanded, limit = plant.commanded, plant.torque_limit
     for i in range(torque.size):
         commanded[i] = limited_joint(torque[i], limit[i])

@@ -108,8 +108,8 @@ def test_the_payload_step_is_found_within_half_a_second_and_learned_again(reposi
     loop = build_closed_loop(apply_settings(data, [
         'arm_driver.schedule.time=[6.0, 6.0, 6.0, 6.0, 6.0]']))
     identifier, stack, seen = loop.identifier, loop.identifier.stack, []
-    trace = loop.run(10.0, lambda sample: seen.append((sample.t, identifier.changes,
-                                                       stack.count)))
+    for sample in loop.samples(10.0):
+        seen.append((sample.t, identifier.changes, stack.count))
     found = next(t for t, changes, _ in seen if changes)
     assert 6.0 < found < 6.5
     assert identifier.changes == 1
@@ -117,7 +117,7 @@ def test_the_payload_step_is_found_within_half_a_second_and_learned_again(reposi
     assert stack.full
     assert stack.rank == 5
     new = loop.plant.truth(loop.arm.parameters)[1][1]
-    assert np.linalg.norm(trace.theta_hat[-1] - new) < 0.01 * np.linalg.norm(new)
+    assert np.linalg.norm(identifier.theta - new) < 0.01 * np.linalg.norm(new)
 
 
 def test_without_the_monitor_old_pairs_hold_the_estimate_away(repository):

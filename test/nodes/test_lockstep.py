@@ -101,11 +101,12 @@ def _simulate(config: Path, bag: Path, duration: float, change=None) -> dict[str
     data = load_yaml(config)
     loop = build_closed_loop(data)
     with BagObserver(bag, loop, data) as observer:
-        def observe(sample) -> None:
-            observer(sample)
-            if change is not None:
+        if change is None:
+            loop.run(duration, observer)
+        else:  # who changes the loop while it runs takes it sample by sample
+            for sample in loop.samples(duration):
+                observer(sample)
                 change(loop, sample)
-        loop.run(duration, observe)
     return _messages(read_bag(bag))
 
 
