@@ -23,7 +23,7 @@ Function = TypeVar('Function', bound=Callable[..., Any])
 
 try:
     import numba
-    from numba.core import event as numba_event
+    from numba.core import event as numba_event, sigutils
     from numba.core.caching import FunctionCache
     from numba.experimental import structref
     from numba.extending import intrinsic, overload
@@ -53,7 +53,8 @@ if COMPILED:
 
         def save_overload(self, sig: Any, data: Any) -> None:
             """Keep what was compiled for a signature."""
-            if all(map(_is_ours, sig.args)):
+            arguments, _ = sigutils.normalize_signature(sig)
+            if all(map(_is_ours, arguments)):
                 super().save_overload(sig, data)
 
 
