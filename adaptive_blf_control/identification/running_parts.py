@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.arms.regressors import arrays_of, regressors
+from adaptive_blf_control.arms.regressors import ArmInPython, arrays_of
 from adaptive_blf_control.compiled import handle, uncompiled
 from adaptive_blf_control.identification.algorithm_1 import arrays_of_stack
 from adaptive_blf_control.identification.artificial_noise import NoisyHistory
@@ -46,18 +45,6 @@ __all__ = ['RunningParts']
 _LAWS = (AblfConcurrent, Concurrent, Gradient)
 
 
-class _ArmInPython(NamedTuple):
-    arm: Arm
-
-
-def _regressors_in_python(arm: _ArmInPython, q: np.ndarray,
-                          qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return arm.arm.Y12(q, qd)
-
-
-regressors.register(_ArmInPython, _regressors_in_python)
-
-
 class RunningParts:
     """Filters, history, monitor and update law of an identifier.
 
@@ -79,7 +66,7 @@ class RunningParts:
         """Start without a sample and without a pair."""
         arm = make.arm
         arrays = arrays_of(arm)
-        self.arm: Any = _ArmInPython(arm) if arrays is None else arrays
+        self.arm: Any = ArmInPython(arm) if arrays is None else arrays
         self._make = make
         self._settings = settings
         self.law = make.update_law(settings)
