@@ -99,7 +99,7 @@ class RunningParts:
             LearnerState(self._theta, history, self._noisy.arrays, monitor,
                          self.excitation.arrays, law))
         observes = state_filter is not self.state_filter and not isinstance(
-            self.arm, _ArmInPython)
+            self.arm, ArmInPython)
         self.compiled = observes and arrays is not None
         self._learns = arrays is not None
         self._made: Any = None
