@@ -9,8 +9,9 @@ What a program needs is imported from here, when it is first used; `dir` lists i
     control      Controller with ControllerSettings; SumOfSinusoids
     simulation   simulate (a Simulation), ClosedLoop
     bags         read_bag
-    own parts    Arm, ForwardDynamics, Plant, Measurement, Reference, ReferencePoint, Law,
-                 LawSample, LawAnswer, UpdateLaw, Evidence
+    own parts    Arm, ForwardDynamics, Plant, Sensor, Measurement, Reference, ReferencePoint,
+                 Law, LawSample, LawAnswer, Constraint, MotionState, Bounded, UpdateLaw,
+                 Evidence, StateFilter, History, ChangeMonitor
     errors       BlfError and what inherits from it
 
 Arrays may be lists or of any real type. Units are SI, angles radians. What cannot be used is
@@ -63,10 +64,13 @@ if TYPE_CHECKING:
         SetViolation as SetViolation,
         UnknownParameter as UnknownParameter,
     )
+    from adaptive_blf_control.identification.change_monitor import ChangeMonitor as ChangeMonitor
+    from adaptive_blf_control.identification.history import History as History
     from adaptive_blf_control.identification.identifier import Identifier as Identifier
     from adaptive_blf_control.identification.settings import (
         IdentifierSettings as IdentifierSettings,
     )
+    from adaptive_blf_control.identification.state_filter import StateFilter as StateFilter
     from adaptive_blf_control.identification.update_laws import (
         Evidence as Evidence,
         UpdateLaw as UpdateLaw,
@@ -78,7 +82,10 @@ if TYPE_CHECKING:
     from adaptive_blf_control.runs.simulation import simulate as simulate, Simulation as Simulation
     from adaptive_blf_control.simulation.closed_loop import ClosedLoop as ClosedLoop
     from adaptive_blf_control.simulation.plant import Plant as Plant
-    from adaptive_blf_control.simulation.sensors import Measurement as Measurement
+    from adaptive_blf_control.simulation.sensors import (
+        Measurement as Measurement,
+        Sensor as Sensor,
+    )
 
 _NAMES = {
     'arms.arm': ('Arm', 'ForwardDynamics'),
@@ -96,14 +103,17 @@ _NAMES = {
     'control.settings': ('ControllerSettings',),
     'errors': ('ArmError', 'BagError', 'BlfError', 'LogError',
                'MissingExtra', 'ParameterError', 'SetViolation', 'UnknownParameter'),
+    'identification.change_monitor': ('ChangeMonitor',),
+    'identification.history': ('History',),
     'identification.identifier': ('Identifier',),
     'identification.settings': ('IdentifierSettings',),
+    'identification.state_filter': ('StateFilter',),
     'identification.update_laws': ('Evidence', 'UpdateLaw'),
     'runs.identification': ('Identification', 'identify'),
     'runs.simulation': ('Simulation', 'simulate'),
     'simulation.closed_loop': ('ClosedLoop',),
     'simulation.plant': ('Plant',),
-    'simulation.sensors': ('Measurement',),
+    'simulation.sensors': ('Measurement', 'Sensor'),
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = sorted(_MODULES)

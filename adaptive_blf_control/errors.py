@@ -57,7 +57,7 @@ def _closest(name: str, known: list[str]) -> str | None:
 
 
 class SetViolation(BlfError, ValueError):
-    """A joint or body lies outside a set, or one set pokes out of another.
+    """A joint or body lies outside a set, or one set exceeds another.
 
     Attributes:
         joint: Name of the joint or body.

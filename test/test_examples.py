@@ -21,6 +21,7 @@ EXAMPLES = {
     'own_arm.py': r'KEPT(.*\n)*.*rank 3 of 3(.*\n)*weight +6\.00\d',
     'own_law.py': r'KEPT(.*\n)*.*rank 5 of 5(.*\n)*.*is not about this law(.*\n)*'
                   r'.*in the last 0\.000\d+ rad',
+    'own_sensor.py': r'perfect +sets kept: True.* 5\.30 (.*\n)Late +sets kept: True.*5\.2\d ',
     'own_plant.py': r'KEPT(.*\n)*.*theta\* of the plant is not known(.*\n)*.*inertia of 2\.\d',
 }
 
@@ -40,7 +41,8 @@ def test_an_example_runs_and_prints_its_result(name, tmp_path):
 
 
 @pytest.mark.parametrize('part', [{'controller': {'law': 'own_law:ModelAndSpring'}},
-                                  {'arm_driver': {'plant': 'own_plant:Pendulums'}}])
+                                  {'arm_driver': {'plant': 'own_plant:Pendulums'}},
+                                  {'arm_driver': {'sensors': {'model': 'own_sensor:Late'}}}])
 def test_the_parts_of_the_examples_can_be_named_in_a_parameter(part, monkeypatch, capsys):
     monkeypatch.syspath_prepend(str(ROOT / 'examples'))
     assert door.simulate(door.TwoLinkArm(), 0.1, **part).kept

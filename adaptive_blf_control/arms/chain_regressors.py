@@ -16,6 +16,7 @@ import numpy as np
 from adaptive_blf_control.arms.base_parameters import PER_BODY
 from adaptive_blf_control.arms.chain import Chain, placements, subtree_ends
 from adaptive_blf_control.arms.joint_friction import JointFriction
+from adaptive_blf_control.arms.regressors import law_regressor, regressors
 from adaptive_blf_control.arms.spatial import cross, motion_product
 from adaptive_blf_control.compiled import jit
 
@@ -141,6 +142,10 @@ def chain_X(arm: ChainParameters, q: np.ndarray, qd: np.ndarray, alpha: np.ndarr
     _project(x, arm, axes, wrenches)
     _friction_columns(x, arm, qd)
     return x
+
+
+regressors.register(ChainParameters, chain_Y12)
+law_regressor.register(ChainParameters, chain_X)
 
 
 @jit

@@ -17,6 +17,7 @@ import numpy as np
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
 from adaptive_blf_control.arms.planar import planar_points, PlanarArm
+from adaptive_blf_control.arms.regressors import law_regressor, regressors
 from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError, ParameterError
@@ -200,6 +201,28 @@ def three_link_acceleration(q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
     return qdd
 
 
+class ThreeLinkArrays(NamedTuple):
+    """The arm as compiled functions take it: all there is to know is its number of parameters."""
+
+    parameters: int
+
+
+@jit
+def _regressors(arm: ThreeLinkArrays, q: np.ndarray,
+                qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return three_link_Y12(q, qd)
+
+
+@jit
+def _law_regressor(arm: ThreeLinkArrays, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
+                   alpha_dot: np.ndarray) -> np.ndarray:
+    return three_link_X(q, qd, alpha, alpha_dot)
+
+
+regressors.register(ThreeLinkArrays, _regressors)
+law_regressor.register(ThreeLinkArrays, _law_regressor)
+
+
 class _TrueThreeLink(NamedTuple):
     theta: np.ndarray
 
@@ -238,6 +261,11 @@ class ThreeLinkArm(PlanarArm):
         self.parameters = (*(f'p{i}' for i in range(1, 11)), 'f')
         self.nominal = three_link_parameters()
         self.payload_direction: np.ndarray | None = three_link_parameters(1.0) - self.nominal
+
+    @property
+    def arrays(self) -> ThreeLinkArrays:
+        """The arm as compiled functions take it, see `arms.regressors`."""
+        return ThreeLinkArrays(self.m)
 
     def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Equation (49); see :class:`~adaptive_blf_control.arms.arm.Arm`."""

@@ -11,6 +11,7 @@ import numpy as np
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
 from adaptive_blf_control.arms.planar import planar_points, PlanarArm
+from adaptive_blf_control.arms.regressors import law_regressor, regressors
 from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError
@@ -89,6 +90,28 @@ def two_link_acceleration(q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
     return qdd
 
 
+class TwoLinkArrays(NamedTuple):
+    """The arm as compiled functions take it: all there is to know is its number of parameters."""
+
+    parameters: int
+
+
+@jit
+def _regressors(arm: TwoLinkArrays, q: np.ndarray,
+                qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return two_link_Y12(q, qd)
+
+
+@jit
+def _law_regressor(arm: TwoLinkArrays, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
+                   alpha_dot: np.ndarray) -> np.ndarray:
+    return two_link_X(q, qd, alpha, alpha_dot)
+
+
+regressors.register(TwoLinkArrays, _regressors)
+law_regressor.register(TwoLinkArrays, _law_regressor)
+
+
 class _TrueTwoLink(NamedTuple):
     theta: np.ndarray
 
@@ -119,6 +142,11 @@ class TwoLinkArm(PlanarArm):
         self.parameters = ('p1', 'p2', 'p3', *(f'fv_{joint}' for joint in self.joints))
         self.nominal = np.array(NOMINAL)
         self.payload_direction: np.ndarray | None = None
+
+    @property
+    def arrays(self) -> TwoLinkArrays:
+        """The arm as compiled functions take it, see `arms.regressors`."""
+        return TwoLinkArrays(self.m)
 
     def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Equation (43); see :class:`~adaptive_blf_control.arms.arm.Arm`."""

@@ -138,6 +138,11 @@ class UrdfArm:
         """Number of base inertial parameters, the first entries of θ."""
         return int(self._base.independent.size)
 
+    @property
+    def arrays(self) -> ChainParameters:
+        """The arm as compiled functions take it, see `arms.regressors`."""
+        return self.chain
+
     # -- regressors ---------------------------------------------------------------------------
 
     def Y(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from adaptive_blf_control.configuration.build import build_closed_loop, OwnParts
 from adaptive_blf_control.configuration.parameter_file import apply_settings
 from adaptive_blf_control.control.laws.protocol import Law, own_estimate, uses_estimate
 from adaptive_blf_control.identification.history_stack import HistoryStack
-from adaptive_blf_control.identification.state_filter import StateFilter
+from adaptive_blf_control.identification.state_filter import LowPass
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample, Trace
 from adaptive_blf_control.simulation.plant import known_truth
 
@@ -52,7 +52,7 @@ def window_samples(loop: ClosedLoop) -> int:
 
     A mean over Δ passes as much white noise as a first-order filter with time constant Δ/2.
     """
-    memory = loop.identifier.settings.filter.memory
+    memory = loop.identifier.memory
     return int(round(max(2.0 * memory, WINDOW_LEAST) / loop.period))
 
 
@@ -62,8 +62,8 @@ def _integral_cl(loop: ClosedLoop, filtered: bool = False) -> Law:
                          settings.history.minimum_growth)
     state_filter = None
     if filtered and settings.filter.state_order:
-        state_filter = StateFilter(settings.filter.state_order,
-                                   settings.filter.state_time_constant)
+        state_filter = LowPass(settings.filter.state_order,
+                               settings.filter.state_time_constant)
     return IntegralConcurrentLearning(arm, loop.controller.settings, settings.kh / ERROR_GAMMA,
                                       stack, window_samples(loop), state_filter)
 

@@ -84,7 +84,7 @@ class IntegralConcurrentLearning(SlotineLi):
         measured = Measurement(sample.q, sample.qd, sample.torque)
         if self._state_filter is None:
             return measured
-        return Measurement(*self._state_filter.update(dt, measured.q, measured.torque))
+        return Measurement(*self._state_filter.update(dt, *measured))
 
     def _begin(self, sample: LawSample) -> np.ndarray:
         self._window.update(0.0, *self._seen(0.0, sample))

@@ -12,10 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.bench.comparison import WRONG_MODEL
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.change_monitor import ResidualMonitor
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.settings import IdentifierSettings
@@ -31,7 +33,7 @@ __all__ = ['GatedStack', 'PARTS', 'Ridge', 'SecondMinute', 'run_study',
 ENCODER = 'three_link_encoder'
 PAYLOADS = (0.0, 0.5, 1.0, 1.5, 2.0)
 FEW = (0.0, 2.0)
-Change = Callable[[ClosedLoop], None]
+Learner = Callable[[Arm, IdentifierSettings], Identifier]
 
 
 class SecondMinute(NamedTuple):
@@ -65,7 +67,7 @@ class GatedStack(HistoryStack):
 
     def offer(self, regressor: np.ndarray, torque: np.ndarray) -> int:
         """Offer a pair that passes the gate; see `HistoryStack`."""
-        if self.full and self.rank == self._shape[1]:
+        if self.full and self.rank == self.gram.shape[0]:
             if self._known != self.insertions:
                 self._known = self.insertions
                 self._theta = np.asarray(np.linalg.solve(self.gram, self.moment))
@@ -97,19 +99,18 @@ class Ridge:
 
 
 def second_minute(folder: Path, settings: Sequence[str], payload: float,
-                  change: Change | None = None) -> SecondMinute:
+                  learner: Learner = Identifier) -> SecondMinute:
     """Run the encoder scenario for 120 s.
 
     Args:
         folder: Folder of the scenarios.
         settings: Of the identifier, without its name.
         payload: Of the true arm [kg].
-        change: Done to the loop before it runs.
+        learner: Makes the identifier of the scenario's arm and settings.
     """
     loop = _loop(folder, ENCODER, [f'identifier.{setting}' for setting in settings]
                  + [f'arm_driver.payload={payload}'])
-    if change is not None:
-        change(loop)
+    loop.identifier = learner(loop.arm, loop.identifier.settings)
     measure = PredictedTorque(loop.arm, loop.controller.reference, 120.0)
     true = known_truth(loop.plant, loop.arm.parameters)[0][1]
     errors, left = [], 0
@@ -120,7 +121,7 @@ def second_minute(folder: Path, settings: Sequence[str], payload: float,
             errors.append(measure.error(sample.theta_hat, true))
     later = np.array(errors)
     return SecondMinute(later[0], later.max(axis=0), (later[1:] - later[0]).max(axis=0), left,
-                        loop.identifier.monitor.changes)
+                        loop.identifier.changes)
 
 
 def _loop(folder: Path, name: str, settings: Sequence[str]) -> ClosedLoop:
@@ -136,13 +137,13 @@ def _percent(values: np.ndarray) -> str:
     return ' / '.join(f'{100.0 * value:.2g}' for value in values)
 
 
-def _table(folder: Path, rows: Sequence[tuple[str, Sequence[str], Change | None]],
+def _table(folder: Path, rows: Sequence[tuple[str, Sequence[str], Learner]],
            payloads: Sequence[float]) -> None:
     print('| | payload [kg] | at 60 s [%] | worst, second minute [%] | largest growth since 60 s '
           '[%] | samples outside | alarms |\n' + '|---' * 7 + '|')
-    for name, settings, change in rows:
+    for name, settings, learner in rows:
         for payload in payloads:
-            result = second_minute(folder, settings, payload, change)
+            result = second_minute(folder, settings, payload, learner)
             print(f'| {name} | {payload:g} | {_percent(result.start)} | {_percent(result.worst)} '
                   f'| {100.0 * result.growth.max():.1e} | {result.left} | {result.changes} |',
                   flush=True)
@@ -151,29 +152,28 @@ def _table(folder: Path, rows: Sequence[tuple[str, Sequence[str], Change | None]
 
 def _filters(folder: Path) -> None:
     print('### Filters\n')
-    rows: list[tuple[str, Sequence[str], Change | None]] = [
+    rows: list[tuple[str, Sequence[str], Learner]] = [
         (f'no state filter, k = {1000 * k:g} ms',
-         (f'filter.time_constant={k}', 'filter.state_order=0'), None) for k in (0.005, 0.05, 0.2)]
+         (f'filter.time_constant={k}', 'filter.state_order=0'), Identifier)
+        for k in (0.005, 0.05, 0.2)]
     rows += [(f'order {order} x {1000 * constant:g} ms',
-              (f'filter.state_order={order}', f'filter.state_time_constant={constant}'), None)
-             for order in (2, 4, 6) for constant in (0.02, 0.03, 0.05)]
+              (f'filter.state_order={order}', f'filter.state_time_constant={constant}'),
+              Identifier) for order in (2, 4, 6) for constant in (0.02, 0.03, 0.05)]
     _table(folder, rows, FEW)
 
 
-def _gate(limit: float) -> Change:
-    def change(loop: ClosedLoop) -> None:
-        settings, arm = loop.identifier.settings, loop.arm
-        loop.identifier.stack = GatedStack(arm.n, arm.m, settings.history.size,
-                                           settings.history.epsilon, limit)
-    return change
+def _gated(limit: float) -> Learner:
+    def learner(arm: Arm, settings: IdentifierSettings) -> Identifier:
+        history = settings.history
+        return Identifier(arm, settings, history_stack=GatedStack(
+            arm.n, arm.m, history.size, history.epsilon, limit))
+    return learner
 
 
-def _ridge(floor: float) -> Change:
-    def change(loop: ClosedLoop) -> None:
-        settings = loop.identifier.settings
-        law = Ridge(settings, floor, WRONG_MODEL * loop.arm.nominal)
-        loop.identifier = Identifier(loop.arm, settings, law)
-    return change
+def _ridged(floor: float) -> Learner:
+    def learner(arm: Arm, settings: IdentifierSettings) -> Identifier:
+        return Identifier(arm, settings, Ridge(settings, floor, WRONG_MODEL * arm.nominal))
+    return learner
 
 
 def _stack(folder: Path) -> None:
@@ -181,17 +181,17 @@ def _stack(folder: Path) -> None:
     bare = 'history.minimum_growth=0.0'
     size = 'history.size={}'
     _table(folder, [
-        *((f'Algorithm 1, P = {p}', (bare, size.format(p)), None) for p in (30, 100, 200)),
-        *((f'residual gating, {limit:g} x RMS', (bare,), _gate(limit)) for limit in (2.0, 3.0)),
-        *((f'minimum growth {100 * part:g} %', (f'history.minimum_growth={part}',), None)
+        *((f'Algorithm 1, P = {p}', (bare, size.format(p)), Identifier) for p in (30, 100, 200)),
+        *((f'residual gating, {limit:g} x RMS', (bare,), _gated(limit)) for limit in (2.0, 3.0)),
+        *((f'minimum growth {100 * part:g} %', (f'history.minimum_growth={part}',), Identifier)
           for part in (0.02, 0.05, 0.2)),
-        *((f'ridge below {floor:g}', (bare,), _ridge(floor)) for floor in (1e-5, 1e-3)),
+        *((f'ridge below {floor:g}', (bare,), _ridged(floor)) for floor in (1e-5, 1e-3)),
     ], FEW)
 
 
 def _payloads(folder: Path) -> None:
     print('### The scenario as it is\n')
-    _table(folder, [('config/three_link_encoder.yaml', (), None)], PAYLOADS)
+    _table(folder, [('config/three_link_encoder.yaml', (), Identifier)], PAYLOADS)
 
 
 def _alarms(folder: Path) -> None:
@@ -200,15 +200,18 @@ def _alarms(folder: Path) -> None:
           'torque at the end [%] |\n' + '|---' * 6 + '|')
     for payload in (0.0,):
         loop = _loop(folder, ENCODER, [f'arm_driver.payload={payload}'])
-        monitor, largest, left = loop.identifier.monitor, 0.0, 0
+        settings, largest, left = loop.identifier.settings, 0.0, 0
+        change = settings.change
+        monitor = ResidualMonitor(loop.arm.n, change.window, change.threshold, change.resolution)
+        loop.identifier = Identifier(loop.arm, settings, change_monitor=monitor)
         for sample in loop.samples(1800.0):
             largest = max(largest, float(monitor.statistic.max()))
             left += not _inside(loop, sample.t)
         measure = PredictedTorque(loop.arm, loop.controller.reference, 120.0)
         error = measure.error(sample.theta_hat,
                               known_truth(loop.plant, loop.arm.parameters)[0][1])
-        print(f'| {payload:g} | {monitor.changes} | {largest:.2f} | {monitor.threshold:g} | '
-              f'{left} | {_percent(error)} |\n', flush=True)
+        print(f'| {payload:g} | {loop.identifier.changes} | {largest:.2f} | '
+              f'{monitor.threshold:g} | {left} | {_percent(error)} |\n', flush=True)
 
 
 def _detection(folder: Path) -> None:
@@ -228,16 +231,16 @@ def _detection(folder: Path) -> None:
 def _detect(loop: ClosedLoop) -> list[str]:
     (_, _), (jump, true) = known_truth(loop.plant, loop.arm.parameters)
     measure = PredictedTorque(loop.arm, loop.controller.reference, 2.0 * jump)
-    monitor, stack, left = loop.identifier.monitor, loop.identifier.stack, 0
+    identifier, stack, left = loop.identifier, loop.identifier.stack, 0
     found = full = bad = None
     before = 0
     for k, sample in enumerate(loop.samples(2.0 * jump)):
         t = sample.t
         left += not _inside(loop, t)
         if t < jump:
-            before = monitor.changes
+            before = identifier.changes
             continue
-        if found is None and monitor.changes > before:
+        if found is None and identifier.changes > before:
             found = t - jump
         if found is not None and full is None and stack.rank == loop.arm.m:
             full = t - jump
@@ -245,7 +248,7 @@ def _detect(loop: ClosedLoop) -> list[str]:
             bad = t - jump
     return ['not' if found is None else f'{1000.0 * found:.0f}',
             'not' if full is None else f'{full:.2f}', '0' if bad is None else f'{bad:.2f}',
-            _percent(measure.error(sample.theta_hat, true)), str(left), str(monitor.changes)]
+            _percent(measure.error(sample.theta_hat, true)), str(left), str(identifier.changes)]
 
 
 PARTS: dict[str, Callable[[Path], None]] = {

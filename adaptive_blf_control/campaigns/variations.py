@@ -17,11 +17,12 @@ from adaptive_blf_control.campaigns.distributions import (
     read_distribution,
     unit_numbers,
 )
-from adaptive_blf_control.configuration.build import build_arm, true_theta
+from adaptive_blf_control.configuration.build import build_arm
 from adaptive_blf_control.configuration.node_settings import DriverSettings, NODE_SETTINGS, TABLES
 from adaptive_blf_control.configuration.parameter_file import node_settings, node_values
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.table import Parameter, per_joint, value_problem
+from adaptive_blf_control.simulation.true_arm import true_theta
 
 __all__ = ['SAMPLINGS', 'Variation', 'draw', 'read_vary_file', 'variations']
 

@@ -28,12 +28,11 @@ from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.plugin import load_plugin, made
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
-from adaptive_blf_control.simulation.plant import Epoch, Plant, REQUIRED, SimulatedArm
-from adaptive_blf_control.simulation.schedule import Change, Schedule
-from adaptive_blf_control.simulation.sensors import Sensors
+from adaptive_blf_control.simulation.plant import Plant, REQUIRED, SimulatedArm
+from adaptive_blf_control.simulation.sensors import Sensor
 
 __all__ = ['OwnParts', 'build_arm', 'build_closed_loop', 'build_identifier', 'build_plant',
-           'build_simulated_arm', 'initial_estimate', 'initial_theta', 'true_theta']
+           'initial_estimate', 'initial_theta']
 
 FRICTION = ('viscous', 'coulomb', 'offset')
 
@@ -72,60 +71,26 @@ def _true_friction(settings: ArmSettings) -> dict[str, Any]:
     return {name: getattr(true, name) for name in FRICTION if np.any(getattr(true, name))}
 
 
-def true_theta(settings: DriverSettings, arm: Arm) -> np.ndarray:
-    """Return θ* of the driver's arm, payload included, shape (m,).
-
-    Raises:
-        ParameterError: ``true_parameters`` do not fit the arm or ``true_model``, or a payload is
-            asked of an arm that cannot say where its tip is.
-    """
-    given, payload = settings.true_parameters, settings.payload
-    if settings.true_model == 'given':
-        if len(given) != arm.m:
-            raise ParameterError('arm_driver.true_parameters', given.tolist(),
-                                 f'{arm.m} values: {" ".join(arm.parameters)}')
-        theta = given.copy()
-    elif np.any(given):
-        raise ParameterError('arm_driver.true_parameters', given.tolist(),
-                             'no values, or true_model: given')
-    else:
-        theta = arm.nominal
-    if payload == 0.0:
-        return theta
-    if arm.payload_direction is None:
-        raise ParameterError('arm_driver.payload', payload,
-                             f'0.0: the arm {settings.arm} has no tip to put it on')
-    return theta + payload * arm.payload_direction
-
-
-def build_plant(settings: DriverSettings, arm: Arm) -> Plant:
+def build_plant(settings: DriverSettings, arm: Arm,
+                sensor: Sensor | type[Sensor] | None = None) -> Plant:
     """Build what the driver drives: the simulated arm, or the plant that ``plant`` names.
 
+    Args:
+        settings: Those of the driver.
+        arm: The arm.
+        sensor: In place of the sensor that the settings name.
+
     Raises:
-        ParameterError: a value cannot be used, or the named plant lacks what a plant needs.
+        ParameterError: a value cannot be used, the named plant lacks what a plant needs, or a
+            sensor is given to one that has its own.
     """
     if settings.plant == 'builtin':
-        return build_simulated_arm(settings, arm)
+        return SimulatedArm(settings, arm, sensor)
+    if sensor is not None:
+        raise ParameterError('sensor', sensor, f'nothing: the plant {settings.plant} has its own')
     plant: Plant = made('arm_driver.plant', settings.plant, load_plugin(
         'arm_driver.plant', settings.plant), REQUIRED, settings.resolved(joints=arm.n), arm)
     return plant
-
-
-def build_simulated_arm(settings: DriverSettings, arm: Arm) -> SimulatedArm:
-    """Build the simulated arm of the driver."""
-    columns = (settings.schedule.time, settings.schedule.parameter, settings.schedule.value)
-    if len({len(column) for column in columns}) != 1:
-        raise ParameterError('arm_driver.schedule', [len(column) for column in columns],
-                             'time, parameter and value of the same length')
-    changes = [Change(float(t), name, float(value)) for t, name, value in zip(*columns) if name]
-    schedule = Schedule(true_theta(settings, arm), arm.parameters, changes,
-                        arm.payload_direction, settings.payload)
-    epochs = [Epoch(t, arm.dynamics(theta), dict(zip(arm.parameters, theta.tolist())))
-              for t, theta in schedule.epochs]
-    settings = settings.resolved(joints=arm.n)
-    return SimulatedArm(epochs, settings.initial_position, settings.initial_velocity,
-                        settings.torque_limit, settings.substeps, Sensors(settings.sensors),
-                        settings.dead_time)
 
 
 def initial_theta(settings: ControllerNodeSettings, arm: Arm) -> np.ndarray:
@@ -169,6 +134,7 @@ class OwnParts(NamedTuple):
 
     arm: Arm | None = None
     plant: Plant | None = None
+    sensor: Sensor | type[Sensor] | None = None
     law: Law | type[Law] | str | None = None
     update_law: UpdateLaw | type[UpdateLaw] | str | None = None
     constraints: Sequence[Constraint | type[Constraint] | str] = ()
@@ -189,7 +155,9 @@ def build_closed_loop(data: Mapping[str, Any], own: OwnParts = _NONE_OWN) -> Clo
     controller = node_settings(data, ControllerNodeSettings)
     identifier = node_settings(data, IdentifierNodeSettings)
     if plant is None:
-        plant = build_plant(driver, arm or build_arm(driver))
+        plant = build_plant(driver, arm or build_arm(driver), own.sensor)
+    elif own.sensor is not None:
+        raise ParameterError('sensor', own.sensor, 'nothing: the plant that is given has its own')
     known = arm or build_arm(controller)
     begun = Controller(known, controller, law=own.law, constraints=own.constraints,
                        start=plant.measured_position(), velocity=plant.qd)

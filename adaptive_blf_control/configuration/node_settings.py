@@ -13,7 +13,7 @@ from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.messages.topics import TOPICS
 from adaptive_blf_control.parameters.settings import group, parameter, Settings
 from adaptive_blf_control.parameters.table import Table
-from adaptive_blf_control.simulation.settings import PlantSettings
+from adaptive_blf_control.simulation.settings import PlantSettings, WatchdogSettings
 
 __all__ = ['ControllerNodeSettings', 'DriverSettings', 'GuaranteeSettings',
            'IdentifierNodeSettings', 'LifecycleSettings', 'LockstepSettings', 'NODE_SETTINGS',
@@ -78,22 +78,14 @@ class LockstepSettings(Settings, where='arm_driver.lockstep'):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class DriverSettings(PlantSettings, LifecycleSettings, ArmSettings, where='arm_driver'):
+class DriverSettings(PlantSettings, WatchdogSettings, LifecycleSettings, ArmSettings,
+                     where='arm_driver'):
     """The parameters of ``arm_driver``."""
 
     rate: float = parameter(
         1000.0, 'Rate of the joint states.', 'Hz', 1.0, 10000.0, live=True)
     duration: float = parameter(
         0.0, 'End the run after this time; 0 runs until stopped.', 's', 0.0, live=True)
-    command_timeout: float = parameter(
-        0.1, 'Without a new command for this long the torque goes to zero.',
-        's', 0.0, 60.0, exclusive=True, live=True)
-    timeout_action: str = parameter(
-        'zero',
-        'What the drives do after command_timeout: zero: no torque; damping: a torque against '
-        'the motion.', choices=('zero', 'damping'), live=True)
-    damping: np.ndarray = parameter(
-        [5.0], 'Damping of timeout_action: damping.', 'N*m*s/rad', 0.0, length='joints', live=True)
     wait_for_subscribers: int = parameter(
         0, 'Publish the first state only when joint_states has this many subscribers.', '', 0)
     frame_id: str = parameter(

@@ -220,7 +220,7 @@ class Constraints:
         for part in self.parts:
             try:
                 shape = np.shape(part.bounded(state).margin())
-            except Exception as error:  # a stranger's code may raise anything
+            except Exception as error:  # a plug-in may raise anything
                 raise ParameterError('constraints', part.name, f'margins of the state '
                                      f'({type(error).__name__}: {error})') from error
             if shape != (len(part.bodies),):

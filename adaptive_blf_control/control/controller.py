@@ -18,7 +18,7 @@ from adaptive_blf_control.arrays import (
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.constraints import Constraint, Constraints, MotionState
 from adaptive_blf_control.control.law import limited_answer
-from adaptive_blf_control.control.laws.choice import foreign_law, make_law, retuned_law
+from adaptive_blf_control.control.laws.choice import checked_law, make_law, retuned_law
 from adaptive_blf_control.control.laws.protocol import Law, LawSample
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.reference import (
@@ -199,7 +199,7 @@ class Controller:
         law = None if before is None else retuned_law(before, full)
         if law is None:
             law = (make_law(self.arm, full) if given is None else
-                   foreign_law('law', given, given, self.arm, full))
+                   checked_law('law', given, given, self.arm, full))
         names = (name for name in full.constraints if name)
         # Copies that may be written to: the limits are compiled for those.
         return _Tuning(full, law, tuple(made_constraint(self.arm, full, each)

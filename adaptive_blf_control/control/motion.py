@@ -175,7 +175,7 @@ class Motion:
             The controller of the motion, else that of a trial.
 
         Raises:
-            SetViolation: a set does not hold the present state, or one pokes out of the other.
+            SetViolation: a set does not hold the present state, or one exceeds the other.
             ParameterError: a value cannot be used.
         """
         controller = self.controller

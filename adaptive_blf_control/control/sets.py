@@ -51,7 +51,7 @@ def check_performance_inside_safety(safety: JointInterval, performance: JointInt
 
     Raises:
         ParameterError: the performance set does not contain zero error.
-        SetViolation: names the first joint whose 𝒫̄ pokes out, with both numbers.
+        SetViolation: names the first joint whose 𝒫̄ exceeds 𝒮̄, with both numbers.
     """
     if not (np.all(performance.lower < 0.0) and np.all(performance.upper > 0.0)):
         raise ParameterError('performance', [performance.lower.tolist(),
@@ -61,10 +61,10 @@ def check_performance_inside_safety(safety: JointInterval, performance: JointInt
     for i, joint in enumerate(joints):
         if low[i] < safety.lower[i] - TOLERANCE:
             raise SetViolation(joint, low[i], safety.lower[i],
-                               'reference plus performance set pokes out of the safety set below')
+                               'reference plus performance set exceeds the safety set below')
         if high[i] > safety.upper[i] + TOLERANCE:
             raise SetViolation(joint, high[i], safety.upper[i],
-                               'reference plus performance set pokes out of the safety set above')
+                               'reference plus performance set exceeds the safety set above')
 
 
 def check_inside(lower: np.ndarray, upper: np.ndarray, value: np.ndarray,

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Notices that the arm has changed: recorded pairs that contradict present data.
+"""Change monitors: find that recorded pairs contradict present data, so the arm has changed.
 
 With rank full the stack alone determines an estimate, θ_s = Q⁻¹ g, whatever θ̂ is doing. If the
 arm is still the one that was recorded, the present residual r = Y_f θ_s − τ_f is as small as those
-of the recorded pairs. The monitor compares both joint by joint:
+of the recorded pairs. Our monitor compares both joint by joint:
 
     d_i² = r_i² / (s_i² + (ρ t_i)²),
 
@@ -14,14 +14,20 @@ matter. When the mean of d_i² over a window exceeds a threshold for any joint, 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 import math
+from typing import Protocol
 
 import numpy as np
 
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.history import History
 
-__all__ = ['ChangeMonitor', 'normalised_residual', 'windowed_step']
+__all__ = ['ChangeMonitor', 'MONITORS', 'ResidualMonitor', 'normalised_residual', 'windowed_step']
+
+MONITORS = ('residual',)
+"""The names of our change monitors."""
 
 
 @jit
@@ -53,12 +59,45 @@ def windowed_step(mean: np.ndarray, gain: float, cap: float, regressor: np.ndarr
     return mean, np.max(mean)
 
 
-class ChangeMonitor:
-    """Sequential test on the normalised residual.
+class ChangeMonitor(Protocol):
+    """What finds a change of the arm, made as ``monitor(arm, settings)``."""
+
+    @abstractmethod
+    def watch(self, dt: float, regressor: np.ndarray, torque: np.ndarray,
+              history: History) -> bool:
+        """Compare a pair with the recorded ones; asked before the pair is offered to them.
+
+        Args:
+            dt: Time since the last sample [s].
+            regressor: Present Y_f, shape (n, m).
+            torque: Present τ_f, shape (n,) [N·m].
+            history: The recorded pairs.
+
+        Returns:
+            Whether the arm has changed. The recorded pairs are then forgotten, and `reset` is
+            called.
+        """
+        ...
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Forget what was seen: the history was emptied."""
+        ...
+
+    @abstractmethod
+    def retune(self, window: float, threshold: float, resolution: float) -> None:
+        """Use other values of the parameters of ``change`` that have these names.
+
+        They have been checked.
+        """
+        ...
+
+
+class ResidualMonitor(ChangeMonitor):
+    """Sequential test on the normalised residual; silent until the stack is full, of full rank.
 
     Attributes:
         statistic: Windowed mean of d² per joint, shape (n,).
-        changes: How often a change was found.
     """
 
     def __init__(self, n: int, window: float, threshold: float, resolution: float) -> None:
@@ -75,7 +114,6 @@ class ChangeMonitor:
         self.threshold = threshold
         self.resolution = resolution
         self.statistic = np.zeros(n)
-        self.changes = 0
         self._revision = -1
         self._theta = self._variance = self._square = self._floor = np.zeros(0)
         self._inverse = np.zeros((0, 0))
@@ -101,20 +139,28 @@ class ChangeMonitor:
         self._floor = self.resolution ** 2 * self._square + 1e-300
 
     def reset(self) -> None:
-        """Begin anew, e.g. after the stack was emptied."""
+        """See `ChangeMonitor`."""
         self.statistic = np.zeros_like(self.statistic)
         self._revision = -1
 
-    def learn(self, regressors: np.ndarray, torques: np.ndarray, gram: np.ndarray,
-              moment: np.ndarray, revision: int) -> None:
-        """Take over a stack of full rank: pairs (P, n, m) and (P, n), Q (m, m), g (m,).
+    def watch(self, dt: float, regressor: np.ndarray, torque: np.ndarray,
+              history: History) -> bool:
+        """See `ChangeMonitor`."""
+        whole = history.count == history.size and history.rank == regressor.shape[1]
+        if self.window <= 0.0 or not whole:
+            return False
+        if history.revision != self._revision:
+            self._learn(history)
+        self.statistic, top = windowed_step(
+            self.statistic, -math.expm1(-dt / self.window), 20.0 * self.threshold, regressor,
+            torque, self._theta, self._inverse, self._variance, self._floor)
+        return bool(top >= self.threshold)
 
-        With the ``revision`` that was taken over last there is nothing to do.
-        """
-        if revision == self._revision:
-            return
+    def _learn(self, history: History) -> None:
+        """Take θ_s and the residuals of the recorded pairs over from a full history."""
+        regressors, torques, gram = history.regressors, history.torques, history.gram
         inverse = np.linalg.inv(gram)
-        self._theta = inverse @ moment
+        self._theta = inverse @ history.moment
         # Noise of neighbouring pairs is alike, as the filters remember both: P n equations say no
         # more about θ_s than the m it takes, in the worst case.
         self._inverse = torques.size / gram.shape[0] * inverse
@@ -124,17 +170,4 @@ class ChangeMonitor:
         self._variance = np.mean(residuals ** 2, axis=0) / freedom
         self._square = np.mean(torques ** 2, axis=0)
         self._set_floor()
-        self._revision = revision
-
-    def update(self, dt: float, regressor: np.ndarray, torque: np.ndarray) -> bool:
-        """Look at the present pair; True where the arm has changed since the stack was filled."""
-        if self.window <= 0.0 or self._revision < 0:
-            return False
-        self.statistic, top = windowed_step(
-            self.statistic, -math.expm1(-dt / self.window), 20.0 * self.threshold, regressor,
-            torque, self._theta, self._inverse, self._variance, self._floor)
-        if top < self.threshold:
-            return False
-        self.changes += 1
-        self.reset()
-        return True
+        self._revision = history.revision

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.change_monitor import MONITORS
+from adaptive_blf_control.identification.history import SELECTIONS
+from adaptive_blf_control.identification.state_filter import STATE_FILTERS
 from adaptive_blf_control.identification.update_laws import UPDATE_LAWS
 from adaptive_blf_control.parameters.settings import group, listed, parameter, Settings
 
@@ -27,6 +30,11 @@ class FilterSettings(Settings, where='identifier.filter'):
     settle: float = parameter(
         5.0, 'Filter time constants after a (re)start during which nothing is recorded.',
         '', 0.0, 1000.0, live=True)
+    state_filter: str = parameter(
+        'low_pass',
+        'What filters the measured state: low_pass: the cascade of state_order; module:name: '
+        'called with the arm and these settings, it returns a state filter.',
+        choices=STATE_FILTERS, plugin=True)
     state_order: int = parameter(
         0,
         'Order N of the low-pass on position and torque that also gives the velocity, for '
@@ -40,16 +48,16 @@ class FilterSettings(Settings, where='identifier.filter'):
         if self.state_order == 1:
             raise ParameterError('identifier.filter.state_order', 1, '0 (off) or at least 2')
 
-    @property
-    def memory(self) -> float:
-        """How long the filters remember, k + N T [s]."""
-        return self.time_constant + self.state_order * self.state_time_constant
-
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class HistorySettings(Settings, where='identifier.history'):
     """The history stack of Algorithm 1."""
 
+    selection: str = parameter(
+        'algorithm_1',
+        'Which pairs are recorded: algorithm_1: those that make sigma_min largest; module:name: '
+        'called with the arm and these settings, it returns a history.',
+        choices=SELECTIONS, plugin=True)
     size: int = parameter(
         20,
         'Number of recorded pairs, P. When it is reduced, every sample removes one pair until '
@@ -74,8 +82,13 @@ class HistorySettings(Settings, where='identifier.history'):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ChangeSettings(Settings, where='identifier.change'):
-    """The monitor that notices a change of the arm."""
+    """The monitor that finds a change of the arm."""
 
+    monitor: str = parameter(
+        'residual',
+        'How a change is found: residual: the present pair contradicts the recorded ones; '
+        'module:name: called with the arm and these settings, it returns a change monitor.',
+        choices=MONITORS, plugin=True)
     window: float = parameter(
         0.1, 'Window of the monitor that empties the history when the arm has changed; 0 is off.',
         's', 0.0, 3600.0, live=True)

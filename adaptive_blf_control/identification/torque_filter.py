@@ -72,7 +72,7 @@ class TorqueFilter:
         self.gap = gap
 
     def reset(self) -> None:
-        """Forget everything; the next sample starts the filter anew."""
+        """Forget everything; the next sample is the first one."""
         self.pair = self._zero
         self._y1: np.ndarray | None = None
         self._y2: np.ndarray | None = None

@@ -13,7 +13,7 @@ from adaptive_blf_control.identification.update_law import implicit_step
 from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made
 
 __all__ = ['AblfConcurrent', 'Concurrent', 'Evidence', 'Gains', 'Gradient', 'UPDATE_LAWS',
-           'UpdateLaw', 'foreign_update_law', 'make_update_law']
+           'UpdateLaw', 'plugin_update_law', 'make_update_law']
 
 
 class Gains(Protocol):
@@ -114,18 +114,18 @@ def make_update_law(settings: Gains) -> UpdateLaw:
         settings: With arrays of full length, see `Settings.resolved`.
 
     Raises:
-        ParameterError: a stranger's law cannot be imported or has no ``step``.
+        ParameterError: a plug-in cannot be imported or has no ``step``.
     """
     if not is_plugin(settings.update_law):
         law: UpdateLaw = _OURS[settings.update_law](settings)
         return law
-    return foreign_update_law('identifier.update_law', settings.update_law, load_plugin(
+    return plugin_update_law('identifier.update_law', settings.update_law, load_plugin(
         'identifier.update_law', settings.update_law), settings)
 
 
-def foreign_update_law(name: str, value: object, given: Any,
+def plugin_update_law(name: str, value: object, given: Any,
                        settings: Gains) -> UpdateLaw:
-    """Return a stranger's update law behind a check of what it returns.
+    """Return a plug-in behind a check of what it returns.
 
     Args:
         name: The parameter or argument that gives it, for messages.

@@ -13,7 +13,6 @@ releases them; deactivated, the torque goes to zero over ``ramp_time``, then the
 
 from __future__ import annotations
 
-from collections import deque
 import sys
 import time
 from typing import Any
@@ -24,69 +23,72 @@ from rclpy.context import Context
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from adaptive_blf_control.configuration.build import build_plant, build_simulated_arm
+from adaptive_blf_control.configuration.build import build_plant
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.errors import BagError, ParameterError
 from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES
 from adaptive_blf_control.nodes.arm_lockstep import ArmLockstep, SteppedDriver
-from adaptive_blf_control.nodes.command_source import CommandSource
-from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runtime.endpoints import full_name, UNNAMED
-from adaptive_blf_control.runtime.loop_statistics import Histogram
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
-from adaptive_blf_control.simulation.plant import SimulatedArm
+from adaptive_blf_control.runtime.round_trip import RoundTrips
+from adaptive_blf_control.simulation.command_gate import CommandGate
+from adaptive_blf_control.simulation.drives import Drives
+from adaptive_blf_control.simulation.plant import Plant, Retunable, SimulatedArm
+from adaptive_blf_control.simulation.settings import PlantSettings
+from adaptive_blf_control.simulation.state_grid import StateGrid
 
 __all__ = ['ArmDriver', 'main']
 
-NEVER = 2**63  # ns, before the grid of the states is laid
-# A command cannot answer a state that is younger than this: decoding and the law take longer.
-SHORTEST_ANSWER = 50_000  # ns
-# Live parameters of the simulated arm itself, beside those under schedule and sensors.
-PLANT = {'true_parameters', 'payload', 'torque_limit', 'substeps', 'dead_time'}
+OF_THE_PLANT = {row.name for row in PlantSettings.table()}
 
 
 class ArmDriver(SteppedDriver):
     """Simulated arm: commands in, joint states out.
 
     Attributes:
-        plant: The true arm.
-        started: Whether a first command has released the brakes.
-        missed: Periods in which no state was published.
-        period_ns: Period of the states [ns].
-        round_trip: From the publication of a state to the arrival of the command that answers it.
+        drives: What moves the true arm; from the configuration on, like the other parts.
+        grid: When states are due.
+        commands: Which commands count.
+        round_trips: From states to the commands that answer them.
     """
+
+    grid: StateGrid
+    commands: CommandGate
 
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
         """Make the node; with ``autostart`` ready to run, the reason raised where it cannot."""
-        self.started = False
-        self.timed_out = False
-        self.missed = 0
         self._ready = False
-        self.round_trip = Histogram()
+        self.round_trips = RoundTrips()
         super().__init__('arm_driver', DriverSettings, context=context, **options)
-        self.statistics.histograms.append(self.round_trip)
+        self.statistics.histograms.append(self.round_trips.histogram)
         if self.wants_activation:
             self.activate_by_itself()
 
+    @property
+    def plant(self) -> Plant:
+        """The true arm."""
+        return self.drives.plant
+
+    @property
+    def started(self) -> bool:
+        """Whether a first command has released the brakes."""
+        return self._ready and self.drives.released
+
     def configure(self) -> None:
         """Build the arm from the parameters; ParameterError or ArmError where that fails."""
-        self.arm = arm_of(self, self.settings)
-        self.plant = build_plant(self.settings, self.arm)
-        if isinstance(self.plant, SimulatedArm):
-            self.plant.trial(self.plant.torque, 1e-3)  # compile before the clock runs
-        self.period_ns = int(round(1e9 / self.settings.rate))
-        self._codec = JointStateCodec(self.arm.joints, self.settings.frame_id)
-        self._nan = np.full(self.arm.n, np.nan)
-        self._impulse = np.zeros(self.arm.n)  # ∫ τ dt since the last state [N·m·s]
-        self._due_ns = NEVER  # monotonic, like all times but the stamps
-        self._offset_ns = self._begin_ns = self._moved_ns = self._last_state_ns = 0
-        self._command_ns = 0
-        self._source = CommandSource()
-        self._sent: deque[int] = deque(maxlen=50)  # when states were published, system time [ns]
-        self._ramp: tuple[np.ndarray, int] | None = None
+        settings = self.settings
+        self.arm = arm_of(self, settings)
+        plant = build_plant(settings, self.arm)
+        if isinstance(plant, SimulatedArm):
+            plant.trial(plant.torque, 1e-3)  # compile before the clock runs
+        self.drives = Drives(plant, settings, settings.ramp_time)
+        self.grid = StateGrid(settings.rate)
+        self.commands = CommandGate(self.arm.joints)
+        self._codec = JointStateCodec(self.arm.joints, settings.frame_id)
+        self._offset_ns = 0  # from the monotonic clock, that of all times here, to the stamps
         self._states = self.data_publisher(JointState, JOINT_STATES)
         self._command_input = self.data_subscription(Float64MultiArray, COMMANDS,
                                                      self.on_command, reliable=True)
@@ -95,14 +97,14 @@ class ArmDriver(SteppedDriver):
 
     def activate(self) -> None:
         """Let the next command release the brakes."""
-        self._ramp = None
+        self.drives.stay()
 
     def deactivate(self) -> None:
         """Begin to bring the torque to zero; the brakes follow."""
         if self._lockstep is not None:  # its time stands still meanwhile
             self.plant.brake()
-        elif self.started:
-            self._ramp = (self.plant.torque, time.monotonic_ns())
+        else:
+            self.drives.ramp_down(time.monotonic_ns())
 
     def cleanup(self) -> None:
         """Take the topics down; the loop waits for another :meth:`configure`."""
@@ -111,23 +113,19 @@ class ArmDriver(SteppedDriver):
         self.end_data_publisher(self._states)
         if self._lockstep is not None:
             self._lockstep.close()
-        self._due_ns = NEVER
-        self.started = False
+        self.grid.end()
 
     def retune(self, settings: DriverSettings, changed: set[str]) -> None:
         """Change payload, friction, sensors, limits or rate between two samples."""
-        if not hasattr(self, 'plant'):
+        if not hasattr(self, 'drives'):
             return
-        if changed & PLANT or any(name.startswith(('schedule.', 'sensors.')) for name in changed):
-            if not isinstance(self.plant, SimulatedArm):
+        if changed & OF_THE_PLANT:
+            if not isinstance(self.plant, Retunable):
                 raise ParameterError('arm_driver.plant', settings.plant,
                                      'builtin: another plant cannot be changed while it runs')
-            self.plant.retune(build_simulated_arm(settings, self.arm))
-        period_ns = int(round(1e9 / settings.rate))
-        if period_ns != self.period_ns:
-            if self._due_ns != NEVER:
-                self._due_ns += period_ns - self.period_ns
-            self.period_ns = period_ns
+            self.plant.retune(settings)
+        self.drives.watchdog, self.drives.ramp_time = settings, settings.ramp_time
+        if self.grid.retune(settings.rate):
             self.statistics.begin_anew()
 
     def on_command(self, data: bytes, info: dict[str, int]) -> None:
@@ -137,59 +135,30 @@ class ArmDriver(SteppedDriver):
         except BagError as error:
             self.drop('unreadable command', str(error))
             return
-        if torque.size != self.arm.n:
-            self.drop('command of wrong length', f'{torque.size} values for {self.arm.n} joints')
-            return
-        if not np.isfinite(torque).all():
-            joint = self.arm.joints[int(np.argmin(np.isfinite(torque)))]
-            self.drop('non-finite command', f'joint {joint!r}')
-            return
         now = time.monotonic_ns()
-        silent = now - self._command_ns > self.settings.command_timeout * 1e9
-        number = info.get('publication_sequence_number')
-        # A controller that was activated anew has a new publisher and the topic for itself.
-        if not (self._source.obeys(number, silent)
-                or (self._command_input.get_publisher_count() == 1
-                    and self._source.obeys(number, True))):
-            self.last_fault = 'commands of a second publisher refused'
-            self.drop('command of a second publisher', 'one controller at a time: it is refused')
-            return
-        if self._lockstep is not None:
-            self._command_ns = now
+        refusal = self.commands.refuse(
+            torque, info.get('publication_sequence_number'),
+            self.commands.silent(now, self.settings.command_timeout),
+            lambda: self._command_input.get_publisher_count() == 1)
+        if refusal is not None:
+            if refusal.fault:
+                self.last_fault = 'commands of a second publisher refused'
+            self.drop(refusal.reason, refusal.detail)
+        elif self._lockstep is not None:
+            self.commands.heard_ns = now
             self._lockstep.on_command(torque)
-            return
-        if not self.active:
+        elif not self.active:
             self.drop('command while inactive', 'activate the driver first')
-            return
-        self._count_round_trip(info)
-        self._command_ns = now
-        self._catch_up(now)  # a state that is due before the command does not see it
-        if not self.started:
-            self.started = True
-            self._begin_ns = self._moved_ns = now
-            self.statistics.begin_anew()
-        self._move_to(now)
-        self.timed_out = False
-        self.plant.apply(torque)
+        else:
+            self._apply(torque, now, info)
 
-    def _count_round_trip(self, info: dict[str, int]) -> None:
+    def _apply(self, torque: np.ndarray, now_ns: int, info: dict[str, int]) -> None:
         self.aged(info)
-        answered = info.get('source_timestamp', 0) - SHORTEST_ANSWER
-        sent, found = self._sent, 0
-        while sent and sent[0] <= answered:  # the newest state that was there to be answered
-            found = sent.popleft()
-        if found:
-            self.round_trip.add(time.time_ns() - found)
-
-    def _move_to(self, now_ns: int) -> None:
-        ahead_ns = now_ns - self._moved_ns
-        if ahead_ns > 0:
-            # After a stall in steps of a period still: one long step could be an unstable one.
-            steps = -(-ahead_ns // self.period_ns)
-            for _ in range(steps):
-                self.plant.advance(ahead_ns * 1e-9 / steps)
-            self._impulse = self._impulse + self.plant.torque * (ahead_ns * 1e-9)
-            self._moved_ns = now_ns
+        self.round_trips.answered(info.get('source_timestamp', 0), time.time_ns())
+        self.commands.heard_ns = now_ns
+        self.catch_up(now_ns)  # a state that is due before the command does not see it
+        if self.drives.command(torque, now_ns, self.grid.period_ns):
+            self.statistics.begin_anew()
 
     @property
     def serves(self) -> bool:
@@ -217,95 +186,57 @@ class ArmDriver(SteppedDriver):
         """Publish a state every period, take commands in between; True once duration is over."""
         with self.between_samples:
             if self._ready:
-                self._start_clock()
-        while self.serves and self._due_ns != NEVER:  # else configured anew meanwhile
-            self.spin_data(max(self._due_ns - time.monotonic_ns(), 0) * 1e-9)
+                self.start_clock()
+        while self.serves and self.grid.laid:  # else it was configured again meanwhile
+            self.spin_data(self.grid.left(time.monotonic_ns()))
             with self.between_samples:
                 begin_ns = time.monotonic_ns()
-                if begin_ns >= self._due_ns:
-                    self._catch_up(begin_ns)
+                if self.catch_up(begin_ns):
                     self.statistics.callback.add(time.monotonic_ns() - begin_ns)
-            duration = self.settings.duration
-            if duration > 0.0 and self.started and (
-                    self._last_state_ns - self._begin_ns >= duration * 1e9):
+            duration, drives = self.settings.duration, self.drives
+            if duration > 0.0 and drives.released and (
+                    drives.sampled_ns - drives.begun_ns >= duration * 1e9):
                 self.get_logger().info(f'duration of {duration:g} s is over, '
-                                       f'{self.missed} periods missed')
+                                       f'{self.grid.missed} periods missed')
                 return True
         return False
 
-    def _start_clock(self) -> None:
+    def start_clock(self) -> None:
         """Lay the grid of the states."""
-        self._due_ns = self._moved_ns = self._last_state_ns = time.monotonic_ns()
-        self._offset_ns = self.get_clock().now().nanoseconds - self._due_ns
+        now_ns = time.monotonic_ns()
+        self.grid.begin(now_ns)
+        self.drives.begin(now_ns)
+        self._offset_ns = self.get_clock().now().nanoseconds - now_ns
 
-    def _catch_up(self, now_ns: int) -> None:
-        """Publish the state that is due, on the grid; periods that passed unseen are missed."""
-        if now_ns < self._due_ns:
-            return
-        late = (now_ns - self._due_ns) // self.period_ns
-        self.missed += late
-        due_ns = self._due_ns + late * self.period_ns
-        self._due_ns = due_ns + self.period_ns
-        self._publish_state(due_ns)
+    def catch_up(self, now_ns: int) -> bool:
+        """Publish the state that is due at ``now_ns`` by the monotonic clock; False for none."""
+        due_ns, drives = self.grid.take(now_ns), self.drives
+        if due_ns is None:
+            return False
+        had_commands, settings = not drives.timed_out, self.settings
+        effort = drives.sample(due_ns, self.grid.period_ns,
+                               self.commands.silent(due_ns, settings.command_timeout))
+        if drives.timed_out and had_commands:
+            self.fault('no commands', f'no command for {settings.command_timeout:g} s: '
+                                      f'{settings.timeout_action} torque')
+        self.send_state(due_ns + self._offset_ns, effort.torque, effort.interval)
         self.sampled()
-
-    def _publish_state(self, due_ns: int) -> None:
-        effort, interval = self._nan, 0.0
-        if self.started:
-            self._watch(due_ns)
-            self._move_to(due_ns)
-            interval = (due_ns - max(self._last_state_ns, self._begin_ns)) * 1e-9
-            # No interval yet where a command came before the clock started.
-            effort = self._impulse / interval if interval > 0.0 else self.plant.torque
-            self._impulse = np.zeros(self.arm.n)
-        self._last_state_ns = due_ns
-        self.send_state(due_ns + self._offset_ns, effort, interval)
+        return True
 
     def send_state(self, stamp_ns: int, effort: np.ndarray, interval: float) -> None:
         """Measure and publish; ``effort`` is the mean torque over the ``interval`` [s] before."""
         data = self._codec.encode(stamp_ns, *self.plant.measure(effort, interval))
-        self._sent.append(time.time_ns())
+        self.round_trips.sent(time.time_ns())
         self._states.publish(data)
-
-    def _watch(self, now_ns: int) -> None:
-        """Ramp down when deactivated, act on missing commands: never the last torque for ever."""
-        if self._ramp is not None:
-            torque, since_ns = self._ramp
-            ramp_ns = self.settings.ramp_time * 1e9
-            left = 1.0 - (now_ns - since_ns) / ramp_ns if ramp_ns > 0.0 else 0.0
-            self.plant.apply(max(min(left, 1.0), 0.0) * torque)
-            if left <= 0.0:
-                self._ramp = None
-                self.started = False
-                self.plant.brake()
-                self._moved_ns = now_ns
-            return
-        if now_ns - self._command_ns <= self.settings.command_timeout * 1e9:
-            return
-        # Each time anew: the action may change while commands are missing.
-        damping = (broadcast(self.settings.damping, self.arm.n)
-                   if self.settings.timeout_action == 'damping' else np.zeros(self.arm.n))
-        self.plant.apply(-damping * self.plant.qd)
-        if not self.timed_out:
-            self.timed_out = True
-            self.fault('no commands', f'no command for {self.settings.command_timeout:g} s: '
-                                      f'{self.settings.timeout_action} torque')
-
-    def _timing(self) -> dict[str, object]:
-        parts = (0.5, 0.99, 0.999)
-        trip = ', '.join(f'{value:.3f}' for value in self.round_trip.quantiles(parts))
-        due = max(self.statistics.span_ns / self.period_ns, 1.0)
-        in_time = min(self.round_trip.within(self.period_ns) / due, 1.0)
-        return {'missed periods': self.missed,
-                'round trip p50, p99, p99.9, largest so far [ms]':
-                    f'{trip}, {self.round_trip.largest_ns * 1e-6:.3f}',
-                'answered within their period so far [%]': f'{100.0 * in_time:.3f}'}
 
     def status(self) -> tuple[bytes, str, dict[str, object]]:
         """Report brakes, watchdog, round trip and missed periods."""
         if not self._ready:
             return DiagnosticStatus.WARN, 'unconfigured', {}
-        values = {} if self.lockstep else self._timing()
+        values: dict[str, object] = {}
+        if not self.lockstep:
+            values = {'missed periods': self.grid.missed, **self.round_trips.figures(
+                self.grid.period_ns, self.statistics.span_ns)}
         publishers = [] if self.lockstep else self.get_publishers_info_by_topic(COMMANDS)
         if len(publishers) > 1:
             names = ', '.join(full_name(info) or UNNAMED for info in publishers)
@@ -314,7 +245,7 @@ class ArmDriver(SteppedDriver):
             return DiagnosticStatus.WARN, 'inactive: brakes on', values
         if not self.started:
             return DiagnosticStatus.WARN, 'brakes on, waiting for a command', values
-        if self.timed_out:
+        if self.drives.timed_out:
             return (DiagnosticStatus.ERROR,
                     f'no commands: {self.settings.timeout_action} torque', values)
         return DiagnosticStatus.OK, 'running', values

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The driver's loop under ``use_sim_time``: no step before everybody has answered the last state.
+"""The driver's loop under ``use_sim_time``: no step before all nodes have answered the last state.
 
 Order within a sample: /clock and the state go out; the controller answers with a command and the
 adaptation term of that stamp, the identifier with the estimate of that stamp; then the arm moves
@@ -25,7 +25,8 @@ from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES, 
 from adaptive_blf_control.runtime.answers import stamp_of
 from adaptive_blf_control.runtime.endpoints import full_name
 from adaptive_blf_control.runtime.managed_node import ManagedNode
-from adaptive_blf_control.simulation.plant import Plant
+from adaptive_blf_control.simulation.drives import Drives
+from adaptive_blf_control.simulation.state_grid import StateGrid
 
 __all__ = ['EPOCH_NS', 'ArmLockstep', 'LockstepTimeout', 'SteppedDriver']
 
@@ -42,15 +43,13 @@ class SteppedDriver(ManagedNode[DriverSettings]):
 
     Attributes:
         arm: The arm, for its joints.
-        plant: What is driven.
-        started: Whether a first command has released the brakes.
-        period_ns: Period of the states [ns].
+        drives: What moves the arm.
+        grid: Period of the states.
     """
 
     arm: Arm
-    plant: Plant
-    started: bool
-    period_ns: int
+    drives: Drives
+    grid: StateGrid
 
     @property
     def serves(self) -> bool:
@@ -113,7 +112,7 @@ class ArmLockstep:
         self._wait(self._missing_nodes, 'is not there')
         begin = due = time.monotonic()
         stamp_ns = first_ns = EPOCH_NS
-        k, period_ns, interval = 0, driver.period_ns, 0.0
+        k, period_ns, interval = 0, driver.grid.period_ns, 0.0
         while self._goes_on:
             while self._goes_on and not driver.active:
                 driver.spin_data(0.01)
@@ -124,13 +123,11 @@ class ArmLockstep:
             self._wait(partial(self._missing_answers, stamp_ns),
                        f'has not answered the state of {stamp_ns * 1e-9:.6f} s')
             with driver.between_samples:
-                if driver.period_ns != period_ns:  # a live rate begins a new grid
-                    k, period_ns, first_ns = 0, driver.period_ns, stamp_ns
+                if driver.grid.period_ns != period_ns:  # a live rate begins a new grid
+                    k, period_ns, first_ns = 0, driver.grid.period_ns, stamp_ns
                 interval = 1.0 / driver.settings.rate
                 if driver.active:  # else the brakes hold
-                    driver.started = True
-                    driver.plant.apply(self._torque)
-                    driver.plant.advance(interval)
+                    driver.drives.step(self._torque, interval)
             t = (stamp_ns - EPOCH_NS) * 1e-9
             if 0.0 < driver.settings.duration <= t + 0.5 * interval:
                 driver.get_logger().info(f'duration of {driver.settings.duration:g} s is over, '
@@ -145,7 +142,7 @@ class ArmLockstep:
         self._commanded, self._awaited_ns = False, stamp_ns
         self._time_topic.publish(
             Clock(clock=Time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)))
-        self._driver.send_state(stamp_ns, self._driver.plant.torque, interval)
+        self._driver.send_state(stamp_ns, self._driver.drives.plant.torque, interval)
         self._driver.sampled(stamp_ns)
 
     def _pace(self, due: float, interval: float) -> float:

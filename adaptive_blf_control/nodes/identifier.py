@@ -28,8 +28,8 @@ from adaptive_blf_control.identification.estimate_file import (
     recent_estimate,
     write_estimate,
 )
-from adaptive_blf_control.identification.news import HistoryNews
 from adaptive_blf_control.identification.rank_condition import rank_warning
+from adaptive_blf_control.identification.republish import HistoryPublication
 from adaptive_blf_control.messages.cdr import encode_float64, encode_int32
 from adaptive_blf_control.messages.joint_state import JointStateCodec, JointStateReader
 from adaptive_blf_control.messages.topics import (
@@ -69,7 +69,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         # A few, because a backlog of states needs the terms of their own times.
         self._terms: deque[tuple[int, np.ndarray]] = deque(maxlen=DEPTH)
         self._zero_ns: int | None = None
-        self._news = HistoryNews()
+        self._history = HistoryPublication()
         self._reset_requested = False
         self._state_reader = JointStateReader(self.arm.joints)
         self._term_reader = JointStateReader(self.arm.parameters)
@@ -186,7 +186,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         theta = self.identifier.update((stamp - self._zero_ns) * 1e-9, q, qd, tau,
                                        self._held_term(stamp))
         stack = self.identifier.stack
-        if self._news.due(stack.insertions):
+        if self._history.due(stack.insertions):
             self._rank.publish(encode_int32(stack.rank))
             self._sigma_min.publish(encode_float64(stack.sigma_min))
             excitation = self.identifier.excitation
@@ -195,8 +195,8 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         # Last: it is the answer, and in lockstep it ends the sample.
         self._theta.publish(self._theta_codec.encode(stamp, theta))
         self.sampled(stamp)
-        if self.identifier.monitor.changes != self._changes:
-            self._changes = self.identifier.monitor.changes
+        if self.identifier.changes != self._changes:
+            self._changes = self.identifier.changes
             self.get_logger().warning(f'the arm has changed: the history is emptied '
                                       f'({self._changes} so far)')
 
@@ -251,10 +251,14 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             'pairs': stack.count, 'insertions': stack.insertions,
             'change of theta_hat per second, norm': f'{self._drift():.6g}',
             'filter restarts': identifier.restarts,
-            'changes of the arm': identifier.monitor.changes,
+            'changes of the arm': identifier.changes,
+            'artificial noise': 'in use' if identifier.artificial_noise else 'not in use',
             'excitation index': identifier.excitation,
             'norm of theta_hat': f'{np.linalg.norm(identifier.theta):.6g}',
             **{f'samples {reason}': count for reason, count in identifier.dropped.items()}}
+        if identifier.artificial_noise:
+            return DiagnosticStatus.WARN, ('theta_hat is biased: it is learned with artificial '
+                                           'noise (history.noise)'), values
         if stack.rank < self.arm.m:
             return DiagnosticStatus.OK, f'learning: rank {stack.rank} of {self.arm.m}', values
         return DiagnosticStatus.OK, 'rank full', values

@@ -34,7 +34,7 @@ def load_plugin(parameter: str, text: str) -> Any:
     module, _, name = text.partition(':')
     try:
         return getattr(importlib.import_module(module), name)
-    except Exception as error:  # a stranger's module may raise anything
+    except Exception as error:  # a plug-in's module may raise anything
         raise ParameterError(parameter, text, f'a module and a name in it that can be imported '
                              f'({type(error).__name__}: {error})') from error
 
@@ -59,7 +59,7 @@ def made(parameter: str, value: object, given: Any, names: Sequence[str], *argum
             part = given(*arguments)
         except BlfError:
             raise
-        except Exception as error:  # a stranger's constructor may raise anything
+        except Exception as error:  # a plug-in's constructor may raise anything
             kinds = ', '.join(type(argument).__name__ for argument in arguments)
             raise ParameterError(parameter, value, f'what can be called with {kinds} '
                                  f'({type(error).__name__}: {error})') from error

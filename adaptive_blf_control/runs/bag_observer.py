@@ -17,7 +17,7 @@ from adaptive_blf_control.configuration.parameter_file import (
     node_values,
     PARAMETERS_KEY,
 )
-from adaptive_blf_control.identification.news import HistoryNews
+from adaptive_blf_control.identification.republish import HistoryPublication
 from adaptive_blf_control.messages.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
 from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
 from adaptive_blf_control.messages.joint_state import JointStateCodec
@@ -66,7 +66,7 @@ class BagObserver:
                                             loop.controller.constraints.names)
         self._decimation = node_settings(data, ControllerNodeSettings).monitor_decimation
         self._monitors = MonitorStream(self._controller)
-        self._news = HistoryNews()
+        self._history = HistoryPublication()
 
     def __enter__(self) -> BagObserver:
         """Return the observer."""
@@ -90,7 +90,7 @@ class BagObserver:
         messages.update(self._monitors.messages(
             stamp, output, controller.margins(output), self._decimation,
             lambda: controller.lyapunov(output, sample.theta_used)))
-        if self._news.due(self._loop.identifier.stack.insertions):
+        if self._history.due(self._loop.identifier.stack.insertions):
             messages[HISTORY_RANK] = encode_int32(sample.rank)
             messages[HISTORY_SIGMA_MIN] = encode_float64(sample.sigma_min)
             excitation = self._loop.identifier.excitation

@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 
 from adaptive_blf_control.bags.reader import Bag
-from adaptive_blf_control.configuration.build import build_arm, build_simulated_arm
+from adaptive_blf_control.configuration.build import build_arm
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, DriverSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings, PARAMETERS_KEY
 from adaptive_blf_control.control.constraints import Constraint, Constraints
@@ -32,7 +32,7 @@ from adaptive_blf_control.messages.topics import (
 )
 from adaptive_blf_control.runs.margins import Margins, published_margins
 from adaptive_blf_control.runs.summary import Run, state_along
-from adaptive_blf_control.simulation.plant import Truth
+from adaptive_blf_control.simulation.true_arm import epochs_truth, true_epochs, Truth
 
 __all__ = ['bag_parameters', 'constraints_of', 'rates', 'run_of_bag', 'topic_named']
 
@@ -141,7 +141,7 @@ def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> Tr
     driver = node_settings(data, DriverSettings)
     if driver.plant != 'builtin':
         return None
-    return build_simulated_arm(driver, build_arm(driver)).truth(parameters)
+    return epochs_truth(true_epochs(driver, build_arm(driver)), parameters)
 
 
 def rates(bag: Bag, run: Run) -> dict[str, float]:

@@ -149,7 +149,7 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
     measured = read_log(log, topic=topic, joints=arm.joints)
     identifier = build_identifier(chosen, arm)
     filters = chosen.filter
-    spans = choose_spans(measured.t, train, test, 5.0 * filters.memory)
+    spans = choose_spans(measured.t, train, test, 5.0 * identifier.memory)
     result = learn(identifier, measured, *spans)
     for name, fit in (('train', result.train), ('test', result.test)):
         if fit.count == 0 and not (name == 'test' and test == NO_TEST):

@@ -31,6 +31,7 @@ from adaptive_blf_control.runs.summary import Run, run_of_trace, summarise, tabl
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample, Trace
 from adaptive_blf_control.simulation.plant import Plant, REQUIRED
+from adaptive_blf_control.simulation.sensors import Sensor
 
 __all__ = ['Simulation', 'duration_of', 'simulate']
 
@@ -111,6 +112,7 @@ def duration_of(data: Mapping[str, Any], duration: float | None) -> float:
 
 def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | ClosedLoop,
              duration: float | None = None, *, plant: Plant | None = None,
+             sensor: Sensor | type[Sensor] | None = None,
              law: Law | type[Law] | str | None = None,
              update_law: UpdateLaw | type[UpdateLaw] | str | None = None,
              constraints: Sequence[Constraint | type[Constraint] | str] = (),
@@ -122,6 +124,8 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
             with the defaults of every parameter, or a `ClosedLoop` joined by hand.
         duration: Length of the run [s]; the scenario's, else 20 s, where None.
         plant: What is driven in place of the simulated arm.
+        sensor: What the simulated arm is measured with, or a class of such, in place of the
+            scenario's; see `Sensor`.
         law: A control law, or a class of laws, in place of the scenario's; see `Controller`.
         update_law: An update law, or a class of them, likewise; see `Identifier`.
         constraints: What else counts as inside, beside the scenario's; see `Controller`.
@@ -136,12 +140,13 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
     Raises:
         ParameterError: a parameter is not known or cannot be used, or a part lacks what its
             protocol asks for.
-        SetViolation: the start is outside a set, or one set pokes out of another (9).
+        SetViolation: the start is outside a set, or the performance set exceeds the
+            safety set (9).
         ArmError: the arm cannot be built.
     """
     if isinstance(scenario, ClosedLoop):
         for name, value in (
-                ('plant', plant), ('law', law), ('update_law', update_law),
+                ('plant', plant), ('sensor', sensor), ('law', law), ('update_law', update_law),
                 ('constraints', constraints or None), *changes.items()):
             if value is not None:
                 raise ParameterError(name, value, 'nothing: the loop has been joined by hand')
@@ -153,7 +158,7 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
         data = apply_changes(data, changes)
         if plant is not None:
             require('plant', plant, plant, REQUIRED)
-        loop = build_closed_loop(data, OwnParts(arm, plant, law, update_law, constraints))
+        loop = build_closed_loop(data, OwnParts(arm, plant, sensor, law, update_law, constraints))
         length = duration_of(data, duration)
     loop.warm_up()
     return Simulation(**vars(loop.run(length, observer)), loop=loop)

@@ -19,7 +19,8 @@ from adaptive_blf_control.runs.margins import (
     violated_at,
 )
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
-from adaptive_blf_control.simulation.plant import Truth, truth_of
+from adaptive_blf_control.simulation.plant import truth_of
+from adaptive_blf_control.simulation.true_arm import Truth
 
 __all__ = ['CONVERGED', 'Run', 'listed', 'margins_of_run', 'run_of_trace', 'convergence_time',
            'state_along', 'summarise', 'table']

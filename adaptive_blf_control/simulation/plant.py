@@ -1,43 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated arm: true dynamics, drives that saturate, torque held between changes."""
+"""What is driven: the protocol of a plant, and the simulated arm behind it."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol, runtime_checkable
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import ForwardDynamics
+from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.law import limited
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.simulation.sensors import Measurement, Sensors
-from adaptive_blf_control.simulation.settings import SensorSettings
+from adaptive_blf_control.parameters.settings import changed_names
+from adaptive_blf_control.simulation.sensors import made_sensor, Measurement, Sensor
+from adaptive_blf_control.simulation.settings import PlantSettings
+from adaptive_blf_control.simulation.true_arm import epochs_truth, true_epochs, Truth
 
-__all__ = ['Epoch', 'HasTruth', 'Plant', 'REQUIRED', 'SimulatedArm', 'Truth', 'known_truth',
+__all__ = ['HasTruth', 'Plant', 'REQUIRED', 'Retunable', 'SimulatedArm', 'known_truth',
            'truth_of']
 
-
-class Epoch(NamedTuple):
-    """The true arm from ``t`` [s] on: its dynamics, and θ* by parameter name."""
-
-    t: float
-    dynamics: ForwardDynamics
-    parameters: Mapping[str, float]
-
-
-Truth = tuple[tuple[float, np.ndarray], ...]
-"""(t, θ*) from t [s] on, in ascending order from 0, θ* of shape (m,)."""
+ROUNDING = 1e-9  # s that summed intervals may fall short of the time of a change
+# First letters of the parameters that make the true arm; true friction is part of the arm.
+TRUE_ARM = ('true_model', 'true_parameters', 'payload', 'schedule.')
 
 
 class Plant(Protocol):
-    """What the driver and `simulate` drive: an arm of ours or a foreign simulator.
+    """What the driver and `simulate` drive: our simulated arm, or a simulator of the user's.
 
-    It needs no θ*. What it can do besides, it says by having the method: :class:`HasTruth`.
-    A class that inherits from it needs no more than q, qd, torque and ``advance``: it is measured
-    perfectly.
+    It needs no θ*, and it has sensors of its own. What it can do besides, it says by having the
+    method: `HasTruth`, `Retunable`. A class that inherits from it needs no more than q, qd, torque
+    and ``advance``: it is measured perfectly.
 
     Attributes:
         q: True positions, shape (n,) [rad].
@@ -89,6 +83,15 @@ class HasTruth(Protocol):
         ...
 
 
+@runtime_checkable
+class Retunable(Protocol):
+    """A plant that can be changed while it runs."""
+
+    def retune(self, settings: PlantSettings) -> None:
+        """Take other settings between two samples, all of them or, with a BlfError, none."""
+        ...
+
+
 def truth_of(plant: Plant, parameters: Sequence[str]) -> Truth | None:
     """Return θ* of a plant over time, None where it has none to tell."""
     return plant.truth(parameters) if isinstance(plant, HasTruth) else None
@@ -111,47 +114,42 @@ class SimulatedArm:
         qd: True velocities, shape (n,) [rad/s].
         t: Time since the start [s].
         torque: Torque that acts now, after saturation and dead time, shape (n,) [N·m].
+        settings: The present settings; :meth:`retune` changes them.
+        epochs: The true arm over time, the first from t = 0 on.
+        sensor: How the state is measured.
     """
 
-    def __init__(self, epochs: Sequence[Epoch], q: np.ndarray, qd: np.ndarray,
-                 torque_limit: np.ndarray, substeps: int = 1, sensors: Sensors | None = None,
-                 dead_time: int = 0) -> None:
-        """Start at rest or in motion with zero torque.
+    def __init__(self, settings: PlantSettings, arm: Arm,
+                 sensor: Sensor | type[Sensor] | None = None) -> None:
+        """Start where the settings say, with zero torque.
 
         Args:
-            epochs: The true arm over time, the first from t = 0 on.
-            q: Positions, shape (n,) [rad].
-            qd: Velocities, shape (n,) [rad/s].
-            torque_limit: Where the drives saturate, shape (n,) [N·m].
-            substeps: RK4 steps per advance.
-            sensors: How the state is measured; None measures perfectly.
-            dead_time: Whole samples after which a command acts.
+            settings: True parameters and their changes, start, limits, dead time, sensors.
+            arm: The arm.
+            sensor: In place of the sensor that the settings name.
+
+        Raises:
+            ParameterError: a value does not fit the arm, or the sensor cannot be made.
+            ArmError: the arm cannot be simulated with its true parameters.
         """
-        for name, value in (('initial_position', q), ('initial_velocity', qd)):
-            if not np.all(np.isfinite(value)):
-                raise ParameterError(f'arm_driver.{name}', value.tolist(), 'finite values')
-        self.epochs = tuple(epochs)
-        self._ahead = deque(self.epochs[1:])
-        self._dynamics = self.epochs[0].dynamics
-        self.q = np.array(q, dtype=float)
-        self.qd = np.array(qd, dtype=float)
+        self.settings = settings = settings.resolved(joints=arm.n)
+        self._arm, self._given_sensor = arm, sensor
+        self.epochs, self._epoch = true_epochs(settings, arm), 0
+        self.sensor = made_sensor(settings.sensors, arm, sensor)
+        self.q, self.qd = settings.initial_position.copy(), settings.initial_velocity.copy()
         self.t = 0.0
-        self.torque_limit = np.array(torque_limit, dtype=float)
-        self.torque = np.zeros_like(self.q)
-        self._substeps = substeps
-        self._sensors = sensors or Sensors(SensorSettings())
-        self._dead_time = dead_time
-        self._commanded = self.torque
-        self._underway: deque[np.ndarray] = deque(
-            [self.torque] * max(dead_time - 1, 0))
+        self.torque = self._commanded = np.zeros(arm.n)
+        self._take(settings)
+
+    def _take(self, settings: PlantSettings) -> None:
+        """Take limit and dead time; what was commanded last is under way for that long."""
+        self.settings = settings
+        self.torque_limit = settings.torque_limit.copy()  # the limit is compiled for such
+        self._under_way = deque([self._commanded] * max(settings.dead_time - 1, 0))
 
     def truth(self, parameters: Sequence[str]) -> Truth:
-        """Return (t, θ*) of each epoch in the order of ``parameters``, for monitors only.
-
-        An effect the true arm does not have counts as 0.
-        """
-        return tuple((epoch.t, np.array([epoch.parameters.get(name, 0.0) for name in parameters]))
-                     for epoch in self.epochs)
+        """Return (t, θ*) of each epoch in the order of ``parameters``, for monitors only."""
+        return epochs_truth(self.epochs, parameters)
 
     def measure(self, torque: np.ndarray, dt: float) -> Measurement:
         """Take a sample ``dt`` [s] after the last one; call it once a sample.
@@ -160,45 +158,53 @@ class SimulatedArm:
             torque: Mean torque over the interval that ends now, shape (n,) [N·m].
             dt: Length of that interval [s].
         """
-        if self._dead_time:
-            self._underway.append(self._commanded)
-            self.torque = self._underway.popleft()
-        return self._sensors.measure(self.q, self.qd, torque, dt)
+        if self.settings.dead_time:
+            self._under_way.append(self._commanded)
+            self.torque = self._under_way.popleft()
+        return self.sensor.measure(self.q, self.qd, torque, dt)
 
     def measured_position(self) -> np.ndarray:
         """Return what the sensors show of q now, shape (n,) [rad]; it is no sample."""
-        return self._sensors.position(self.q)
+        return self.sensor.position(self.q)
 
     def apply(self, torque: np.ndarray) -> None:
         """Command ``torque``, shape (n,) [N·m], clipped to the drives' limit, and hold it."""
         self._commanded = limited(torque, self.torque_limit)
-        if not self._dead_time:
+        if not self.settings.dead_time:
             self.torque = self._commanded
 
     def advance(self, dt: float) -> None:
         """Move on by ``dt`` [s] under the held torque; changes act from the next advance on."""
-        while self._ahead and self.t >= self._ahead[0].t - 1e-9:
-            self._dynamics = self._ahead.popleft().dynamics
-        self.q, self.qd = self._dynamics.advance(self.q, self.qd, self.torque, dt,
-                                                 self._substeps)
+        following = self._epoch + 1
+        while following < len(self.epochs) and self.t >= self.epochs[following].t - ROUNDING:
+            self._epoch, following = following, following + 1
+        self.q, self.qd = self.epochs[self._epoch].dynamics.advance(
+            self.q, self.qd, self.torque, dt, self.settings.substeps)
         self.t += dt
 
-    def retune(self, other: SimulatedArm) -> None:
-        """Become ``other`` but for state and time: another payload, limit, sensor or dead time.
+    def retune(self, settings: PlantSettings) -> None:
+        """Take another payload, limit, sensor or dead time; state and time stay.
 
-        The sensors go on as they are where their settings do not change.
+        Sensors whose settings do not change go on as they are, and so do commands under way.
+
+        Raises:
+            ParameterError: a value cannot be used; nothing has changed.
+            ArmError: likewise.
         """
-        self.epochs = other.epochs
-        passed = sum(epoch.t <= self.t + 1e-9 for epoch in other.epochs[1:])
-        self._dynamics = other.epochs[passed].dynamics
-        self._ahead = deque(other.epochs[passed + 1:])
-        self.torque_limit = other.torque_limit
-        self._substeps = other._substeps
-        if other._sensors.settings != self._sensors.settings:
-            self._sensors = other._sensors
-        if other._dead_time != self._dead_time:
-            self._dead_time = other._dead_time
-            self._underway = deque([self._commanded] * max(other._dead_time - 1, 0))
+        before, settings = self.settings, settings.resolved(joints=self._arm.n)
+        changed = changed_names(before, settings)
+        if any(name.startswith(TRUE_ARM) for name in changed):
+            epochs = true_epochs(settings, self._arm)
+        else:
+            epochs = self.epochs
+        if settings.sensors != before.sensors:
+            self.sensor = made_sensor(settings.sensors, self._arm, self._given_sensor)
+        if epochs is not self.epochs:
+            self.epochs, self._epoch = epochs, 0
+        under_way = self._under_way
+        self._take(settings)
+        if settings.dead_time == before.dead_time:
+            self._under_way = under_way
         self.apply(self._commanded)
 
     def brake(self) -> None:
@@ -208,5 +214,5 @@ class SimulatedArm:
 
     def trial(self, torque: np.ndarray, dt: float) -> None:
         """Compute a step without taking it, e.g. to compile it before the clock runs."""
-        self._dynamics.advance(self.q, self.qd, limited(torque, self.torque_limit), dt,
-                               self._substeps)
+        self.epochs[self._epoch].dynamics.advance(
+            self.q, self.qd, limited(torque, self.torque_limit), dt, self.settings.substeps)

@@ -1,16 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the driver's sensors make of the true state: encoder counts, differences, noise."""
+"""What is measured of a simulated arm: the true state, encoder counts, or a sensor of the user's.
+
+Noise of the measured torque is a part of its own, in front of any of them.
+"""
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Mapping
 import math
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.plugin import load_plugin, made
 from adaptive_blf_control.simulation.settings import SensorSettings
 
-__all__ = ['Measurement', 'Sensors', 'resolution']
+__all__ = ['Encoder', 'Measurement', 'NoisyTorque', 'PerfectSensor', 'Sensor', 'made_sensor']
+
+_REQUIRED = ('measure', 'position')
 
 
 class Measurement(NamedTuple):
@@ -21,43 +33,146 @@ class Measurement(NamedTuple):
     torque: np.ndarray
 
 
-def resolution(settings: SensorSettings) -> float:
-    """Return the position step of one count at the joint [rad]; 0 where it is perfect."""
-    if settings.model != 'encoder':
-        return 0.0
-    return 2.0 * math.pi / (settings.encoder_counts * settings.gear_ratio)
+class Sensor(Protocol):
+    """What is measured of a simulated arm, made as ``sensor(settings, arm)``.
 
+    The settings are those of ``arm_driver.sensors``; it is made again where one of them changes.
+    A class that inherits from it needs no more than ``measure``.
+    """
 
-class Sensors:
-    """The sensors of a simulated arm, with the state of the velocity filter."""
+    @abstractmethod
+    def measure(self, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
+                dt: float) -> Measurement:
+        """Measure the true state, once a sample; the arrays given are not to be changed.
 
-    def __init__(self, settings: SensorSettings) -> None:
-        """Start with the filter at the first true velocity that is measured."""
-        self.settings = settings
-        self._random = np.random.default_rng(settings.seed)
-        self._q: np.ndarray | None = None
-        self._qd = np.zeros(0)
+        Args:
+            q: True positions, shape (n,) [rad].
+            qd: True velocities, shape (n,) [rad/s].
+            torque: Mean torque over the interval that ends now, shape (n,) [N·m]; NaN where the
+                brakes hold.
+            dt: Length of that interval [s], 0 for the first sample.
+        """
+        ...
 
     def position(self, q: np.ndarray) -> np.ndarray:
-        """Return true positions (n,) [rad] in whole encoder counts."""
-        step = resolution(self.settings)
-        return np.round(q / step) * step if step > 0.0 else q
+        """Return what is shown of true positions q, shape (n,) [rad]; it is no sample."""
+        return q
+
+
+class PerfectSensor(Sensor):
+    """The true state."""
+
+    def __init__(self, settings: SensorSettings, arm: Arm) -> None:
+        """Take the settings and the arm; it needs neither."""
 
     def measure(self, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
                 dt: float) -> Measurement:
-        """Measure the true state ``dt`` [s] after the last one; arrays of shape (n,)."""
-        settings = self.settings
-        if settings.torque_noise > 0.0:
-            torque = torque + settings.torque_noise * self._random.standard_normal(q.size)
-        if settings.model != 'encoder':
-            return Measurement(q, qd, torque)
+        """Return what is given; see `Sensor`."""
+        return Measurement(q, qd, torque)
+
+
+class Encoder(Sensor):
+    """Positions in whole counts, and velocities from their differences behind a low-pass.
+
+    v_k = a v_{k−1} + (1 − a)(q_k − q_{k−1})/dt with a = exp(−dt/T), from the true velocity on.
+
+    Attributes:
+        resolution: Step of one count at the joint [rad].
+    """
+
+    def __init__(self, settings: SensorSettings, arm: Arm) -> None:
+        """Take counts, gear ratio and T, ``velocity_time_constant``."""
+        self.resolution = 2.0 * math.pi / (settings.encoder_counts * settings.gear_ratio)
+        self._time_constant = settings.velocity_time_constant
+        self._q: np.ndarray | None = None
+        self._qd = np.zeros(arm.n)
+
+    def measure(self, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
+                dt: float) -> Measurement:
+        """Measure q and its differences; see `Sensor`. An interval of 0 s has no difference."""
         measured = self.position(q)
         if self._q is None or dt <= 0.0:
             self._qd = np.array(qd)
         else:
-            rate = (measured - self._q) / dt
-            constant = settings.velocity_time_constant
+            constant = self._time_constant
             keep = math.exp(-dt / constant) if constant > 0.0 else 0.0
-            self._qd = keep * self._qd + (1.0 - keep) * rate
+            self._qd = keep * self._qd + (1.0 - keep) * ((measured - self._q) / dt)
         self._q = measured
         return Measurement(measured, self._qd, torque)
+
+    def position(self, q: np.ndarray) -> np.ndarray:
+        """Return true positions, shape (n,) [rad], in whole counts."""
+        return np.asarray(np.round(q / self.resolution) * self.resolution)
+
+
+class NoisyTorque(Sensor):
+    """White noise on the torque that a sensor is given.
+
+    Attributes:
+        sensor: The sensor behind it.
+    """
+
+    def __init__(self, sensor: Sensor, deviation: float, seed: int) -> None:
+        """Take the sensor, the standard deviation [N·m] and the seed."""
+        self.sensor = sensor
+        self._deviation = deviation
+        self._random = np.random.default_rng(seed)
+
+    def measure(self, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
+                dt: float) -> Measurement:
+        """Measure with noise on the torque; see `Sensor`."""
+        noise = self._deviation * self._random.standard_normal(torque.size)
+        return self.sensor.measure(q, qd, torque + noise, dt)
+
+    def position(self, q: np.ndarray) -> np.ndarray:
+        """Return what the sensor behind it shows, shape (n,) [rad]."""
+        return self.sensor.position(q)
+
+
+class _Checked(Sensor):
+    """A plug-in whose measurements have the shapes that are needed, or are refused."""
+
+    def __init__(self, sensor: Sensor, arm: Arm) -> None:
+        self._sensor, self._arm = sensor, arm
+
+    def measure(self, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
+                dt: float) -> Measurement:
+        given = self._sensor.measure(q, qd, torque, dt)
+        if not isinstance(given, tuple) or len(given) != len(Measurement._fields):
+            raise ParameterError(f'{type(self._sensor).__name__}.measure', given, 'a Measurement')
+        return Measurement(*map(self._checked, Measurement._fields, given))
+
+    def position(self, q: np.ndarray) -> np.ndarray:
+        return self._checked('position', self._sensor.position(q))
+
+    def _checked(self, name: str, value: Any) -> np.ndarray:
+        return checked_array(f'{type(self._sensor).__name__}: {name}', value, (self._arm.n,),
+                             self._arm.joints)
+
+
+_OURS: Mapping[str, type[Sensor]] = MappingProxyType(
+    {'perfect': PerfectSensor, 'encoder': Encoder})
+
+
+def made_sensor(settings: SensorSettings, arm: Arm,
+                given: Sensor | type[Sensor] | None = None) -> Sensor:
+    """Return the sensor that ``settings.model`` names, behind the noise that they ask for.
+
+    Args:
+        settings: Model, noise and seed.
+        arm: The arm that is measured.
+        given: A sensor, or what is called with both and returns one, in place of the model.
+
+    Raises:
+        ParameterError: it cannot be imported or made, or lacks what a `Sensor` has.
+    """
+    if given is None and settings.model in _OURS:
+        sensor = _OURS[settings.model](settings, arm)  # type: ignore[call-arg]
+    else:
+        name = 'arm_driver.sensors.model' if given is None else 'sensor'
+        value = settings.model if given is None else given
+        part = load_plugin(name, settings.model) if given is None else given
+        sensor = _Checked(made(name, value, part, _REQUIRED, settings, arm), arm)
+    if settings.torque_noise > 0.0:
+        return NoisyTorque(sensor, settings.torque_noise, settings.seed)
+    return sensor

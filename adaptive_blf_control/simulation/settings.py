@@ -10,7 +10,8 @@ import numpy as np
 from adaptive_blf_control.parameters import settings as declare
 from adaptive_blf_control.parameters.settings import group, parameter, Settings
 
-__all__ = ['PlantSettings', 'ScheduleSettings', 'SensorSettings', 'TrueFrictionSettings']
+__all__ = ['PlantSettings', 'ScheduleSettings', 'SensorSettings', 'TrueFrictionSettings',
+           'WatchdogSettings']
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -45,8 +46,9 @@ class SensorSettings(Settings, where='arm_driver.sensors'):
 
     model: str = parameter(
         'perfect',
-        'perfect: the true state; encoder: counts, and velocities from their differences.',
-        choices=('perfect', 'encoder'), live=True)
+        'perfect: the true state; encoder: counts, and velocities from their differences; '
+        'module:name: called with these settings and the arm, it returns a sensor.',
+        choices=('perfect', 'encoder'), live=True, plugin=True)
     encoder_counts: int = parameter(
         2000, 'Encoder counts per motor turn.', '', 1, live=True)
     gear_ratio: float = parameter(
@@ -55,7 +57,8 @@ class SensorSettings(Settings, where='arm_driver.sensors'):
         0.005, 'Time constant of the first-order filter on the position differences; 0: none.',
         's', 0.0, live=True)
     torque_noise: float = parameter(
-        0.0, 'Standard deviation of the noise of the measured torque.', 'N*m', 0.0, live=True)
+        0.0, 'Standard deviation of the noise of the measured torque, whatever the model.', 'N*m',
+        0.0, live=True)
     seed: int = parameter(
         0, 'Seed of the sensor noise.', '', 0, live=True)
 
@@ -92,3 +95,18 @@ class PlantSettings(Settings, where='arm_driver'):
     true_friction: TrueFrictionSettings = group(TrueFrictionSettings)
     schedule: ScheduleSettings = group(ScheduleSettings)
     sensors: SensorSettings = group(SensorSettings)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class WatchdogSettings(Settings, where='arm_driver'):
+    """What the drives do when commands stay away."""
+
+    command_timeout: float = parameter(
+        0.1, 'Without a new command for this long the torque goes to zero.',
+        's', 0.0, 60.0, exclusive=True, live=True)
+    timeout_action: str = parameter(
+        'zero',
+        'What the drives do after command_timeout: zero: no torque; damping: a torque against '
+        'the motion.', choices=('zero', 'damping'), live=True)
+    damping: np.ndarray = parameter(
+        [5.0], 'Damping of timeout_action: damping.', 'N*m*s/rad', 0.0, length='joints', live=True)

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import argparse
-from importlib import util
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 import sys
 
@@ -12,13 +13,14 @@ from adaptive_blf_control.compilation_notice import CompilationNotice
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
-from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.errors import ArmError, BlfError, MissingExtra
 from adaptive_blf_control.runtime.processes import scenario
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 
 __all__ = ['main']
 
 CLOSED_FORM = ('two_link.yaml', 'three_link.yaml')
-FROM_URDF = ('panda.yaml',)  # one for all: every URDF arm is the same compiled code
+FROM_URDF = 'panda.yaml'  # one for all: every URDF arm is the same compiled code
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -28,9 +30,14 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _one_of_each_kind() -> list[Path]:
-    urdf = all(util.find_spec(name) for name in ('pinocchio', 'example_robot_data'))
-    return [scenario(name) for name in CLOSED_FORM + (FROM_URDF if urdf else ())]
+def _loops(configs: list[Path]) -> Iterator[ClosedLoop]:
+    """Return the loops of some files, or of one for each kind of arm that can be built here."""
+    if configs:
+        yield from (build_closed_loop(load_yaml(config)) for config in configs)
+        return
+    yield from (build_closed_loop(load_yaml(scenario(name))) for name in CLOSED_FORM)
+    with suppress(MissingExtra, ArmError):  # no Pinocchio, or not the robot of the file
+        yield build_closed_loop(load_yaml(scenario(FROM_URDF)))
 
 
 def main(args: list[str] | None = None) -> int:
@@ -41,8 +48,8 @@ def main(args: list[str] | None = None) -> int:
         return 0
     try:
         with CompilationNotice():
-            for config in options.config or _one_of_each_kind():
-                build_closed_loop(load_yaml(config)).warm_up()
+            for loop in _loops(options.config):
+                loop.warm_up()
     except BlfError as error:
         print(f'precompile: {error}', file=sys.stderr)
         return 2

@@ -82,7 +82,7 @@ def test_a_start_outside_a_set_is_refused(values):
 
 def test_sets_are_checked_without_a_start(values):
     given = values('controller', 'controller.safety.upper=[1.1, 2.2]')
-    with pytest.raises(SetViolation, match="'joint1'.*pokes out of the safety set above"):
+    with pytest.raises(SetViolation, match="'joint1'.*exceeds the safety set above"):
         Controller(build_arm(given), given)
 
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.three_link import three_link_parameters
-from adaptive_blf_control.configuration.build import build_arm, true_theta
+from adaptive_blf_control.configuration.build import build_arm
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.configuration.parameter_file import apply_settings, node_settings
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.simulation.true_arm import true_theta
 
 
 def theta(*settings: str) -> np.ndarray:
@@ -44,7 +45,7 @@ def test_a_payload_comes_on_top_of_either():
     (('arm_driver.true_parameters=[4.0, 0.2, 0.3, 5.6, 0.8]',), 'true_model: given'),
     ((GIVEN, 'arm_driver.true_parameters=[4.0, 0.2]'), 'p1 p2 p3 fv_joint1 fv_joint2'),
     ((GIVEN,), '5 values'),
-    (('arm_driver.payload=1.0',), 'two_link has no tip'),
+    (('arm_driver.payload=1.0',), 'TwoLinkArm has no tip'),
     ((*THREE, 'arm_driver.payload=-1.0'), 'payload'),
     (('arm_driver.true_model=guess',), 'nominal, given')])
 def test_what_does_not_fit_together_is_refused(settings, message):

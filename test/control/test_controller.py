@@ -204,7 +204,7 @@ def test_a_saturated_joint_does_not_wind_up_the_estimate():
     np.testing.assert_allclose(back.adaptation_term, back.x.T @ back.e2, rtol=1e-12)
 
 
-def test_performance_set_that_pokes_out_is_refused_at_start_up():
+def test_performance_set_that_exceeds_is_refused_at_start_up():
     with pytest.raises(SetViolation, match="'joint1'.*below"):
         controller(widen=-0.01)
 
@@ -335,16 +335,16 @@ def test_a_reference_taken_at_once_needs_the_arm_close_to_it():
 
 
 @pytest.mark.parametrize(('change', 'joint', 'value', 'bound', 'what'), [
-    ({'safety': JointInterval([-1.2, -2.3], [1.3, 1.9])}, 'joint2', 2.2, 1.9, 'pokes out'),
+    ({'safety': JointInterval([-1.2, -2.3], [1.3, 1.9])}, 'joint2', 2.2, 1.9, 'exceeds'),
     ({'safety': JointInterval([0.06, -2.3], [1.3, 2.3]), 'reference': OTHER,
       'performance': JointInterval([-0.01, -0.1], [0.1, 0.2])}, 'joint1', -0.41, 0.06,
-     'pokes out'),
+     'exceeds'),
     ({'performance': JointInterval([-0.1, -0.1], [0.04, 0.1])}, 'joint1', 0.05, 0.04,
      'present error outside the new performance set'),
-    ({'performance': JointInterval([-0.1, -0.1], [0.3, 0.1])}, 'joint1', 1.3, 1.2, 'pokes out'),
+    ({'performance': JointInterval([-0.1, -0.1], [0.3, 0.1])}, 'joint1', 1.3, 1.2, 'exceeds'),
     ({'reference': SumOfSinusoids(np.zeros(2), np.full((2, 1), 1.1), np.ones((2, 1)),
                                   np.zeros((2, 1))), 'blend_time': 1.0}, 'joint1', -1.27, -1.17,
-     'pokes out'),
+     'exceeds'),
 ])
 def test_a_change_that_cannot_be_is_refused_whole(change, joint, value, bound, what):
     law = controller()

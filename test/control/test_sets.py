@@ -40,16 +40,21 @@ def test_equality_of_the_papers_example_is_allowed():
     ('below', 1, -2.001, -2.171, -2.17),
     ('above', 0, 1.001, 1.201, 1.2),
 ])
-def test_a_reference_that_pokes_out_names_joint_and_numbers(side, joint, moved, value, bound):
+def test_a_reference_that_exceeds_names_joint_and_numbers(side, joint, moved, value, bound):
     lower, upper = RANGE[0].copy(), RANGE[1].copy()
     (lower if side == 'below' else upper)[joint] = moved
-    with pytest.raises(SetViolation, match=f'pokes out of the safety set {side}') as caught:
+    with pytest.raises(SetViolation, match=f'exceeds the safety set {side}') as caught:
         check_performance_inside_safety(SAFETY, PERFORMANCE, (lower, upper), JOINTS)
     assert caught.value.joint == JOINTS[joint]
     assert caught.value.value == pytest.approx(value)
     assert caught.value.bound == bound
     for word in (JOINTS[joint], f'{value:.6g}', f'{bound:.6g}', 'rad'):
         assert word in str(caught.value)
+
+
+def test_a_tenth_of_a_milliradian_outside_the_safety_set_is_refused():
+    with pytest.raises(SetViolation):
+        check_performance_inside_safety(SAFETY, PERFORMANCE, (RANGE[0], RANGE[1] + 1e-4), JOINTS)
 
 
 @pytest.mark.parametrize(('lower', 'upper'), [(0.0, 0.2), (-0.1, 0.0), (0.1, 0.2), (-0.2, -0.1)])

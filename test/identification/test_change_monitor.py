@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Facts about the change monitor: silent in noise, quick after a change, the stack starts anew."""
+"""Facts about the change monitor: silent in noise, quick after a change, the stack refills."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import pytest
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.change_monitor import ChangeMonitor
+from adaptive_blf_control.identification.change_monitor import ResidualMonitor
+from adaptive_blf_control.identification.history_stack import HistoryStack
 
 TRUE = np.array([3.0, -1.0, 0.5])
 
@@ -19,82 +20,99 @@ def noisy_pair(random: np.random.Generator, theta: np.ndarray, noise: float = 0.
     return regressor, regressor @ theta + noise * random.normal(size=2)
 
 
-def learned_monitor(random: np.random.Generator, resolution: float = 0.0) -> ChangeMonitor:
-    pairs = [noisy_pair(random, TRUE) for _ in range(30)]
-    regressors, torques = (np.array([pair[i] for pair in pairs]) for i in range(2))
-    rows = regressors.reshape(-1, 3)
-    monitor = ChangeMonitor(2, 0.1, 9.0, resolution)
-    monitor.learn(regressors, torques, rows.T @ rows, torques.reshape(-1) @ rows, 30)
-    return monitor
+def recorded(pairs) -> HistoryStack:
+    stack = HistoryStack(2, 3, len(pairs), 0.0)
+    for pair in pairs:
+        stack.offer(*pair)
+    assert stack.full
+    return stack
+
+
+def subject(random: np.random.Generator, resolution: float = 0.0):
+    """Return a monitor and ``watch(pair)``, which compares with 30 pairs of the true arm."""
+    stack = recorded([noisy_pair(random, TRUE) for _ in range(30)])
+    monitor = ResidualMonitor(2, 0.1, 9.0, resolution)
+    return monitor, lambda pair: monitor.watch(1e-3, *pair, stack)
 
 
 def test_there_is_no_alarm_in_noise_like_that_of_the_recorded_pairs():
     random = np.random.default_rng(1)
-    monitor = learned_monitor(random)
+    monitor, watch = subject(random)
     largest = 0.0
     for _ in range(20000):
-        assert not monitor.update(1e-3, *noisy_pair(random, TRUE))
+        assert not watch(noisy_pair(random, TRUE))
         largest = max(largest, float(monitor.statistic.max()))
     assert 0.3 < largest < 2.0  # the mean of d² is a little below 1
-    assert monitor.changes == 0
 
 
 @pytest.mark.parametrize('seed', range(5))
 def test_pairs_with_noise_in_common_do_not_make_the_monitor_sure_far_from_them(seed):
     random = np.random.default_rng(seed)
-    pairs = [noisy_pair(random, TRUE) for _ in range(8)] * 10  # the very same noise ten times
-    regressors, torques = (np.array([pair[i] for pair in pairs]) for i in range(2))
-    rows = regressors.reshape(-1, 3)
-    monitor = ChangeMonitor(2, 0.1, 9.0, 0.0)
-    monitor.learn(regressors, torques, rows.T @ rows, torques.reshape(-1) @ rows, 80)
+    pairs = [noisy_pair(random, TRUE) for _ in range(8)]
+    stack = recorded(pairs * 10)  # the very same noise ten times
+    monitor = ResidualMonitor(2, 0.1, 9.0, 0.0)
     for _ in range(500):
         regressor = 10.0 * random.normal(size=(2, 3))
         torque = regressor @ TRUE + 0.05 * random.normal(size=2)
-        assert not monitor.update(1e-3, regressor, torque)
+        assert not monitor.watch(1e-3, regressor, torque, stack)
 
 
 def test_one_wild_sample_is_not_a_change():
     random = np.random.default_rng(2)
-    monitor = learned_monitor(random)
+    _, watch = subject(random)
     regressor, torque = noisy_pair(random, TRUE)
-    assert not monitor.update(1e-3, regressor, torque + 1e3)
+    assert not watch((regressor, torque + 1e3))
 
 
-def test_a_change_is_found_within_the_window_and_then_the_monitor_begins_anew():
+def test_a_change_is_found_within_the_window_and_after_a_reset_again():
     random = np.random.default_rng(3)
-    monitor = learned_monitor(random)
+    monitor, watch = subject(random)
     changed = TRUE + [0.5, 0.0, 0.0]
-    found = next(k for k in range(500) if monitor.update(1e-3, *noisy_pair(random, changed)))
-    assert 0 < found < 100
-    assert monitor.changes == 1
-    assert not monitor.statistic.any()
-    assert not monitor.update(1e-3, *noisy_pair(random, changed))  # nothing to compare with
+    for _ in range(2):
+        found = next(k for k in range(500) if watch(noisy_pair(random, changed)))
+        assert 0 < found < 100
+        monitor.reset()
+        assert not monitor.statistic.any()
+
+
+def test_there_is_nothing_to_compare_with_until_the_stack_is_full_and_of_full_rank():
+    random, monitor = np.random.default_rng(3), ResidualMonitor(2, 0.1, 9.0, 0.0)
+    pairs = [noisy_pair(random, TRUE) for _ in range(30)]
+    flat = [(regressor * [1.0, 1.0, 0.0], torque) for regressor, torque in pairs]
+    growing = HistoryStack(2, 3, 31, 0.0)
+    for pair in pairs:
+        growing.offer(*pair)
+    for stack in (growing, recorded(flat)):
+        for _ in range(500):
+            assert not monitor.watch(1e-3, *noisy_pair(random, -TRUE), stack)
+        assert not monitor.statistic.any()
 
 
 def test_a_change_below_the_resolution_does_not_matter():
     random = np.random.default_rng(4)
-    monitor = learned_monitor(random, resolution=0.5)
+    _, watch = subject(random, resolution=0.5)
     changed = TRUE + [0.5, 0.0, 0.0]
-    assert not any(monitor.update(1e-3, *noisy_pair(random, changed)) for _ in range(2000))
+    assert not any(watch(noisy_pair(random, changed)) for _ in range(2000))
 
 
 @pytest.mark.parametrize(('values', 'name'), [
     ((-0.1, 9.0, 0.0), 'window'), ((0.1, 1.0, 0.0), 'threshold'), ((0.1, 9.0, -1.0), 'resolution'),
     ((float('nan'), 9.0, 0.0), 'window')])
-def test_absurd_monitors_are_refused_by_name(values, name):
+def test_monitors_that_cannot_be_used_are_refused_by_name(values, name):
     with pytest.raises(ParameterError, match=rf'identifier\.change\.{name}'):
-        ChangeMonitor(2, *values)
+        ResidualMonitor(2, *values)
 
 
 def test_the_payload_step_is_found_within_half_a_second_and_learned_again(repository):
     data = load_yaml(repository / 'config' / 'two_link_payload_step.yaml')
     loop = build_closed_loop(apply_settings(data, [
         'arm_driver.schedule.time=[6.0, 6.0, 6.0, 6.0, 6.0]']))
-    stack, monitor, seen = loop.identifier.stack, loop.identifier.monitor, []
-    trace = loop.run(10.0, lambda sample: seen.append((sample.t, monitor.changes, stack.count)))
+    identifier, stack, seen = loop.identifier, loop.identifier.stack, []
+    trace = loop.run(10.0, lambda sample: seen.append((sample.t, identifier.changes,
+                                                       stack.count)))
     found = next(t for t, changes, _ in seen if changes)
     assert 6.0 < found < 6.5
-    assert monitor.changes == 1
+    assert identifier.changes == 1
     assert min(count for t, _, count in seen if found <= t < found + 0.05) == 0
     assert stack.full
     assert stack.rank == 5
@@ -113,18 +131,22 @@ def test_without_the_monitor_old_pairs_hold_the_estimate_away(repository):
 
 def test_a_changed_setting_acts_on_pairs_learned_before():
     pairs = np.random.default_rng(6)
-    changed = learned_monitor(np.random.default_rng(5), resolution=0.9)
-    always = learned_monitor(np.random.default_rng(5), resolution=0.2)
+    changed, watch_changed = subject(np.random.default_rng(5), resolution=0.9)
+    always, watch_always = subject(np.random.default_rng(5), resolution=0.2)
+    for watch in (watch_changed, watch_always):
+        watch(noisy_pair(np.random.default_rng(6), TRUE))
     changed.retune(0.1, 9.0, 0.2)
+    for monitor in (changed, always):
+        monitor.statistic = np.zeros(2)
     for _ in range(200):
         pair = noisy_pair(pairs, TRUE)
-        changed.update(1e-3, *pair)
-        always.update(1e-3, *pair)
+        watch_changed(pair)
+        watch_always(pair)
         np.testing.assert_array_equal(changed.statistic, always.statistic)
 
 
 def test_a_monitor_is_retuned_all_or_none():
-    monitor = learned_monitor(np.random.default_rng(5), resolution=0.2)
+    monitor, _ = subject(np.random.default_rng(5), resolution=0.2)
     for values in ((-0.1, 4.0, 0.1), (0.2, 1.0, 0.1), (0.2, 4.0, -1.0), (0.2, np.inf, 0.1)):
         with pytest.raises(ParameterError):
             monitor.retune(*values)

@@ -11,6 +11,8 @@ import pytest
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.parts import Given, PartMaker
+from adaptive_blf_control.identification.recorded_pairs import RecordedPairs
 from adaptive_blf_control.identification.settings import IdentifierSettings
 
 
@@ -70,9 +72,9 @@ def poor(subject: Identifier, steps: int, start: int = 0) -> None:
                        np.array([1.0, 2.0]))
 
 
-def test_every_setting_but_the_start_is_in_the_list():
-    names = {parameter.name for parameter in IdentifierSettings.table()}
-    assert set(named(**LIVE)) == names - {'initial_estimate'}
+def test_every_setting_that_may_change_is_in_the_list():
+    assert set(named(**LIVE)) == {parameter.name for parameter in IdentifierSettings.table()
+                                  if not parameter.read_only}
 
 
 @pytest.mark.parametrize('name', LIVE)
@@ -162,7 +164,7 @@ def test_filtered_regressor_times_parameters_stays_the_filtered_torque_through_a
     assert largest > 10.0
 
 
-def test_another_state_filter_starts_both_filters_anew(record):
+def test_another_state_filter_restarts_both_filters(record):
     samples = record(steps=300)
     subject = learn(identifier(filter__settle=5.0), samples[:200])
     insertions = subject.stack.insertions
@@ -214,7 +216,7 @@ def test_the_change_monitor_looks_at_the_pairs_that_are_left(record):
     learn(subject, samples[200:212])
     np.testing.assert_array_equal(subject.monitor.statistic, before)  # waits until all have left
     learn(subject, samples[212:])
-    assert (subject.monitor.changes, subject.stack.count) == (0, 8)
+    assert (subject.changes, subject.stack.count) == (0, 8)
     assert not np.array_equal(subject.monitor.statistic, before)
 
 
@@ -228,7 +230,7 @@ def test_the_mean_of_the_change_monitor_survives_all_but_another_window(record):
     assert not subject.monitor.statistic.any()
 
 
-def test_the_excitation_index_begins_anew_with_another_window_only(record):
+def test_the_excitation_index_restarts_with_another_window_only(record):
     subject = learn(identifier(), record(steps=200))
     index = subject.excitation
     assert index > 0.0
@@ -244,12 +246,12 @@ def test_noise_can_be_switched_on_while_rank_lacks_and_off_again():
     subject = identifier()
     poor(subject, 100)
     retune(subject, history__noise=0.1)
-    assert not subject.fabricating
+    assert not subject.artificial_noise
     subject.restart()
     poor(subject, 100, start=100)
-    assert subject.fabricating
+    assert subject.artificial_noise
     retune(subject, history__noise=0.0)
-    assert not subject.fabricating
+    assert not subject.artificial_noise
 
 
 def test_noise_is_not_switched_on_where_rank_is_full(record):
@@ -262,13 +264,12 @@ def test_noise_is_not_switched_on_where_rank_is_full(record):
         subject.update(*sample)
         without.update(*sample)
         np.testing.assert_array_equal(subject.theta, without.theta)
-    assert not subject.fabricating
+    assert not subject.artificial_noise
 
 
-def test_fabricated_pairs_follow_the_size_of_the_history():
-    subject = identifier(history__noise=0.1, history__size=9)
-    for k in range(20):
-        poor(subject, 10, start=10 * k)
-        subject.restart()
-    retune(subject, history__size=4, history__epsilon=0.2)
-    assert (subject._noisy.stack.size, subject._noisy.stack.epsilon) == (4, 0.2)
+def test_pairs_with_artificial_noise_follow_the_size_of_the_history():
+    settings = SETTINGS.replace(history={'noise': 0.1, 'size': 9})
+    recorded = RecordedPairs(PartMaker(ARM, Given()), settings)
+    recorded.retune(settings.replace(history={'size': 4, 'epsilon': 0.2}), None, None)
+    assert recorded.teaching is not recorded.stack
+    assert (recorded.teaching.size, recorded.teaching.epsilon) == (4, 0.2)

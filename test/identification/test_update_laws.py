@@ -11,9 +11,9 @@ import pytest
 import adaptive_blf_control as door
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.artificial_noise import NoisyHistory
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.rank_condition import rank_warning
-from adaptive_blf_control.identification.recorded_noise import NoisyHistory
 from adaptive_blf_control.identification.settings import IdentifierSettings
 
 
@@ -129,22 +129,22 @@ def test_noise_lends_full_rank_to_a_motion_that_lacks_it_and_says_so():
     subject = identifier(history__noise=0.1, update_law='concurrent')
     poor_samples(subject, 2000)
     assert subject.stack.rank < 5
-    assert subject.fabricating
+    assert subject.artificial_noise
     plain = identifier(update_law='concurrent')
     poor_samples(plain, 2000)
-    assert not plain.fabricating
+    assert not plain.artificial_noise
     assert subject.theta[4] != 0.0  # friction of a joint that never moved: made up
     assert plain.theta[4] == 0.0
 
 
-def test_fabricated_pairs_are_gone_once_measured_pairs_have_full_rank():
+def test_pairs_with_artificial_noise_are_gone_once_measured_pairs_have_full_rank():
     subject = identifier(history__noise=0.3, update_law='concurrent', kt=100.0, kh=100.0)
     poor_samples(subject, 1000)
     assert error(subject.theta) > 1.0
     subject.restart()
     learn(subject, 2.0, start=1.1)
     assert subject.stack.rank == 5
-    assert not subject.fabricating
+    assert not subject.artificial_noise
     assert error(subject.theta) < 1e-2
 
 
@@ -155,7 +155,7 @@ def test_measured_stack_is_the_same_with_and_without_noise():
     np.testing.assert_array_equal(with_noise.stack.regressors, without.stack.regressors)
 
 
-def test_equal_seeds_fabricate_equal_pairs_and_other_seeds_others():
+def test_equal_seeds_give_equal_noise_and_other_seeds_other():
     def theta(seed: int) -> np.ndarray:
         subject = identifier(history__noise=0.1, history__noise_seed=seed)
         poor_samples(subject, 500)
@@ -173,16 +173,16 @@ def test_noise_ends_when_its_own_stack_has_full_rank():
         regressor[0, 0] = random.normal()
         history.offer(regressor, np.zeros(2))
     assert history.stack.rank == 5
-    assert history.fabricated == 3  # two rows each
+    assert history.noisy == 3  # two rows each
 
 
 def test_a_reset_history_begins_with_noise_again():
     subject = identifier(history__noise=0.1)
     learn(subject, 0.5)
-    assert not subject.fabricating
+    assert not subject.artificial_noise
     subject.reset_history()
     poor_samples(subject, 100, start=600)
-    assert subject.fabricating
+    assert subject.artificial_noise
 
 
 @pytest.mark.parametrize('noise', [-0.1, np.nan, np.inf])

@@ -437,10 +437,11 @@ def _check_commands(driver: ArmDriver, state: Callable[[], tuple],
 
 def test_commands_of_the_driver(graph) -> None:
     driver = graph.make(ArmDriver, rate=100.0, torque_limit=LIMIT.tolist(), command_timeout=60.0)
-    driver._start_clock()
+    driver.start_clock()
     _check_commands(driver, lambda: (
-        driver.plant.torque, driver.plant._commanded, driver.started, driver.timed_out,
-        driver._command_ns, driver._source._number), lambda: driver.plant.torque / LIMIT)
+        driver.plant.torque, driver.plant._commanded, driver.started,
+        driver.drives.timed_out, driver.commands.heard_ns, driver.commands._source._number),
+        lambda: driver.plant.torque / LIMIT)
     assert (np.abs(driver.plant.torque) <= LIMIT).all()
 
 
@@ -448,7 +449,8 @@ def test_commands_and_answers_of_the_driver_in_lockstep(graph) -> None:
     driver = graph.make(ArmDriver, use_sim_time=True, command_timeout=60.0)
     lockstep = driver._lockstep
     _check_commands(driver, lambda: (
-        lockstep._torque, lockstep._commanded, driver._command_ns, driver._source._number),
+        lockstep._torque, lockstep._commanded, driver.commands.heard_ns,
+        driver.commands._source._number),
         lambda: lockstep._torque)
     awaited = FIRST + 500 * 10**6
     lockstep._send(awaited, 1e-3)

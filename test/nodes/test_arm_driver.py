@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import time
+
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.nodes import arm_driver
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.runtime import data_node
+from patience import PATIENCE
 
 THETA = [3.473, 0.196, 0.242, 5.3, 1.1]
 DYNAMICS = TwoLinkArm().dynamics(np.array(THETA))
@@ -98,13 +101,13 @@ def by_hand(graph, wait_until, monkeypatch):
     driver = graph.make(ArmDriver, rate=100.0, torque_limit=[50.0, 40.0], **START)
     states = _States(graph.peer())
     wait_until(lambda: driver.count_subscribers('joint_states') == 1)
-    driver._start_clock()
+    driver.start_clock()
 
     def state_at(ms: float) -> JointState:
         """Move the clock to ``ms`` after the start, serve what is due, return the last state."""
         before = len(states)
         clock.now_ns = 5_000_000_000 + round(ms * 1e6)
-        driver._catch_up(clock.now_ns)
+        driver.catch_up(clock.now_ns)
         wait_until(lambda: len(states) == before + 1, what=f'the state at {ms} ms')
         return states[-1]
 
@@ -113,6 +116,12 @@ def by_hand(graph, wait_until, monkeypatch):
         driver.on_command(_command(*torque), info)
 
     return driver, state_at, command_at, states
+
+
+def set_live(driver: ArmDriver, **values: object) -> None:
+    results = driver.set_parameters([Parameter(name, value=value)
+                                     for name, value in values.items()])
+    assert all(result.successful for result in results), results
 
 
 def _advanced(q, qd, *pieces: tuple[tuple[float, float], float]):
@@ -163,7 +172,7 @@ def test_periods_that_passed_unseen_are_missed_not_squeezed(by_hand) -> None:
     command_at(0.0, 10.0, -4.0)
     q, qd, _ = _arrays(state_at(10.0))
     late = state_at(57.0)  # 20 to 40 ms were missed, 50 ms is served
-    assert driver.missed == 3
+    assert driver.grid.missed == 3
     np.testing.assert_allclose(_arrays(late)[2], (10.0, -4.0), rtol=1e-12)
     np.testing.assert_allclose(
         _arrays(late)[:2], _advanced(q, qd, *[((10.0, -4.0), 10.0)] * 4), rtol=0.0, atol=1e-9)
@@ -195,7 +204,7 @@ def test_after_a_long_stall_the_arm_has_moved_in_steps_of_a_period(by_hand) -> N
     state_at(0.0)
     command_at(0.0, 20.0, 5.0)
     driver = by_hand[0]
-    driver.settings = driver.settings.replace(command_timeout=10.0)
+    set_live(driver, command_timeout=10.0)
     q, qd, effort = _arrays(state_at(2000.0))
     fine = _advanced(np.array(START['initial_position']), np.array(START['initial_velocity']),
                      *[((20.0, 5.0), 1.0)] * 2000)
@@ -209,19 +218,19 @@ def test_without_commands_the_torque_goes_to_zero_until_the_next_one(by_hand) ->
     command_at(5.0, 10.0, -4.0)
     for ms in range(10, 101, 10):
         np.testing.assert_allclose(_arrays(state_at(ms))[2], (10.0, -4.0), rtol=1e-12)
-    assert not driver.timed_out
+    assert not driver.drives.timed_out
     np.testing.assert_array_equal(_arrays(state_at(110.0))[2], (0.0, 0.0))
-    assert driver.timed_out
+    assert driver.drives.timed_out
     assert 'zero torque' in driver.status()[1]
     assert driver.last_fault == 'no command for 0.1 s: zero torque'
     command_at(115.0, 6.0, 2.0)
     np.testing.assert_allclose(_arrays(state_at(120.0))[2], (3.0, 1.0), rtol=1e-12)
-    assert not driver.timed_out
+    assert not driver.drives.timed_out
 
 
 def test_timeout_action_damping_brakes_the_motion_until_the_next_command(by_hand) -> None:
     driver, state_at, command_at, _ = by_hand
-    driver.settings = driver.settings.replace(timeout_action='damping', damping=[4.0, 0.5])
+    set_live(driver, timeout_action='damping', damping=[4.0, 0.5])
     state_at(0.0)
     command_at(0.0, 10.0, -4.0)
     for ms in range(10, 101, 10):
@@ -235,12 +244,12 @@ def test_timeout_action_damping_brakes_the_motion_until_the_next_command(by_hand
         np.testing.assert_allclose([q, qd], expected, rtol=0.0, atol=1e-12)
         energy.append(0.5 * qd @ TwoLinkArm().Y1(q, qd) @ THETA)
     assert (np.diff(energy) < 0.0).all()
-    assert driver.timed_out
+    assert driver.drives.timed_out
     assert driver.last_fault == 'no command for 0.1 s: damping torque'
     assert 'damping torque' in driver.status()[1]
     command_at(300.0, 6.0, 2.0)
     np.testing.assert_allclose(_arrays(state_at(310.0))[2], (6.0, 2.0), rtol=1e-12)
-    assert not driver.timed_out
+    assert not driver.drives.timed_out
 
 
 def test_one_publisher_of_commands_is_obeyed_until_it_has_been_silent(by_hand) -> None:
@@ -282,10 +291,10 @@ def test_a_new_rate_counts_from_the_last_state_on(by_hand) -> None:
                                atol=1e-12)
     np.testing.assert_allclose(at_14[2], (10.0, -4.0), rtol=1e-12)
     assert driver.set_parameters([Parameter('rate', value=20.0)])[0].successful
-    driver._catch_up(5_063_999_999)
+    driver.catch_up(5_063_999_999)
     state_at(64.0)
     assert np.diff(states.stamps).tolist() == [10_000_000, 4_000_000, 50_000_000]
-    assert driver.missed == 0
+    assert driver.grid.missed == 0
 
 
 def test_a_second_real_publisher_does_not_move_the_arm(rig, graph, wait_until) -> None:
@@ -323,7 +332,7 @@ def test_a_command_while_inactive_is_dropped(by_hand) -> None:
 
 def test_deactivated_the_torque_goes_to_zero_over_the_ramp_and_the_brakes_hold(by_hand) -> None:
     driver, state_at, command_at, _ = by_hand
-    driver.settings = driver.settings.replace(ramp_time=0.05)
+    set_live(driver, ramp_time=0.05)
     state_at(0.0)
     command_at(0.0, 10.0, -4.0)
     state_at(10.0)
@@ -340,6 +349,36 @@ def test_deactivated_the_torque_goes_to_zero_over_the_ramp_and_the_brakes_hold(b
     np.testing.assert_array_equal(later.position, held.position)
     np.testing.assert_array_equal(later.velocity, 0.0)
     assert np.isnan(later.effort).all()
+
+
+def test_after_cleanup_during_a_ramp_the_brakes_hold_and_nothing_is_measured(
+        by_hand, wait_until) -> None:
+    driver, state_at, command_at, states = by_hand
+    state_at(0.0)
+    command_at(0.0, 10.0, -4.0)
+    state_at(10.0)
+    driver.trigger_deactivate()
+    state_at(20.0)
+    assert driver.started
+    driver.trigger_cleanup()
+    assert not driver.started
+    driver.trigger_configure()
+    driver.trigger_activate()
+    driver.start_clock()
+    count = len(states)
+    driver.catch_up(arm_driver.time.monotonic_ns())
+    wait_until(lambda: len(states) > count, what='a state')
+    assert not driver.started
+    assert driver.status()[1] == 'brakes on, waiting for a command'
+    assert (list(states[-1].position), list(states[-1].velocity)) == ([0.1, 2.0], [0.5, -0.3])
+    assert np.isnan(states[-1].effort).all()
+
+
+def test_stamps_are_those_of_the_system_clock(rig, graph, wait_until) -> None:
+    driver, states, _ = rig(rate=100.0)
+    graph.run(driver)
+    wait_until(lambda: len(states))
+    assert abs(_stamp(states[0]) - time.time_ns()) < PATIENCE * 1e9
 
 
 def test_the_drives_saturate(by_hand) -> None:
@@ -378,7 +417,7 @@ def test_stamps_lie_on_the_grid_at_a_rate_that_cannot_be_held(rig, graph, wait_u
     unbroken = np.diff(states.numbers[:count]) == 1  # nothing was lost on the way to the test
     assert (steps % 100_000 == 0).all()
     assert (steps > 0).all()
-    assert int((steps // 100_000 - 1)[unbroken].sum()) <= driver.missed
+    assert int((steps // 100_000 - 1)[unbroken].sum()) <= driver.grid.missed
 
 
 def test_real_commands_act_within_the_interval_in_which_they_arrive(rig, graph,
@@ -441,7 +480,7 @@ def test_a_bad_first_command_does_not_release_the_brakes(rig, graph, wait_until)
 def test_no_bytes_on_the_command_topic_make_the_state_non_finite(graph) -> None:
     hypothesis = pytest.importorskip('hypothesis')
     driver = graph.make(ArmDriver, **START)
-    driver._start_clock()
+    driver.start_clock()
     good = _command(3.0, -2.0)
     corrupted = hypothesis.strategies.tuples(
         hypothesis.strategies.integers(0, len(good) - 1), hypothesis.strategies.binary(max_size=9)

@@ -271,7 +271,7 @@ def loop(graph, wait_until) -> Iterator[tuple]:
 
 def test_a_publisher_that_shouts_commands_is_refused_and_named(loop, wait_until) -> None:
     driver, controller, peer, states, diagnostics = loop
-    wait_until(lambda: driver._source._number > 300
+    wait_until(lambda: driver.commands._source._number > 300
                and time.monotonic() - controller.commands.claimed_at > GIVE_WAY,
                what='the arm is taken')
     stranger = peer.create_publisher(Float64MultiArray, COMMANDS, 100)
@@ -280,7 +280,8 @@ def test_a_publisher_that_shouts_commands_is_refused_and_named(loop, wait_until)
 
     def refused() -> bool:
         number = next(sent)  # far below that of the controller, whatever is lost on the way
-        wait_until(lambda: driver._source._number > number + 200, 'the controller to go on')
+        wait_until(lambda: driver.commands._source._number > number + 200,
+                   'the controller to go on')
         stranger.publish(Float64MultiArray(data=[-77.0, 77.0]))
         return driver.drops.get('command of a second publisher', 0) >= 100
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
 from rclpy.context import Context
@@ -204,6 +205,17 @@ def test_samples_without_an_effort_are_counted_and_the_estimate_stays(graph) -> 
     for k in range(3, 6):
         node.on_joint_states(_state(k), {})
     assert not np.array_equal(node.identifier.theta, np.ones(5))
+
+
+def test_artificial_noise_is_a_warning_in_the_diagnostics(graph) -> None:
+    node = graph.make(IdentifierNode, history__noise=0.1, filter__settle=0.0)
+    assert node.status()[2]['artificial noise'] == 'not in use'
+    for ms in range(3):
+        node.on_joint_states(_state(ms), {})
+    level, text, values = node.status()
+    assert level == DiagnosticStatus.WARN
+    assert 'history.noise' in text
+    assert values['artificial noise'] == 'in use'
 
 
 def test_states_that_cannot_be_read_are_counted_and_leave_no_trace(graph) -> None:

@@ -18,6 +18,7 @@ from std_msgs.msg import Float64MultiArray
 from adaptive_blf_control.arms.three_link import ThreeLinkArm
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.configuration.node_settings import TABLES
+from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.reference import SumOfSinusoids
 from adaptive_blf_control.messages.topics import COMMANDS, GUARANTEE, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
@@ -25,6 +26,7 @@ from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
 from adaptive_blf_control.parameters.table import per_joint
+from adaptive_blf_control.simulation.sensors import Encoder, PerfectSensor
 from patience import PATIENCE
 
 KINDS = {'arm_driver': ArmDriver, 'identifier': IdentifierNode, 'controller': ControllerNode,
@@ -99,12 +101,14 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
     plant, arm = node.plant, ThreeLinkArm()
     first, *later = plant.epochs
     theta = np.array([first.parameters[name] for name in arm.parameters])
-    sensors = plant._sensors.settings
+    sensors = plant.settings.sensors
+    model = {PerfectSensor: 'perfect', Encoder: 'encoder'}[type(
+        getattr(plant.sensor, 'sensor', plant.sensor))]
     changed = [name for name in arm.parameters
                if later[0].parameters[name] != first.parameters[name]]
     payload = node.settings.payload
     return {
-        'rate': 1e9 / node.period_ns, 'payload': payload if np.allclose(
+        'rate': 1e9 / node.grid.period_ns, 'payload': payload if np.allclose(
             theta, node.settings.true_parameters + payload * arm.payload_direction,
             rtol=1e-15) else None,
         'true_parameters': theta - payload * arm.payload_direction,
@@ -114,12 +118,13 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
             later[0].parameters[changed[0]] if len(changed) == 1 else
             (later[0].parameters[changed[0]] - theta[arm.parameters.index(changed[0])])
             / arm.payload_direction[arm.parameters.index(changed[0])]],
-        'sensors.model': sensors.model,
+        'sensors.model': model,
         'sensors.encoder_counts': sensors.encoder_counts,
         'sensors.gear_ratio': sensors.gear_ratio,
         'sensors.velocity_time_constant': sensors.velocity_time_constant,
         'sensors.torque_noise': sensors.torque_noise, 'sensors.seed': sensors.seed,
-        'dead_time': plant._dead_time, 'substeps': plant._substeps,
+        'dead_time': len(plant._under_way) + 1 if plant._under_way else plant.settings.dead_time,
+        'substeps': plant.settings.substeps,
         'torque_limit': plant.torque_limit,
     }
 
@@ -131,8 +136,8 @@ def _identifier_uses(node: IdentifierNode) -> dict[str, Any]:
         'estimate_period': node._saver.timer_period_ns * 1e-9,
         'gamma': settings.gamma, 'kt': settings.kt, 'kh': settings.kh,
         **{f'filter.{name}': value for name, value in settings.filter.values().items()},
-        'filter.state_order': 0 if identifier._state_filter is None
-        else settings.filter.state_order,
+        'filter.state_order': round((identifier.memory - settings.filter.time_constant)
+                                    / settings.filter.state_time_constant),
         **{f'change.{name}': value for name, value in settings.change.values().items()},
         **{f'history.{name}': value for name, value in settings.history.values().items()},
         'history.size': identifier.stack.size,
@@ -413,11 +418,11 @@ REFUSED = [  # q beside the reference, the request, what the reason has to hold
     (ERROR, {'performance.upper': [0.04, 0.15]}, ["'joint1'", 'present error', '0.05', '0.04']),
     (ERROR, {'performance.lower': [-0.15, -0.055]}, ["'joint2'", 'error', '-0.06', '-0.055']),
     (ERROR, {'performance.upper': [0.05, 0.15]}, ["'joint1'", '0.05 rad against 0.05 rad']),
-    (ERROR, {'performance.upper': [3.0]}, ["'joint1'", 'pokes out', '3.3 rad against 3.14 rad']),
+    (ERROR, {'performance.upper': [3.0]}, ["'joint1'", 'exceeds', '3.3 rad against 3.14 rad']),
     (ERROR, {'performance.upper': [-0.1]}, ['performance', '-0.1', 'lower < 0 < upper']),
     ([1.0, 0.0], {'safety.upper': [0.9, 3.14]}, ["'joint1'", 'present position', '0.9']),
     ([0.0, -1.0], {'safety.lower': [-3.14, -0.9]}, ["'joint2'", 'present position', '-0.9']),
-    (ERROR, {'safety.upper': [0.4]}, ["'joint1'", 'pokes out', '0.45 rad against 0.4 rad']),
+    (ERROR, {'safety.upper': [0.4]}, ["'joint1'", 'exceeds', '0.45 rad against 0.4 rad']),
     (ERROR, {'safety.upper': [-4.0]}, ['safety.lower', '-4.0']),
     (ERROR, {'reference.joint2.amplitude': [3.1]}, ["'joint2'", '-3.25 rad against -3.14 rad']),
     (ERROR, {'reference.joint1.amplitude': [0.1, 0.1]}, ['joint1', 'same length']),
@@ -479,7 +484,7 @@ def test_before_the_motion_sets_may_change_and_count_from_its_first_sample(
     live = _Live(graph, wait_until, 'controller', **TASK)
     assert live.set({'performance.upper': [0.055]}).successful
     result = live.set({'performance.upper': [4.0]})
-    assert 'pokes out' in result.reason
+    assert 'exceeds' in result.reason
     np.testing.assert_array_equal(live.step().bounds.upper, [0.055, 0.055])
 
 
@@ -574,7 +579,8 @@ def test_a_guarantee_asked_for_while_running_is_stated_with_the_next_motion(
     message = deserialize_message(heard[0][0], JointState)
     output = live.node.output
     value = dict(zip(message.name, message.position))['V0']
-    assert value >= 0.5 * 5.0 * output.e2 @ output.e2 + 0.5 * 0.5**2
+    assert value == pytest.approx(barrier(output.e1, output.bound)
+                                  + 0.5 * 5.0 * output.e2 @ output.e2 + 0.5 * 0.5**2)
 
 
 def _stamps(live: _Live) -> list[int]:
@@ -676,15 +682,16 @@ def test_a_driver_that_refuses_goes_on_as_it_was(driver, wait_until, values, wor
     live.send(2.0, -1.0)
     wait_until(lambda: live.node.started)
     node, before = live.node, live.node.settings.values()
-    in_use = (node.plant.epochs, node.plant.torque_limit, node.plant._sensors, node.period_ns)
+    in_use = (node.plant.epochs, node.plant.torque_limit, node.plant.sensor,
+              node.grid.period_ns)
     result = live.set({'dead_time': 5, **values})
     assert not result.successful
     for word in words:
         assert word in result.reason, result.reason
     assert node.settings.values() == before
-    assert in_use == (node.plant.epochs, node.plant.torque_limit, node.plant._sensors,
-                      node.period_ns)
-    assert node.plant._dead_time == 0
+    assert in_use == (node.plant.epochs, node.plant.torque_limit, node.plant.sensor,
+                      node.grid.period_ns)
+    assert node.plant.settings.dead_time == 0
     np.testing.assert_array_equal(node.plant.torque, [2.0, -1.0])
 
 
@@ -700,7 +707,7 @@ def test_damping_set_by_service_is_what_the_drives_do_without_commands(driver,
                                                                        wait_until) -> None:
     live = driver(rate=100.0, initial_velocity=[1.0, -1.0])
     live.send(0.0, 0.0)
-    wait_until(lambda: live.node.timed_out)
+    wait_until(lambda: live.node.drives.timed_out)
     assert live.set({'timeout_action': 'damping', 'damping': [0.5, 0.25]}).successful
     wait_until(lambda: np.any(live.messages[-1].effort))
     count = len(live.messages)
@@ -713,7 +720,7 @@ def test_an_action_that_changes_while_commands_are_missing_is_taken_at_once(
         driver, wait_until) -> None:
     live = driver(rate=100.0, initial_velocity=[1.0, -1.0], timeout_action='damping')
     live.send(0.0, 0.0)
-    wait_until(lambda: live.node.timed_out, what='damping')
+    wait_until(lambda: live.node.drives.timed_out, what='damping')
     for action in ('zero', 'damping'):
         assert live.set({'timeout_action': action}).successful
         count = len(live.messages) + 2

@@ -172,7 +172,7 @@ def test_what_another_node_knows_is_let_pass_but_not_declared(graph) -> None:
     ('/**:\n  ros__parameters:\n    safety: {lower: [-0.1]}\n',
      ["joint 'joint1'", '-0.15 rad against -0.1 rad']),
 ], ids=['malformed', 'no mapping', 'no ros__parameters', 'mixed list', 'no value', 'empty list',
-        'integers', 'integer', 'unknown', 'unknown in shared', 'performance pokes out'])
+        'integers', 'integer', 'unknown', 'unknown in shared', 'performance exceeds'])
 def test_a_faulty_file_ends_the_node_with_one_clear_line(start, tmp_path, text, words) -> None:
     status, errors = start('controller', '--params-file', _file(tmp_path, text))
     assert status == 2

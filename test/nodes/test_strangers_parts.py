@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stranger's plant, laws and constraint, named in parameters, through the real nodes."""
+"""A stranger's plant, sensor, laws and constraint, named in parameters, through real nodes."""
 
 from __future__ import annotations
 
@@ -32,14 +32,18 @@ SWING = {f'reference__{joint}__{name}': [value] for joint in ('joint1', 'joint2'
          for name, value in (('amplitude', 0.2), ('frequency', 1.0), ('phase', 0.0))}
 
 
-def test_the_nodes_drive_a_foreign_plant_under_foreign_laws(graph, wait_until, monkeypatch):
+def test_the_nodes_drive_a_foreign_plant_and_learn_with_foreign_parts(graph, wait_until,
+                                                                      monkeypatch):
     monkeypatch.syspath_prepend(str(ROOMS / 'simulation'))
     for room in ('control', 'identification'):
         monkeypatch.syspath_prepend(str(ROOMS / room))
     driver = graph.make(ArmDriver, rate=200.0, plant='foreign_plant:Pendulums')
     controller = graph.make(ControllerNode, law='foreign_law:Spring', performance__lower=[-0.6],
                             performance__upper=[0.6], state_timeout=60.0, **SWING)
-    identifier = graph.make(IdentifierNode, update_law='foreign_update_law:LeastSquares')
+    identifier = graph.make(IdentifierNode, update_law='foreign_update_law:LeastSquares',
+                            filter__state_filter='foreign_parts:Smoothing',
+                            history__selection='foreign_parts:LatestPairs',
+                            change__monitor='foreign_parts:Alarm')
     peer = graph.peer()
     errors, terms = (peer.listen(JointState, f'/{topic}')
                      for topic in (TRACKING_ERROR, ADAPTATION_TERM))
@@ -54,9 +58,31 @@ def test_the_nodes_drive_a_foreign_plant_under_foreign_laws(graph, wait_until, m
     wait_until(moved, what='a motion of the foreign plant')
     wait_until(lambda: estimates and np.any(decode_joint_state(estimates[-1][0]).position),
                what='an estimate of the foreign law')
+    wait_until(lambda: identifier.identifier.changes, what='the alarm of the foreign monitor')
     assert type(driver.plant).__name__ == 'Pendulums'
+    assert type(identifier.identifier.stack).__name__ == 'LatestPairs'
+    assert identifier.status()[2]['changes of the arm'] == 1
     assert np.isfinite([decode_joint_state(data).position for data, _ in errors]).all()
     assert not np.any([decode_joint_state(data).position for data, _ in terms])
+
+
+def test_a_foreign_sensor_measures_the_arm_of_the_driver(graph, wait_until, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOMS / 'simulation'))
+    driver = graph.make(ArmDriver, rate=200.0, initial_position=[0.123, 2.0],
+                        sensors__model='foreign_sensor:Coarse')
+    controller = graph.make(ControllerNode, performance__lower=[-0.6], performance__upper=[0.6],
+                            state_timeout=60.0, **SWING)
+    states = graph.peer().listen(JointState, f'/{JOINT_STATES}')
+    for node in (driver, controller):
+        graph.run(node)
+
+    def moved() -> bool:
+        return len(np.unique([decode_joint_state(data).position[0] for data, _ in states])) > 5
+
+    wait_until(moved, what='a motion that is seen')
+    steps = np.array([decode_joint_state(data).position for data, _ in states]) / 0.01
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+    assert steps[0, 0] == pytest.approx(12.0)
 
 
 @pytest.fixture

@@ -144,12 +144,13 @@ def test_names_are_declared_once(node):
 
 
 def test_everything_about_learning_is_live():
-    structure = {'initial_estimate', 'initial_estimate_file', 'resume_within'}
+    structure = {'initial_estimate', 'initial_estimate_file', 'resume_within',
+                 'filter.state_filter', 'history.selection', 'change.monitor'}
     learning = {p.name: p for p in TABLES['identifier']
                 if p.name.split('.')[0] in ('gamma', 'kt', 'kh', 'filter', 'change', 'history',
                                             'excitation', 'update_law', 'estimate_file',
                                             'estimate_period', *structure)}
-    assert len(learning) == 23
+    assert len(learning) == 26
     assert {name for name, p in learning.items() if p.read_only} == structure
 
 

@@ -22,7 +22,7 @@ def test_encoders_give_the_torque_within_one_percent_in_twenty_seconds_and_then_
     assert summarise(run_of_trace(loop, trace))['set_violations'] == 0
     errors = errors_of_trace(loop, trace, np.arange(16.0, 21.0))
     assert errors.max() < 0.005
-    assert loop.identifier.monitor.changes == 0
+    assert loop.identifier.changes == 0
     assert loop.identifier.stack.rank == 11
 
 
@@ -35,7 +35,7 @@ def test_a_payload_taken_up_is_found_and_pairs_of_the_old_arm_do_not_stay(reposi
     loop, trace = run(repository, 'arm_driver.schedule.time=[12.0]',
                       'arm_driver.schedule.parameter=[payload]', 'arm_driver.schedule.value=[1.0]',
                       duration=26.0)
-    assert loop.identifier.monitor.changes == 1
+    assert loop.identifier.changes == 1
     assert errors_of_trace(loop, trace, np.array([26.0])).max() < 0.01
     new = loop.plant.truth(loop.arm.parameters)[1][1]
     stack = loop.identifier.stack

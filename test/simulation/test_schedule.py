@@ -44,7 +44,7 @@ def test_a_payload_leaves_other_changes_in_place():
     ([Change(1.0, 'p12', 3.0)], 'parameter', 'one of p1, p2.*payload'),
     ([Change(1.0, 'payload', -0.1)], 'value', 'a payload >= 0 kg'),
     ([Change(1.0, 'p1', float('inf'))], 'parameter', 'finite')])
-def test_absurd_schedules_are_refused_by_name(changes, name, expected):
+def test_schedules_that_cannot_be_are_refused_by_name(changes, name, expected):
     with pytest.raises(ParameterError, match=rf'arm_driver\.schedule\.{name}.*{expected}'):
         schedule(*changes)
 
@@ -56,7 +56,7 @@ def test_absurd_schedules_are_refused_by_name(changes, name, expected):
     (('schedule.parameter=[mass]',), 'one of p1'),
     (('payload=-1.0',), 'arm_driver.payload'),
     (('sensors.encoder_counts=0',), 'sensors.encoder_counts')])
-def test_a_scenario_with_an_absurd_driver_is_refused(repository, setting, expected):
+def test_a_scenario_with_such_a_driver_is_refused(repository, setting, expected):
     data = load_yaml(repository / 'config' / 'three_link_encoder.yaml')
     with pytest.raises(ParameterError, match=expected):
         build_closed_loop(apply_settings(data, [f'arm_driver.{part}' for part in setting]))

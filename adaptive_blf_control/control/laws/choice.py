@@ -20,29 +20,29 @@ from adaptive_blf_control.control.settings import ControllerSettings, LAWS
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.plugin import load_plugin, made
 
-__all__ = ['foreign_law', 'make_law', 'retuned_law']
+__all__ = ['checked_law', 'make_law', 'retuned_law']
 
 
 def make_law(arm: Arm, settings: ControllerSettings) -> Law:
-    """Make the law that ``settings.law`` names: one of ours, or a stranger's ``module:name``.
+    """Make the law that ``settings.law`` names: one of ours, or a plug-in.
 
     Args:
         arm: The arm.
         settings: With arrays of full length, see `Settings.resolved`.
 
     Raises:
-        ParameterError: the stranger's law cannot be imported or has no ``answer``.
+        ParameterError: the plug-in cannot be imported or has no ``answer``.
     """
     if settings.law in LAWS:
         law: Law = load_plugin('controller.law', LAWS[settings.law])(arm, settings)
         return law
-    return foreign_law('controller.law', settings.law, load_plugin(
+    return checked_law('controller.law', settings.law, load_plugin(
         'controller.law', settings.law), arm, settings)
 
 
-def foreign_law(name: str, value: object, given: Any, arm: Arm,
+def checked_law(name: str, value: object, given: Any, arm: Arm,
                 settings: ControllerSettings) -> Law:
-    """Return a stranger's law behind a check of what it answers.
+    """Return a plug-in behind a check of what it answers.
 
     Args:
         name: The parameter or argument that gives it, for messages.

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Remark 3: noise on the recorded regressor where the motion alone does not give full rank.
+"""Remark 3: artificial noise on recorded regressors where the motion does not give full rank.
 
-This fabricates data. A pair (Y_f + Δ, τ_f) states what the arm never did, so θ̂ is drawn to a wrong
-value for as long as such pairs are used. They are therefore kept in a stack of their own beside
-the measured one: it replaces the measured stack in the update law while the rank of the *measured*
-pairs is short, and is thrown away for good once that rank is full. Left in one stack, Algorithm 1
-would keep fabricated pairs for ever: noise points in all directions and makes σ_min large.
+A pair (Y_f + Δ, τ_f) states what the arm never did, so θ̂ is drawn to a wrong value for as long as
+such pairs are used. They are therefore kept in a stack of their own beside the measured one: it
+replaces the measured stack in the update law while the rank of the *measured* pairs is short, and
+is thrown away for good once that rank is full. Left in one stack, Algorithm 1 would keep noisy
+pairs for ever: noise points in all directions and makes σ_min large.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ __all__ = ['NoisyHistory']
 
 
 class NoisyHistory:
-    """A history stack whose pairs get noise until its rank is full.
+    """A history stack whose pairs get artificial noise until its rank is full.
 
     Attributes:
-        stack: The pairs, fabricated ones among them.
-        fabricated: How many pairs were offered with noise.
+        stack: The pairs, those with artificial noise among them.
+        noisy: How many pairs were offered with artificial noise.
     """
 
     def __init__(self, n: int, m: int, size: int, epsilon: float, deviation: float,
@@ -45,7 +45,7 @@ class NoisyHistory:
         if not (math.isfinite(deviation) and deviation > 0.0):
             raise ParameterError('identifier.history.noise', deviation, 'a finite value > 0')
         self.stack = HistoryStack(n, m, size, epsilon)
-        self.fabricated = 0
+        self.noisy = 0
         self._m = m
         self._deviation = deviation
         self._random = np.random.default_rng(seed)
@@ -59,5 +59,5 @@ class NoisyHistory:
         if self.stack.rank < self._m:
             deviation = self._deviation * math.sqrt(float(np.mean(regressor * regressor)))
             regressor = regressor + deviation * self._random.standard_normal(regressor.shape)
-            self.fabricated += 1
+            self.noisy += 1
         self.stack.offer(regressor, torque)

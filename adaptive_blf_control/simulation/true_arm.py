@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The true arm of a simulation: θ* from the settings, and how it changes over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm, ForwardDynamics
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.simulation.schedule import Change, Schedule
+from adaptive_blf_control.simulation.settings import PlantSettings
+
+__all__ = ['Epoch', 'Truth', 'epochs_truth', 'true_epochs', 'true_theta']
+
+Truth = tuple[tuple[float, np.ndarray], ...]
+"""(t, θ*) from t [s] on, in ascending order from 0, θ* of shape (m,)."""
+
+
+class Epoch(NamedTuple):
+    """The true arm from ``t`` [s] on: its dynamics, and θ* by parameter name."""
+
+    t: float
+    dynamics: ForwardDynamics
+    parameters: Mapping[str, float]
+
+
+def true_theta(settings: PlantSettings, arm: Arm) -> np.ndarray:
+    """Return θ* at the start, payload included, shape (m,).
+
+    Raises:
+        ParameterError: ``true_parameters`` do not fit the arm or ``true_model``, or a payload is
+            asked of an arm that cannot say where its tip is.
+    """
+    given, payload = settings.true_parameters, settings.payload
+    if settings.true_model == 'given':
+        if len(given) != arm.m:
+            raise ParameterError('arm_driver.true_parameters', given.tolist(),
+                                 f'{arm.m} values: {" ".join(arm.parameters)}')
+        theta = given.copy()
+    elif np.any(given):
+        raise ParameterError('arm_driver.true_parameters', given.tolist(),
+                             'no values, or true_model: given')
+    else:
+        theta = arm.nominal
+    if payload == 0.0:
+        return theta
+    if arm.payload_direction is None:
+        raise ParameterError('arm_driver.payload', payload,
+                             f'0.0: {type(arm).__name__} has no tip to put it on')
+    return theta + payload * arm.payload_direction
+
+
+def true_epochs(settings: PlantSettings, arm: Arm) -> tuple[Epoch, ...]:
+    """Return the true arm over time, the first epoch from t = 0 on.
+
+    Raises:
+        ParameterError: see `true_theta` and `Schedule`.
+        ArmError: the arm cannot be simulated with these parameters.
+    """
+    columns = (settings.schedule.time, settings.schedule.parameter, settings.schedule.value)
+    if len({len(column) for column in columns}) != 1:
+        raise ParameterError('arm_driver.schedule', [len(column) for column in columns],
+                             'time, parameter and value of the same length')
+    changes = [Change(float(t), name, float(value)) for t, name, value in zip(*columns) if name]
+    schedule = Schedule(true_theta(settings, arm), arm.parameters, changes,
+                        arm.payload_direction, settings.payload)
+    return tuple(Epoch(t, arm.dynamics(theta), dict(zip(arm.parameters, theta.tolist())))
+                 for t, theta in schedule.epochs)
+
+
+def epochs_truth(epochs: Sequence[Epoch], parameters: Sequence[str]) -> Truth:
+    """Return (t, θ*) of each epoch in the order of ``parameters``.
+
+    An effect the true arm does not have counts as 0.
+    """
+    return tuple((epoch.t, np.array([epoch.parameters.get(name, 0.0) for name in parameters]))
+                 for epoch in epochs)
