@@ -7,7 +7,7 @@ The prior, θ* = θ0 + D z with |z|_∞ ≤ 1 and ν columns in D, gives
 
 because |z|² ≤ ν. What the model cannot explain of joint i's filtered torque is bounded by δ_i, so
 that each of the N rows y θ = τ of the recorded pairs has ((y θ* − τ)/δ)² ≤ 1, and so has their
-mean. Any convex combination, 1 − λ of the first and λ of the second, is an ellipsoid with θ* in it:
+mean. Any convex combination, 1 − λ of the first and λ of the second, is an ellipsoid around θ*:
 
     (θ* − θc)ᵀ A (θ* − θc) ≤ c,    A = (1 − λ) A0 + (λ/N) Σ yᵀy/δ²,
     θc = A⁻¹ [(1 − λ) A0 θ0 + (λ/N) Σ yᵀτ/δ²],

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A small strictly convex quadratic program with hard and soft rows, solved by its dual.
 
-    min  ½ (x − x0)ᵀ H (x − x0) + ½ Σ_i s_i² / w_i    subject to  C x + s ≥ b,  s_i = 0 where w_i = 0
+    min  ½ (x − x0)ᵀ H (x − x0) + ½ Σ s_i² / w_i   subject to  C x + s ≥ b,  s_i = 0 where w_i = 0
 
 is solved by the dual active-set method of Goldfarb and Idnani (Mathematical Programming 27, 1983).
 It starts from the unconstrained minimum x0, so that nothing is computed where no row is violated,
 needs no feasible start, and finds out where there is no feasible point. A soft row differs from a
-hard one by w_i on the diagonal of the dual's matrix S = C_A H⁻¹ C_Aᵀ + diag(w) of the active rows A.
+hard one by w_i on the diagonal of the dual's matrix S = C_A H⁻¹ C_Aᵀ + diag(w), A the active rows.
 """
 
 from __future__ import annotations

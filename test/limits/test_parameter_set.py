@@ -9,7 +9,7 @@ import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.arms.urdf import UrdfArm
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.errors import ArmError, ParameterError
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 from adaptive_blf_control.limits.prior import Prior, prior_of
 
@@ -114,9 +114,11 @@ def test_a_prior_that_cannot_be_is_refused(changes, name):
 
 def test_a_payload_and_link_masses_of_a_urdf_arm_are_in_its_prior():
     pytest.importorskip('pinocchio')
-    pytest.importorskip('example_robot_data')
-    panda = UrdfArm('package://example-robot-data/robots/panda_description/urdf/panda.urdf',
-                    [f'panda_joint{i}' for i in range(1, 8)])
+    try:
+        panda = UrdfArm('package://example-robot-data/robots/panda_description/urdf/panda.urdf',
+                        [f'panda_joint{i}' for i in range(1, 8)])
+    except ArmError:
+        pytest.skip('example-robot-data is not installed')
     prior = prior_of(panda, mass_error=0.3, payload=3.0)
     random = np.random.default_rng(6)
     for _ in range(20):
