@@ -17,14 +17,14 @@ endif
 ifeq ($(ROS),sourced)
   # ROS's messages are compiled against the system's numpy, so that one stays; pinocchio's
   # wheels need a newer numpy, so it comes from ros-jazzy-pinocchio.
-  EXTRAS := fast,plot,campaign,test,lint
+  EXTRAS := fast,mujoco,plot,campaign,test,lint
   SIZE := 0.9 GB
   VENV_FLAGS := --system-site-packages
   PIP_FLAGS := --constraint $(VENV)/constraints.txt
   STAMP := $(VENV)/.made-on-sourced-ros
   ROS_NOTE := Using the sourced ROS 2 Jazzy instead of the PyPI wheels.
 else
-  EXTRAS := ros,urdf,fast,plot,campaign,test,lint
+  EXTRAS := ros,urdf,fast,mujoco,plot,campaign,test,lint
   SIZE := 1.7 GB
   STAMP := $(VENV)/.made-on-pypi-ros
   # The wheels bring a whole ROS: keep another sourced ROS, or another environment, out of it.

@@ -35,6 +35,8 @@ setup(
         'urdf': ['pin>=3.3'],
         # numba's linear algebra calls the BLAS that scipy carries.
         'fast': ['numba>=0.59', 'scipy>=1.11'],
+        # One wheel each for CPython 3.10 to 3.13, Apache-2.0; 4.0 needs a second package.
+        'mujoco': ['mujoco>=3.3,<3.4'],
         'plot': ['matplotlib>=3.6', 'plotly>=6.0'],
         'campaign': ['tqdm>=4.60', 'pyarrow>=14', 'distributed>=2024.1'],
         'test': [

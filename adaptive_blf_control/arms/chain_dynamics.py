@@ -23,7 +23,7 @@ from adaptive_blf_control.arms.spatial import (
 )
 from adaptive_blf_control.compiled import jit
 
-__all__ = ['chain_acceleration', 'chain_mass', 'ChainInertias', 'pseudo_inertias']
+__all__ = ['chain_acceleration', 'chain_mass', 'ChainInertias']
 
 
 class ChainInertias(NamedTuple):
@@ -32,36 +32,24 @@ class ChainInertias(NamedTuple):
     Attributes:
         chain: The kinematics.
         inertia: Pseudo-inertia of each body in its joint's frame, shape (n, 4, 4).
-        friction: Viscous [N·m·s/rad], Coulomb [N·m] and constant [N·m] coefficients in rows, in
-            the user's order, shape (3, n).
+        friction: Viscous [N·m·s/rad], Coulomb [N·m], constant [N·m] and square-root
+            [N·m·(s/rad)^½] coefficients in rows, in the user's order, shape (4, n).
         coulomb_velocity: v_s of tanh(q̇/v_s) [rad/s].
+        rotor: Inertia of each joint's rotor, seen from the joint, in the user's order, shape
+            (n,) [kg·m²].
     """
 
     chain: Chain
     inertia: np.ndarray
     friction: np.ndarray
     coulomb_velocity: float
-
-
-def pseudo_inertias(inertial: np.ndarray) -> np.ndarray:
-    """Return [Σ h; hᵀ m] of inertial parameters, Σ = ½ tr(I) 1 − I, (n, 10) → (n, 4, 4)."""
-    result = np.zeros((inertial.shape[0], 4, 4))
-    xx, xy, yy, xz, yz, zz = inertial[:, 4:].T
-    result[:, 0, 0] = 0.5 * (yy + zz - xx)
-    result[:, 1, 1] = 0.5 * (xx + zz - yy)
-    result[:, 2, 2] = 0.5 * (xx + yy - zz)
-    result[:, 0, 1] = result[:, 1, 0] = -xy
-    result[:, 0, 2] = result[:, 2, 0] = -xz
-    result[:, 1, 2] = result[:, 2, 1] = -yz
-    result[:, :3, 3] = result[:, 3, :3] = inertial[:, 1:4]
-    result[:, 3, 3] = inertial[:, 0]
-    return result
+    rotor: np.ndarray
 
 
 @jit
 def chain_acceleration(arm: ChainInertias, q: np.ndarray, qd: np.ndarray,
                        tau: np.ndarray) -> np.ndarray:
-    """q̈ = M⁻¹(τ − C q̇ − G − F q̇ − f_c tanh(q̇/v_s) − f_0), shape (n,) [rad/s² or m/s²].
+    """q̈ = M⁻¹(τ − C q̇ − G − F q̇ − (f_c + f_s √|q̇|) tanh(q̇/v_s) − f_0), (n,) [rad/s²].
 
     Args:
         arm: The chain and its inertias.
@@ -75,7 +63,7 @@ def chain_acceleration(arm: ChainInertias, q: np.ndarray, qd: np.ndarray,
     bodies = _bodies(arm, frames)
     drive = _drive(arm, qd, tau)
     _take_away_bias(drive, chain, axes, bodies, qd)
-    mass = _composite_mass(chain, axes, bodies)
+    mass = _composite_mass(arm, axes, bodies)
     _solve(mass, drive)
     qdd = np.empty(n)
     for i in range(n):
@@ -92,7 +80,7 @@ def chain_mass(arm: ChainInertias, q: np.ndarray) -> np.ndarray:
     chain = arm.chain
     n = chain.parent.size
     frames, axes = placements(chain, q)
-    lower = _composite_mass(chain, axes, _bodies(arm, frames))
+    lower = _composite_mass(arm, axes, _bodies(arm, frames))
     mass = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
@@ -118,8 +106,9 @@ def _drive(arm: ChainInertias, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
     for i in range(n):
         j = arm.chain.place[i]
         drive[i] = tau[j] - arm.friction[0, j] * qd[j] - arm.friction[2, j]
-        if arm.friction[1, j] != 0.0:
-            drive[i] -= arm.friction[1, j] * math.tanh(qd[j] / arm.coulomb_velocity)
+        if arm.friction[1, j] != 0.0 or arm.friction[3, j] != 0.0:
+            dry = arm.friction[1, j] + arm.friction[3, j] * math.sqrt(abs(qd[j]))
+            drive[i] -= dry * math.tanh(qd[j] / arm.coulomb_velocity)
     return drive
 
 
@@ -148,12 +137,13 @@ def _take_away_bias(drive: np.ndarray, chain: Chain, axes: np.ndarray, bodies: n
 
 
 @jit
-def _composite_mass(chain: Chain, axes: np.ndarray, bodies: np.ndarray) -> np.ndarray:
+def _composite_mass(arm: ChainInertias, axes: np.ndarray, bodies: np.ndarray) -> np.ndarray:
     """M in the chain's order, its lower triangle, shape (n, n).
 
     M_ij = J_jᵀ I_i J_i for a joint j that carries joint i, I_i the inertia of all that joint i
-    moves; ``bodies`` is summed up to these.
+    moves; ``bodies`` is summed up to these. Rotors add to the diagonal.
     """
+    chain = arm.chain
     n = chain.parent.size
     mass, own = np.zeros((n, n)), np.empty(6)
     for i in range(n - 1, -1, -1):
@@ -162,6 +152,7 @@ def _composite_mass(chain: Chain, axes: np.ndarray, bodies: np.ndarray) -> np.nd
         while body > 0:
             mass[i, body - 1] = dot6(axes[body - 1], own)
             body = chain.parent[body - 1]
+        mass[i, i] += arm.rotor[chain.place[i]]
         carried = bodies[chain.parent[i]]
         for r in range(4):
             for c in range(4):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Regressors of an open kinematic chain in base parameters and friction.
+"""Regressors of an open kinematic chain in base parameters, rotor inertias and friction.
 
 With J_i the axis of joint i as a twist and w_j the wrench that moves body j as a regressor, row i
 of every regressor is the sum of J_iᵀ w_j over the bodies j that joint i moves. All is in world
@@ -32,8 +32,9 @@ class ChainParameters(NamedTuple):
             columns of a body follow each other, bodies in the chain's order.
         first: First base column of each body and b, shape (n + 1,).
         end: First column after those of the bodies that each joint moves, shape (n,).
-        friction: First column of viscous, Coulomb and constant friction, −1 without it, shape
-            (3,).
+        rotor: Column of each joint's rotor inertia in the user's order, −1 without it, (n,).
+        friction: First column of viscous, Coulomb, constant and square-root friction, −1 without
+            it, shape (4,).
         coulomb_velocity: v_s of tanh(q̇/v_s) [rad/s].
         width: Number of columns m.
     """
@@ -42,23 +43,28 @@ class ChainParameters(NamedTuple):
     kind: np.ndarray
     first: np.ndarray
     end: np.ndarray
+    rotor: np.ndarray
     friction: np.ndarray
     coulomb_velocity: float
     width: int
 
 
 def chain_parameters(chain: Chain, base: np.ndarray, friction: JointFriction) -> ChainParameters:
-    """Choose the columns: base parameters first, then friction.
+    """Choose the columns: base parameters with the rotors' first, then friction.
 
     Args:
         chain: The kinematics.
-        base: Columns of the ten inertial parameters per body that are kept, ascending, bodies in
-            the chain's order, shape (b,).
+        base: Columns that are kept of the ten inertial parameters per body and the rotor inertias
+            behind them, ascending, bodies and joints in the chain's order, shape (b,).
         friction: Kinds of friction.
     """
-    body, kind = np.divmod(base, PER_BODY)
-    first = np.searchsorted(body, np.arange(chain.parent.size + 1))
-    return ChainParameters(chain, kind, first, first[subtree_ends(chain.parent)],
+    n = chain.parent.size
+    inertial = base[base < PER_BODY * n]
+    body, kind = np.divmod(inertial, PER_BODY)
+    first = np.searchsorted(body, np.arange(n + 1))
+    rotor = np.full(n, -1)
+    rotor[chain.place[base[inertial.size:] - PER_BODY * n]] = np.arange(inertial.size, base.size)
+    return ChainParameters(chain, kind, first, first[subtree_ends(chain.parent)], rotor,
                            friction.first_columns(base.size), friction.coulomb_velocity,
                            base.size + len(friction.names))
 
@@ -96,6 +102,7 @@ def chain_Y12(arm: ChainParameters, q: np.ndarray,
     _project(y1, arm, axes, momenta)
     _project(y2, arm, axes, weights)
     _project(y2, arm, rates, momenta)
+    _rotor_columns(y1, arm, qd)
     _friction_columns(y2, arm, qd)
     return y1, y2
 
@@ -140,6 +147,7 @@ def chain_X(arm: ChainParameters, q: np.ndarray, qd: np.ndarray, alpha: np.ndarr
         _keep(wrenches, arm, i, block)
     x = np.zeros((n, arm.width))
     _project(x, arm, axes, wrenches)
+    _rotor_columns(x, arm, alpha_dot)
     _friction_columns(x, arm, qd)
     return x
 
@@ -237,13 +245,26 @@ def _project(out: np.ndarray, arm: ChainParameters, axes: np.ndarray,
 
 
 @jit
+def _rotor_columns(out: np.ndarray, arm: ChainParameters, rate: np.ndarray) -> None:
+    """Write the columns of diag(Ia) q̇ or diag(Ia) α̇."""
+    for j in range(rate.size):
+        if arm.rotor[j] >= 0:
+            out[j, arm.rotor[j]] = rate[j]
+
+
+@jit
 def _friction_columns(out: np.ndarray, arm: ChainParameters, qd: np.ndarray) -> None:
-    """Write the columns of diag(fv) q̇ + diag(fc) tanh(q̇/v_s) + f0."""
-    viscous, coulomb, offset = arm.friction[0], arm.friction[1], arm.friction[2]
+    """Write the columns of diag(fv) q̇ + diag(fc + fs √|q̇|) tanh(q̇/v_s) + f0."""
+    viscous, coulomb, offset, root = (arm.friction[0], arm.friction[1], arm.friction[2],
+                                      arm.friction[3])
     for j in range(qd.size):
         if viscous >= 0:
             out[j, viscous + j] = qd[j]
-        if coulomb >= 0:
-            out[j, coulomb + j] = math.tanh(qd[j] / arm.coulomb_velocity)
         if offset >= 0:
             out[j, offset + j] = 1.0
+        if coulomb >= 0 or root >= 0:
+            sign = math.tanh(qd[j] / arm.coulomb_velocity)
+            if coulomb >= 0:
+                out[j, coulomb + j] = sign
+            if root >= 0:
+                out[j, root + j] = sign * math.sqrt(abs(qd[j]))

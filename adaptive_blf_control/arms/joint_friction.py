@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Friction of joints as columns of a regressor: viscous, Coulomb and a constant torque."""
+"""Friction of joints as columns of a regressor: viscous, Coulomb, square-root, and a constant."""
 
 from __future__ import annotations
 
@@ -12,16 +12,20 @@ from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['FRICTION_KINDS', 'JointFriction', 'finite_array']
 
-FRICTION_KINDS = {'viscous': 'fv', 'coulomb': 'fc', 'offset': 'f0'}
+FRICTION_KINDS = {'viscous': 'fv', 'coulomb': 'fc', 'offset': 'f0', 'square_root': 'fs'}
 """Kinds of friction in the order of their columns, with the prefix of their parameters."""
 
 
 class JointFriction:
-    """The chosen columns of τ_f = diag(fv) q̇ + diag(fc) tanh(q̇/v_s) + f0, one set per joint.
+    """The chosen columns of τ_f = diag(fv) q̇ + diag(fc + fs √|q̇|) tanh(q̇/v_s) + f0.
+
+    The square root is for drives whose friction grows less than in proportion to the speed, as
+    that of lubricated gears does.
 
     Attributes:
-        names: Parameter names, ``fv_<joint>`` of all joints, then ``fc_``, then ``f0_``.
+        names: Parameter names, ``fv_<joint>`` of all joints, then ``fc_``, ``f0_``, ``fs_``.
         nominal: Nominal coefficients in the order of ``names``.
+        dissipates: Which of them a passive joint has ≥ 0, shape of ``nominal``: all but f0.
         coulomb_velocity: v_s [rad/s].
     """
 
@@ -32,11 +36,11 @@ class JointFriction:
         Args:
             joints: Joint names, length n.
             nominal: For each chosen kind of `FRICTION_KINDS` its coefficients, a scalar or
-                shape (n,) [N·m·s/rad, N·m, N·m].
+                shape (n,) [N·m·s/rad, N·m, N·m, N·m·(s/rad)^½].
             coulomb_velocity: v_s [rad/s], > 0.
 
         Raises:
-            ParameterError: If a value is not finite, negative (viscous, coulomb) or too short.
+            ParameterError: If a value is not finite, negative (all but offset) or too short.
         """
         self.coulomb_velocity = checked_finite('coulomb_velocity', coulomb_velocity,
                                                'a speed > 0 [rad/s]', above=0.0)
@@ -49,9 +53,10 @@ class JointFriction:
             if kind != 'offset' and value.min() < 0.0:
                 raise ParameterError(kind, nominal[kind], 'coefficients that are not negative')
         self.nominal = np.concatenate([np.zeros(0), *values])
+        self.dissipates = np.repeat([kind != 'offset' for kind in self._kinds], self._n)
 
     def first_columns(self, before: int) -> np.ndarray:
-        """Return the first column of each kind of `FRICTION_KINDS`, shape (3,), −1 without it.
+        """Return the first column of each kind of `FRICTION_KINDS`, shape (4,), −1 without it.
 
         Args:
             before: Number of columns before those of friction.
@@ -60,7 +65,7 @@ class JointFriction:
                          for kind in FRICTION_KINDS])
 
     def coefficients(self, parameters: np.ndarray) -> np.ndarray:
-        """Return viscous, Coulomb and constant coefficients in rows, shape (3, n).
+        """Return the coefficients in rows, in the order of `FRICTION_KINDS`, shape (4, n).
 
         Kinds that were not chosen are zero.
 

@@ -16,6 +16,7 @@ __all__ = ['load_arm']
 
 def load_arm(urdf: str | os.PathLike[str], joints: Sequence[str] | None = None, *,
              viscous: bool = True, coulomb: bool = False, offset: bool = False,
+             square_root: bool = False, rotor_inertia: bool = False,
              coulomb_velocity: float = 0.02,
              gravity: Sequence[float] | np.ndarray = (0.0, 0.0, -9.81)) -> UrdfArm:
     """Return the arm of a URDF, linear in its base parameters and the friction asked for (2).
@@ -27,6 +28,9 @@ def load_arm(urdf: str | os.PathLike[str], joints: Sequence[str] | None = None, 
         viscous: Whether θ has a viscous coefficient per joint [N·m·s/rad].
         coulomb: Whether θ has a Coulomb torque per joint, tanh(q̇/v_s) [N·m].
         offset: Whether θ has a constant torque per joint [N·m].
+        square_root: Whether θ has a coefficient per joint of √|q̇| tanh(q̇/v_s)
+            [N·m·(s/rad)^½].
+        rotor_inertia: Whether θ has the inertias of the rotors, seen from the joints [kg·m²].
         coulomb_velocity: v_s [rad/s], > 0.
         gravity: In the base frame of the URDF, shape (3,) [m/s²].
 
@@ -35,8 +39,11 @@ def load_arm(urdf: str | os.PathLike[str], joints: Sequence[str] | None = None, 
         ParameterError: a number cannot be used.
         MissingExtra: Pinocchio, which reads the URDF, is not installed.
     """
-    for name, value in (('viscous', viscous), ('coulomb', coulomb), ('offset', offset)):
+    for name, value in (('viscous', viscous), ('coulomb', coulomb), ('offset', offset),
+                        ('square_root', square_root), ('rotor_inertia', rotor_inertia)):
         if not isinstance(value, (bool, np.bool_)):
             raise ParameterError(name, value, 'True or False')
     return UrdfArm(urdf, joints, friction_viscous=viscous, friction_coulomb=coulomb,
-                   friction_offset=offset, coulomb_velocity=coulomb_velocity, gravity=gravity)
+                   friction_offset=offset, friction_square_root=square_root,
+                   rotor_inertia=rotor_inertia, coulomb_velocity=coulomb_velocity,
+                   gravity=gravity)

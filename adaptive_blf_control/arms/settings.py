@@ -14,7 +14,7 @@ __all__ = ['ArmSettings', 'FrictionSettings']
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FrictionSettings(Settings, where='friction'):
-    """Which friction of a URDF arm is learned."""
+    """Which friction of a URDF arm is learned, and the inertia of its rotors."""
 
     viscous: bool = parameter(
         True, 'Learn a viscous coefficient per joint (URDF).')
@@ -22,8 +22,15 @@ class FrictionSettings(Settings, where='friction'):
         False, 'Learn a Coulomb torque per joint (URDF).')
     offset: bool = parameter(
         False, 'Learn a constant torque per joint (URDF).')
+    square_root: bool = parameter(
+        False, 'Learn a coefficient of sqrt(|qd|) per joint: friction that grows less than in '
+        'proportion to the speed (URDF).')
+    rotor_inertia: bool = parameter(
+        False, "Learn the inertia of each joint's rotor, seen from the joint, where a torque "
+        'tells it from that of the link (URDF).')
     coulomb_velocity: float = parameter(
-        0.02, 'v_s of the smooth Coulomb friction tanh(qd/v_s).', 'rad/s', 0.0, exclusive=True)
+        0.02, 'v_s of the smooth sign tanh(qd/v_s) of Coulomb and square-root '
+        'friction.', 'rad/s', 0.0, exclusive=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

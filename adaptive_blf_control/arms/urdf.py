@@ -18,7 +18,7 @@ from adaptive_blf_control.arms.base_parameters import (
     preferred_columns,
 )
 from adaptive_blf_control.arms.chain import chain_of_model
-from adaptive_blf_control.arms.chain_dynamics import ChainInertias, pseudo_inertias
+from adaptive_blf_control.arms.chain_dynamics import ChainInertias
 from adaptive_blf_control.arms.chain_regressors import (
     chain_parameters,
     chain_X,
@@ -26,6 +26,7 @@ from adaptive_blf_control.arms.chain_regressors import (
     ChainParameters,
 )
 from adaptive_blf_control.arms.joint_friction import finite_array, JointFriction
+from adaptive_blf_control.arms.pseudo_inertia import pseudo_inertias
 from adaptive_blf_control.arms.urdf_dynamics import UrdfDynamics
 from adaptive_blf_control.arms.urdf_model import (
     JointOrder,
@@ -46,10 +47,14 @@ class UrdfArm:
     """A sub-chain of a URDF's joints as an `Arm`; the other joints are locked at zero.
 
     θ holds base inertial parameters, each named after the inertial parameter whose column stands
-    for it (``panda_joint2.Ixx``: of the body that panda_joint2 moves), then per joint in the
-    user's order ``fv_`` viscous, ``fc_`` Coulomb and ``f0_`` constant friction, as chosen:
+    for it (``panda_joint2.Ixx``: of the body that panda_joint2 moves; ``Ia_panda_joint4``: inertia
+    of its rotor, seen from the joint, where a torque tells it from that of the link), then per
+    joint in the user's order ``fv_`` viscous, ``fc_`` Coulomb, ``f0_`` constant and ``fs_``
+    square-root friction, as chosen:
 
-        τ = M q̈ + C q̇ + G + diag(fv) q̇ + diag(fc) tanh(q̇/v_s) + f0
+        τ = (M + diag(Ia)) q̈ + C q̇ + G + diag(fv) q̇ + diag(fc + fs √|q̇|) tanh(q̇/v_s) + f0
+
+    A rotor's own motion through space is left out: with a gear of ratio r it matters r times less.
 
     Attributes:
         joints: Joint names, length n, in the order of every array.
@@ -57,22 +62,32 @@ class UrdfArm:
         nominal: θ of the URDF, shape (m,).
         payload_direction: dθ/d(payload) of a point mass in the last of the link points, (m,).
         inertial: The URDF's inertial parameters per joint, shape (n, 10).
+        rotor: Nominal inertia of each joint's rotor, seen from the joint, shape (n,) [kg·m²].
         base_from_standard: Map from ``inertial.ravel()`` to base parameters, shape (b, 10 n).
+        base_from_rotor: Map from ``rotor`` to base parameters, shape (b, n); zero where rotor
+            inertia is not learned.
+        dissipates: Which of the friction parameters, the last ones of θ, are ≥ 0 in a passive
+            joint, shape (m − b,).
         torque_limit: Shape (n,) [N·m]; infinite where the URDF gives none or zero.
         velocity_limit: Shape (n,) [rad/s]; infinite where the URDF gives none or zero.
         position_lower: Shape (n,) [rad]; minus infinity for a continuous joint.
         position_upper: Shape (n,) [rad]; infinity for a continuous joint.
+        xml: Text of the URDF.
         model: Pinocchio model of the sub-chain (joints in the tree's order).
         chain: The same arm as arrays, what compiled functions take.
+        xml: Text of the URDF.
     """
 
     def __init__(self, source: str | os.PathLike[str], joints: Sequence[str] | None = None, *,
                  friction_viscous: bool = True, friction_coulomb: bool = False,
-                 friction_offset: bool = False, coulomb_velocity: float = 0.02,
+                 friction_offset: bool = False, friction_square_root: bool = False,
+                 rotor_inertia: bool = False, coulomb_velocity: float = 0.02,
                  gravity: Sequence[float] | np.ndarray = (0.0, 0.0, -9.81),
                  viscous: float | Sequence[float] | np.ndarray | None = None,
                  coulomb: float | Sequence[float] | np.ndarray | None = None,
                  offset: float | Sequence[float] | np.ndarray | None = None,
+                 square_root: float | Sequence[float] | np.ndarray | None = None,
+                 rotor: float | Sequence[float] | np.ndarray | None = None,
                  package_dirs: Sequence[str | os.PathLike[str]] = ()) -> None:
         """Read a URDF and find its base parameters.
 
@@ -84,6 +99,8 @@ class UrdfArm:
             friction_viscous: Whether θ has viscous friction.
             friction_coulomb: Whether θ has Coulomb friction tanh(q̇/v_s).
             friction_offset: Whether θ has a constant torque per joint.
+            friction_square_root: Whether θ has friction √|q̇| tanh(q̇/v_s).
+            rotor_inertia: Whether θ has the inertias of the rotors.
             coulomb_velocity: v_s [rad/s], > 0.
             gravity: In the URDF's root frame, shape (3,) [m/s²].
             viscous: Nominal coefficients, scalar or shape (n,) [N·m·s/rad]; None takes the
@@ -91,6 +108,9 @@ class UrdfArm:
             coulomb: Nominal coefficients, scalar or shape (n,) [N·m]; None takes the URDF's
                 ``<dynamics friction>``.
             offset: Nominal torques, scalar or shape (n,) [N·m]; None takes zero.
+            square_root: Nominal coefficients, scalar or shape (n,) [N·m·(s/rad)^½]; None takes
+                zero.
+            rotor: Nominal inertias, scalar or shape (n,) [kg·m²]; None takes zero.
             package_dirs: Further folders for ``package://``.
 
         Raises:
@@ -99,7 +119,8 @@ class UrdfArm:
             MissingExtra: If Pinocchio is not installed.
         """
         self._pin = load_pinocchio()
-        model, self.joints = reduced_model(read_urdf(source, package_dirs), joints)
+        self.xml = read_urdf(source, package_dirs)
+        model, self.joints = reduced_model(self.xml, joints)
         self._shape = (len(self.joints),)
         if dimensions(gravity) != 1:
             raise ParameterError('gravity', gravity, 'three finite numbers')
@@ -107,13 +128,16 @@ class UrdfArm:
         self._order = JointOrder(self.model, self.joints)
         self._data = self.model.createData()
         self._set_limits()
-        self._set_base_parameters()
+        self.rotor = _nominal_rotor(rotor, rotor_inertia, self.n)
+        self._set_base_parameters(rotor_inertia)
         nominal = _nominal_friction(
             {'viscous': (friction_viscous, viscous), 'coulomb': (friction_coulomb, coulomb),
-             'offset': (friction_offset, offset)}, self.model, self._order.rows)
+             'offset': (friction_offset, offset),
+             'square_root': (friction_square_root, square_root)}, self.model, self._order.rows)
         self._friction = JointFriction(self.joints, nominal, coulomb_velocity)
         self.parameters = (*self._base_names, *self._friction.names)
-        self.nominal = np.concatenate([self.base_from_inertial(self.inertial),
+        self.dissipates = self._friction.dissipates
+        self.nominal = np.concatenate([self.base_from_inertial(self.inertial, self.rotor),
                                        self._friction.nominal])
         self.payload_direction: np.ndarray | None = self._payload_direction()
         self.chain: ChainParameters = chain_parameters(
@@ -135,7 +159,7 @@ class UrdfArm:
 
     @property
     def base_count(self) -> int:
-        """Number of base inertial parameters, the first entries of θ."""
+        """Number of base parameters, rotor inertias included: the first entries of θ."""
         return int(self._base.independent.size)
 
     @property
@@ -181,10 +205,16 @@ class UrdfArm:
 
     # -- parameters ---------------------------------------------------------------------------
 
-    def base_from_inertial(self, inertial: np.ndarray) -> np.ndarray:
-        """Return the base parameters of inertial parameters per joint, (n, 10) → (b,)."""
+    def base_from_inertial(self, inertial: np.ndarray,
+                           rotor: np.ndarray | None = None) -> np.ndarray:
+        """Return the base parameters of inertial parameters, (n, 10) and (n,) → (b,).
+
+        Args:
+            inertial: Ten per joint, of the body that it moves.
+            rotor: Inertia of each joint's rotor [kg·m²]; none where None.
+        """
         result: np.ndarray = self.base_from_standard @ np.reshape(inertial, -1)
-        return result
+        return result if rotor is None else result + self.base_from_rotor @ rotor
 
     def to_inertial(self, theta: np.ndarray) -> np.ndarray:
         """Return inertial parameters with the dynamics of θ, shape (n, 10).
@@ -208,8 +238,14 @@ class UrdfArm:
             result = self._nearest_inertial(base, reference)
         return result
 
+    def rotor_inertia(self, theta: np.ndarray) -> np.ndarray:
+        """Return the inertia of each rotor in θ, the nominal one where θ has none, shape (n,)."""
+        base = self._checked(theta)
+        column = self.chain.rotor
+        return np.where(column >= 0, base[column], self.rotor)
+
     def friction(self, theta: np.ndarray) -> np.ndarray:
-        """Return viscous, Coulomb and constant friction of θ in rows, shape (3, n)."""
+        """Return viscous, Coulomb, constant and square-root friction of θ in rows, (4, n)."""
         return self._friction.coefficients(self._checked(theta)[self.base_count:])
 
     def dynamics(self, theta: np.ndarray) -> UrdfDynamics:
@@ -220,8 +256,9 @@ class UrdfArm:
         """
         chain = self.chain.chain
         inertias = pseudo_inertias(self.to_inertial(theta)[chain.place])
-        return UrdfDynamics(ChainInertias(chain, inertias, self.friction(theta),
-                                          self.chain.coulomb_velocity), self.joints)
+        return UrdfDynamics(ChainInertias(
+            chain, inertias, self.friction(theta), self.chain.coulomb_velocity,
+            self.rotor_inertia(theta)), self.joints)
 
     def mass_matrix(self, q: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
         """Return M(q) for θ (the URDF's by default), shape (n, n) [kg·m²]."""
@@ -250,17 +287,26 @@ class UrdfArm:
         self.torque_limit = _limit(model.effortLimit[rows])
         self.velocity_limit = _limit(model.velocityLimit[rows])
 
-    def _set_base_parameters(self) -> None:
+    def _set_base_parameters(self, rotors: bool) -> None:
         model, rows = self.model, self._order.rows
-        base = decompose(self._random_regressors(), preferred_columns(self.n))
-        self._base = base
-        bodies, kinds = np.divmod(base.independent, PER_BODY)
-        self._base_names = tuple(f'{model.names[int(body) + 1]}.{INERTIAL_NAMES[kind]}'
-                                 for body, kind in zip(bodies, kinds, strict=True))
+        count = PER_BODY * self.n
+        stack, order = self._random_regressors(), preferred_columns(self.n)
+        if rotors:  # tried last: what a link's inertia can stand for is the link's
+            stack = np.hstack([stack, self._random_rotor_regressors()])
+            order = np.append(order, count + np.arange(self.n))
+        base = self._base = decompose(stack, order)
+        bodies, kinds = np.divmod(base.independent[base.independent < count], PER_BODY)
+        kept = base.independent[base.independent >= count] - count
+        self._base_names = (
+            *(f'{model.names[int(body) + 1]}.{INERTIAL_NAMES[kind]}'
+              for body, kind in zip(bodies, kinds, strict=True)),
+            *(f'Ia_{model.names[int(joint) + 1]}' for joint in kept))
         user = (PER_BODY * rows[:, None] + np.arange(PER_BODY)).reshape(-1)
         self.base_from_standard = base.from_standard[:, user]
-        self._user_base = BaseParameters(np.argsort(user)[base.independent],
-                                         self.base_from_standard)
+        self.base_from_rotor = (base.from_standard[:, count + rows] if rotors else
+                                np.zeros((base.independent.size, self.n)))
+        self._user_base = BaseParameters(np.argsort(user)[base.independent[:bodies.size]],
+                                         self.base_from_standard[:bodies.size])
         self.inertial = np.array([model.inertias[int(row) + 1].toDynamicParameters()
                                   for row in rows])
 
@@ -280,19 +326,27 @@ class UrdfArm:
         return np.concatenate([self.base_from_inertial(inertial),
                                np.zeros(len(self._friction.names))])
 
-    def _random_regressors(self) -> np.ndarray:
+    def _random_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         # Joint limits are left aside: an identity between regressor columns that holds on an
         # interval holds everywhere, and full turns tell nearly equal columns apart best.
-        random = np.random.default_rng(0)
-        order, shape = self._order, (_STATES, self.n)
+        random, shape = np.random.default_rng(0), (_STATES, self.n)
+        return (random.uniform(-np.pi, np.pi, shape), random.uniform(-2.0, 2.0, shape),
+                random.uniform(-5.0, 5.0, shape))
+
+    def _random_regressors(self) -> np.ndarray:
+        order = self._order
         return np.vstack([  # (which also puts the single row of a single joint back in shape)
             self._pin.computeJointTorqueRegressor(self.model, self._data, order.position(q),
                                                   order.velocity(qd), order.velocity(qdd))
-            for q, qd, qdd in zip(random.uniform(-np.pi, np.pi, shape),
-                                  random.uniform(-2.0, 2.0, shape),
-                                  random.uniform(-5.0, 5.0, shape), strict=True)])
+            for q, qd, qdd in zip(*self._random_states(), strict=True)])
+
+    def _random_rotor_regressors(self) -> np.ndarray:
+        order = self._order
+        return np.vstack([np.diag(order.velocity(qdd)) for qdd in self._random_states()[2]])
 
     def _nearest_inertial(self, base: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        links = self._user_base.independent.size
+        base = (base - self.base_from_rotor @ self.rotor)[:links]
         standard = self._user_base.nearest_standard(base, reference.reshape(-1))
         return standard.reshape(-1, PER_BODY)
 
@@ -308,7 +362,7 @@ class UrdfArm:
 def _nominal_friction(choice: dict[str, tuple[bool, Any]], model: Any,
                       rows: np.ndarray) -> dict[str, object]:
     dry = getattr(model, 'upperDryFrictionLimit', None)  # named so from Pinocchio 4 on
-    from_urdf = {'viscous': model.damping[rows], 'offset': 0.0,
+    from_urdf = {'viscous': model.damping[rows], 'offset': 0.0, 'square_root': 0.0,
                  'coulomb': (model.friction if dry is None else dry)[rows]}
     nominal: dict[str, object] = {}
     for kind, (enabled, value) in choice.items():
@@ -317,6 +371,15 @@ def _nominal_friction(choice: dict[str, tuple[bool, Any]], model: Any,
         elif value is not None:
             raise ParameterError(kind, value, f'None where friction_{kind} is off')
     return nominal
+
+
+def _nominal_rotor(given: Any, learned: bool, n: int) -> np.ndarray:
+    if not learned and given is not None:
+        raise ParameterError('rotor', given, 'None where rotor_inertia is off')
+    value = finite_array('rotor', 0.0 if given is None else given, n)
+    if value.min() < 0.0:
+        raise ParameterError('rotor', given, 'inertias that are not negative')
+    return value
 
 
 def _limit(value: np.ndarray) -> np.ndarray:

@@ -27,14 +27,19 @@ from adaptive_blf_control.identification.estimate_file import read_estimate
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.plugin import load_plugin, made
+from adaptive_blf_control.simulation.actuated_arm import ActuatedArm, is_actuated
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 from adaptive_blf_control.simulation.plant import Plant, REQUIRED, SimulatedArm
+from adaptive_blf_control.simulation.rotation import rotation
 from adaptive_blf_control.simulation.sensors import Sensor
 
 __all__ = ['OwnParts', 'build_arm', 'build_closed_loop', 'build_identifier', 'build_plant',
            'initial_estimate', 'initial_theta']
 
-FRICTION = ('viscous', 'coulomb', 'offset')
+FRICTION = {'viscous': 'friction_viscous', 'coulomb': 'friction_coulomb',
+            'offset': 'friction_offset', 'square_root': 'friction_square_root',
+            'rotor_inertia': 'rotor_inertia'}
+"""Arguments of `UrdfArm` by the parameter below ``friction`` that switches them on."""
 
 
 def build_arm(settings: ArmSettings, robot_description: str | None = None) -> Arm:
@@ -56,11 +61,20 @@ def build_arm(settings: ArmSettings, robot_description: str | None = None) -> Ar
     if not source:
         raise ParameterError('urdf', source, 'a path, package://... or topic:NAME')
     true = _true_friction(settings)
-    learned: dict[str, Any] = {f'friction_{name}': getattr(settings.friction, name)
-                               or name in true for name in FRICTION}
+    learned: dict[str, Any] = {argument: getattr(settings.friction, name) or name in true
+                               for name, argument in FRICTION.items()}
+    if 'rotor_inertia' in true:
+        true['rotor'] = true.pop('rotor_inertia')
     return UrdfArm(source, joints, **learned,
                    coulomb_velocity=settings.friction.coulomb_velocity,
-                   gravity=settings.gravity, **true)
+                   gravity=_gravity(settings), **true)
+
+
+def _gravity(settings: ArmSettings) -> np.ndarray:
+    """Return gravity in the base frame, shape (3,) [m/s²]; the driver's arm may be tilted."""
+    if not isinstance(settings, DriverSettings) or not settings.mounting.any():
+        return settings.gravity
+    return np.asarray(rotation(settings.mounting).T @ settings.gravity)
 
 
 def _true_friction(settings: ArmSettings) -> dict[str, Any]:
@@ -85,7 +99,11 @@ def build_plant(settings: DriverSettings, arm: Arm,
             sensor is given to one that has its own.
     """
     if settings.plant == 'builtin':
-        return SimulatedArm(settings, arm, sensor)
+        kind = ActuatedArm if is_actuated(settings) else SimulatedArm
+        return kind(settings, arm, sensor)
+    if settings.plant == 'mujoco':
+        from adaptive_blf_control.simulation.mujoco.plant import MujocoPlant
+        return MujocoPlant(settings, _known_arm(settings, arm), settings.gravity, sensor)
     if sensor is not None:
         raise ParameterError('sensor', sensor, f'nothing: the plant {settings.plant} has its own')
     plant: Plant = made('arm_driver.plant', settings.plant, load_plugin(
@@ -93,14 +111,29 @@ def build_plant(settings: DriverSettings, arm: Arm,
     return plant
 
 
+def _known_arm(settings: DriverSettings, arm: Arm) -> Arm:
+    """Return the arm that another node may know: upright, with every friction there is."""
+    if settings.arm != 'urdf':
+        return arm
+    kinds = {name: True for name, value in settings.friction.values().items()
+             if isinstance(value, bool)}
+    return build_arm(settings.replace(friction=kinds, mounting=[0.0] * 3),
+                     getattr(arm, 'xml', None))
+
+
 def initial_theta(settings: ControllerNodeSettings, arm: Arm) -> np.ndarray:
     """Return what the controller uses before the first θ̂, or for good (``model: known``), (m,).
 
     Raises:
-        ParameterError: it has neither one element nor m.
+        ParameterError: it has neither one element nor m, or the file that is named cannot be
+            used.
     """
+    kind = 'known_parameters' if settings.model == 'known' else 'initial_estimate'
+    file = getattr(settings, f'{kind}_file')
+    if file:
+        return read_estimate(Path(file), arm.parameters, f'controller.{kind}_file')
     full = settings.resolved(parameters=arm.m)
-    theta = full.known_parameters if settings.model == 'known' else full.initial_estimate
+    theta: np.ndarray = getattr(full, kind)
     return theta.copy()
 
 

@@ -100,7 +100,8 @@ class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, w
     niceness: int = parameter(
         5, 'Nice value of the loop; above 0 it gives way to the nodes that control.', '', 0, 19)
     initial_estimate_file: str = parameter(
-        '', 'YAML written by ~/save_estimate to start from instead.')
+        '', 'YAML of parameters by name, as identify or ~/save_estimate writes it, in place of '
+        'initial_estimate.')
     estimate_file: str = parameter(
         '',
         'Where theta_hat is written, by ~/save_estimate and every estimate_period. Empty: '
@@ -146,8 +147,13 @@ class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
         choices=('estimated', 'known'))
     known_parameters: np.ndarray = parameter(
         [0.0], 'theta* for model: known.', length='parameters')
+    known_parameters_file: str = parameter(
+        '', 'YAML of parameters by name, as identify or ~/save_estimate writes it, in place of '
+        'known_parameters.')
     initial_estimate: np.ndarray = parameter(
         [0.0], 'theta_hat until the identifier publishes one.', length='parameters')
+    initial_estimate_file: str = parameter(
+        '', 'YAML of parameters by name in place of initial_estimate.')
     estimate_limit: np.ndarray = parameter(
         [1000.0],
         'Largest accepted absolute value of an element of theta_hat; an estimate beyond it is '

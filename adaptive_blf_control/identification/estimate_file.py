@@ -59,23 +59,30 @@ def _at_home(text: str, environment: Mapping[str, str]) -> Path:
 def _number(value: float) -> str:
     # Shortest text that comes back to the last bit; YAML 1.1 takes 1e-05 for a string.
     text = repr(float(value))
+    if text == 'inf':
+        return '.inf'
     return text.replace('e', '.0e') if 'e' in text and '.' not in text else text
 
 
-def _content(snapshot: Snapshot, written_at: str) -> str:
+def _content(snapshot: Snapshot, written_at: str, std: np.ndarray | None) -> str:
     # yaml.safe_dump takes milliseconds and holds the interpreter meanwhile.
-    names = (name if PLAIN.match(name) else json.dumps(name, ensure_ascii=False)
-             for name in snapshot.parameters)
-    values = map(_number, snapshot.theta.tolist())
+    names = [name if PLAIN.match(name) else json.dumps(name, ensure_ascii=False)
+             for name in snapshot.parameters]
+
+    def mapping(key: str, values: np.ndarray) -> list[str]:
+        return [f'{key}:', *(f'  {name}: {_number(value)}'
+                             for name, value in zip(names, values.tolist(), strict=True))]
+
     return '\n'.join([
         *([f'written_at: {json.dumps(written_at, ensure_ascii=False)}'] if written_at else []),
-        'theta_hat:', *(f'  {name}: {value}' for name, value in zip(names, values)),
+        *mapping('theta_hat', snapshot.theta),
+        *([] if std is None else mapping('theta_std', std)),
         f'history_rank: {snapshot.rank}', f'history_sigma_min: {_number(snapshot.sigma_min)}',
         f'insertions: {snapshot.insertions}', ''])
 
 
 def write_estimate(path: Path, snapshot: Snapshot, written_at: str = '', *,
-                   make_folder: bool = False) -> None:
+                   std: np.ndarray | None = None, make_folder: bool = False) -> None:
     """Write θ̂ with the state of its history so that a reader never sees half a file.
 
     When it returns the file is on the disk: it survives a crash of the machine. May be called
@@ -85,6 +92,8 @@ def write_estimate(path: Path, snapshot: Snapshot, written_at: str = '', *,
         path: The file; replaced if it exists.
         snapshot: From :meth:`Identifier.snapshot`.
         written_at: The present time in ISO 8601 with its offset from UTC, '' for none.
+        std: Standard deviation of each parameter, shape (m,), infinite where it is not
+            determined; None writes none.
         make_folder: Make the folders above ``path`` if they are missing.
 
     Raises:
@@ -95,7 +104,7 @@ def write_estimate(path: Path, snapshot: Snapshot, written_at: str = '', *,
     temporary = path.with_name(f'.{path.name}.{os.getpid()}.{threading.get_ident()}')
     try:
         with temporary.open('w', encoding='utf-8') as file:
-            file.write(_content(snapshot, written_at))
+            file.write(_content(snapshot, written_at, std))
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
@@ -147,13 +156,18 @@ def _theta(content: Any, path: Path, parameters: tuple[str, ...], name: str) -> 
     return theta
 
 
-def read_estimate(path: Path, parameters: tuple[str, ...]) -> np.ndarray:
+def read_estimate(path: Path, parameters: tuple[str, ...],
+                  name: str = 'identifier.initial_estimate_file') -> np.ndarray:
     """Read θ̂ that :func:`write_estimate` wrote, in the order of ``parameters``, shape (m,).
+
+    Args:
+        path: The file.
+        parameters: Names in the order wanted.
+        name: Of the parameter that names the file, for messages.
 
     Raises:
         ParameterError: the file cannot be read or lacks a parameter.
     """
-    name = 'identifier.initial_estimate_file'
     return _theta(_load(path, name), path, parameters, name)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 
 from adaptive_blf_control.bags.reader import Bag
-from adaptive_blf_control.configuration.build import build_arm
+from adaptive_blf_control.configuration.build import build_arm, build_plant
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, DriverSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings, PARAMETERS_KEY
 from adaptive_blf_control.control.constraints import Constraint, Constraints
@@ -20,7 +20,7 @@ from adaptive_blf_control.control.set_constraints import (
     SafetyConstraint,
 )
 from adaptive_blf_control.control.sets import JointInterval
-from adaptive_blf_control.errors import BagError, BlfError
+from adaptive_blf_control.errors import BagError, BlfError, MissingExtra
 from adaptive_blf_control.messages.topics import (
     BARRIER,
     COMMANDS,
@@ -32,6 +32,8 @@ from adaptive_blf_control.messages.topics import (
 )
 from adaptive_blf_control.runs.margins import Margins, published_margins
 from adaptive_blf_control.runs.summary import Run, state_along
+from adaptive_blf_control.simulation.actuated_arm import arm_alone
+from adaptive_blf_control.simulation.plant import truth_of
 from adaptive_blf_control.simulation.true_arm import epochs_truth, true_epochs, Truth
 
 __all__ = ['bag_parameters', 'constraints_of', 'rates', 'run_of_bag', 'topic_named']
@@ -139,9 +141,14 @@ def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> Tr
     if not any(key.endswith('/arm_driver') for key in data):
         return None
     driver = node_settings(data, DriverSettings)
-    if driver.plant != 'builtin':
+    if driver.plant == 'builtin':
+        return epochs_truth(true_epochs(arm_alone(driver), build_arm(driver)), parameters)
+    if driver.plant != 'mujoco':
         return None
-    return epochs_truth(true_epochs(driver, build_arm(driver)), parameters)
+    try:
+        return truth_of(build_plant(driver, build_arm(driver)), parameters)
+    except MissingExtra:  # the bag comes from a machine that has it
+        return None
 
 
 def rates(bag: Bag, run: Run) -> dict[str, float]:

@@ -7,26 +7,37 @@ from collections.abc import Sequence
 import copy
 from dataclasses import dataclass
 import os
+import time
 from typing import Any
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm
+from adaptive_blf_control.arms.urdf_export import export_urdf, ExportedUrdf
 from adaptive_blf_control.bags.logs import Log, read_log
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
-from adaptive_blf_control.errors import LogError, ParameterError
+from adaptive_blf_control.errors import ArmError, LogError, ParameterError
+from adaptive_blf_control.identification.consistent_model import (
+    consistent_model,
+    ConsistentModel,
+    has_links,
+    InertialArm,
+)
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.identification.uncertainty import Uncertainty
 from adaptive_blf_control.runs.log_pass import choose_spans, Given, learn, NO_TEST, Prediction
 from adaptive_blf_control.runs.log_report import figures_of, table
+from adaptive_blf_control.runs.model_report import model_figures
 
 __all__ = ['Identification', 'REAL_ROBOT', 'identify', 'real_robot_settings']
 
 REAL_ROBOT: dict[str, Any] = {
     'arm': 'urdf',
-    'friction': {'viscous': True, 'coulomb': True, 'offset': True},
+    'friction': {'viscous': True, 'coulomb': True, 'offset': True, 'square_root': True,
+                 'rotor_inertia': True},
     'update_law': 'concurrent',
     'kt': 1.0,
     'kh': 1000.0,
@@ -45,16 +56,21 @@ class Identification:
     Attributes:
         identifier: The identifier after the pass.
         figures: Per joint the RMSE of the filtered torque [N·m] and what else `figures_of` gives.
-        prediction: Measured and predicted torque of the test span: t, measured, predicted.
+        prediction: Measured and predicted torque of the test span with the half width of the
+            95 % interval: t, measured, predicted, half_width.
+        uncertainty: Standard deviations and intervals; None where no pair was recorded.
         source: Where the log came from.
         problem: Why the log ends early (a truncated bag), or None.
+        possible: The consistent model; None where there is none, see ``consistent``.
     """
 
     identifier: Identifier
     figures: dict[str, Any]
     prediction: Prediction
+    uncertainty: Uncertainty | None
     source: str
     problem: str | None
+    possible: ConsistentModel | None = None
 
     @property
     def arm(self) -> Arm:
@@ -80,6 +96,34 @@ class Identification:
     def undetermined(self) -> tuple[str, ...]:
         """Names of the parameters that the log does not determine."""
         return self.identifier.undetermined
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviation of θ̂, infinite where the log says nothing, shape (m,)."""
+        return (np.full(self.arm.m, np.inf) if self.uncertainty is None
+                else self.uncertainty.std)
+
+    @property
+    def consistent(self) -> ConsistentModel:
+        """The physically consistent model of the recorded pairs: a robot that can exist.
+
+        Raises:
+            ArmError: the arm is not from a URDF, or no pair was recorded.
+        """
+        if self.possible is None:
+            reason = ('no pair was recorded' if has_links(self.arm) else
+                      f'{type(self.arm).__name__} has no inertial parameters per link')
+            raise ArmError(f'there is no consistent model: {reason}')
+        return self.possible
+
+    def urdf(self) -> ExportedUrdf:
+        """Return the URDF with the values of the consistent model; its ``xml`` is the text.
+
+        Raises:
+            ArmError: the arm is not from a URDF, or no pair was recorded.
+        """
+        model = self.consistent
+        return export_urdf(self.arm, model.theta, model.inertial)  # type: ignore[arg-type]
 
     @property
     def test_rmse(self) -> np.ndarray:
@@ -156,8 +200,21 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
             raise LogError(f'{source}: no sample of the {name} span can be used: the filter '
                            f'restarts at gaps of more than {filters.gap:g} s and settles for '
                            f'{filters.settle:g} time constants')
-    return Identification(identifier, figures_of(measured, identifier, result, spans),
-                          result.prediction, source, measured.problem)
+    judged, consistent = result.uncertainty, None
+    begin = time.perf_counter()
+    if has_links(arm) and judged is not None:
+        consistent = _consistent(identifier, arm, judged)
+    seconds = time.perf_counter() - begin
+    figures = figures_of(measured, identifier, result, spans)
+    figures |= model_figures(identifier, result, consistent, seconds)
+    return Identification(identifier, figures, result.prediction, judged, source,
+                          measured.problem, consistent)
+
+
+def _consistent(identifier: Identifier, arm: InertialArm, judged: Uncertainty) -> ConsistentModel:
+    stack = identifier.stack
+    return consistent_model(arm, stack.regressors[:stack.count], stack.torques[:stack.count],
+                            judged.alike)
 
 
 def _node_settings(settings: IdentifierSettings | None) -> IdentifierNodeSettings:

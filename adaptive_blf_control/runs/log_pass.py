@@ -13,6 +13,8 @@ from adaptive_blf_control.arrays import checked_number
 from adaptive_blf_control.bags.logs import MeasuredLog
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.residuals import Residuals
+from adaptive_blf_control.identification.uncertainty import estimate_uncertainty, Uncertainty
 from adaptive_blf_control.runs.batch_fit import BatchFit
 
 __all__ = ['NO_TEST', 'Given', 'LogPass', 'Prediction', 'Span', 'choose_spans', 'learn']
@@ -36,11 +38,13 @@ class Prediction(NamedTuple):
         t: Times, shape (K,) [s].
         measured: τ_f, shape (K, n) [N·m].
         predicted: Y_f θ̂, shape (K, n) [N·m].
+        half_width: Of the 95 % interval around it, shape (K, n) [N·m].
     """
 
     t: np.ndarray
     measured: np.ndarray
     predicted: np.ndarray
+    half_width: np.ndarray
 
 
 class LogPass(NamedTuple):
@@ -51,12 +55,14 @@ class LogPass(NamedTuple):
         test: The filtered pairs it never saw.
         seconds: Time each update took, shape (number of samples in the training span,) [s].
         prediction: The torque of the test span.
+        uncertainty: How sure θ̂ is after the training span; None where no pair was recorded.
     """
 
     train: BatchFit
     test: BatchFit
     seconds: np.ndarray
     prediction: Prediction
+    uncertainty: Uncertainty | None
 
 
 def choose_spans(t: np.ndarray, train: Given, test: Given, settle: float) -> tuple[Span, Span]:
@@ -129,9 +135,10 @@ def learn(identifier: Identifier, log: MeasuredLog, train: Span, test: Span) -> 
     last = float(log.t[-1])
     learning, testing = (_inside(span, log.t, last) for span in (train, test))
     n, m = identifier.arm.n, identifier.arm.m
-    fits = BatchFit(n, m), BatchFit(n, m)
+    fits, residuals = (BatchFit(n, m), BatchFit(n, m)), Residuals(n)
     identifier.warm_up()
     seconds, tested = [], []
+    judged: Uncertainty | None = None
     for i in np.flatnonzero(log.t <= test.end):
         sample = float(log.t[i]), log.q[i], log.qd[i], log.tau[i]
         before, restarts = identifier.pair, identifier.restarts
@@ -139,14 +146,24 @@ def learn(identifier: Identifier, log: MeasuredLog, train: Span, test: Span) -> 
             begin = time.perf_counter()  # how long the work takes, not a time of the logic
             identifier.update(*sample)
             seconds.append(time.perf_counter() - begin)
+            residuals.observe(sample[0], identifier)
         else:
             identifier.observe(*sample)
         advanced = identifier.pair is not before and identifier.restarts == restarts
         if advanced and identifier.settled and (learning[i] or testing[i]):
             fits[0 if learning[i] else 1].add(*identifier.pair)
             if testing[i]:
-                regressor, torque = identifier.pair
-                tested.append((log.t[i], torque, regressor @ identifier.theta))
+                judged = judged or estimate_uncertainty(identifier.stack, residuals)
+                tested.append((log.t[i], *_predicted(identifier, judged)))
     prediction = (Prediction(*(np.array(column) for column in zip(*tested))) if tested else
-                  Prediction(np.empty(0), np.empty((0, n)), np.empty((0, n))))
-    return LogPass(*fits, np.array(seconds), prediction)
+                  Prediction(np.empty(0), *np.empty((3, 0, n))))
+    return LogPass(*fits, np.array(seconds), prediction,
+                   judged or estimate_uncertainty(identifier.stack, residuals))
+
+
+def _predicted(identifier: Identifier,
+               judged: Uncertainty | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return filtered torque, the predicted one and its half width, each (n,) [N·m]."""
+    regressor, torque = identifier.pair
+    half = np.full(torque.shape, np.inf) if judged is None else judged.half_width(regressor)
+    return torque, regressor @ identifier.theta, half

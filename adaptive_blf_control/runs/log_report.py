@@ -11,6 +11,7 @@ from adaptive_blf_control.bags.logs import MeasuredLog
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.runs.batch_fit import least_squares
 from adaptive_blf_control.runs.log_pass import LogPass, Span
+from adaptive_blf_control.runs.model_report import model_lines
 
 __all__ = ['figures_of', 'table']
 
@@ -96,8 +97,10 @@ def table(figures: dict[str, Any], source: str) -> str:
     ]
     if figures.get('undetermined'):
         lines.append(f'not determined  {", ".join(figures["undetermined"])}')
-    if 'output' in figures:
-        lines.append(f'theta_hat       {figures["output"]}')
+    lines += model_lines(figures)
+    lines += [f'{label:<16}{figures[name]}' for name, label in (
+        ('output', 'theta_hat'), ('model_output', 'consistent'), ('urdf_output', 'URDF'))
+        if name in figures]
     return '\n'.join(lines)
 
 

@@ -18,9 +18,10 @@ from adaptive_blf_control.control.guarantee import (
 from adaptive_blf_control.control.law import errors
 from adaptive_blf_control.control.laws.ablf import AblfLaw
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
-from adaptive_blf_control.simulation.plant import truth_of
+from adaptive_blf_control.simulation.plant import known_truth, truth_of
+from adaptive_blf_control.simulation.truth_fit import unexpressed_by
 
-__all__ = ['RunGuarantee', 'guarantee_of_trace']
+__all__ = ['RunGuarantee', 'guarantee_of_trace', 'why_not']
 
 
 class RunGuarantee(NamedTuple):
@@ -58,19 +59,33 @@ class RunGuarantee(NamedTuple):
                 + ('kept' if self.first is None else f'left: {self.first}'))
 
 
+def why_not(loop: ClosedLoop) -> str | None:
+    """Return why Theorem 2 says nothing about a loop, None where it does."""
+    plant, parameters = loop.plant, loop.arm.parameters
+    if truth_of(plant, parameters) is None:
+        return 'theta* of the plant is not known'
+    if not isinstance(loop.controller.law, AblfLaw):
+        return 'is not about this law'
+    unexpressed = unexpressed_by(plant, parameters)
+    if unexpressed is not None:
+        return (f'is not about this plant: no theta expresses {100.0 * unexpressed.max():.2g} % '
+                'of the torque of a joint')
+    return None
+
+
 def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
     """Compare a run with Theorem 2, on the true state.
 
     θ* is constant in the theorem: where it changes, V is taken again as the V(0) of what follows.
 
     Returns:
-        None where the plant does not tell its θ*, or the law is another than (38).
+        None where `why_not` has a reason.
     """
     controller, settings = loop.controller, loop.identifier.settings
     arm, performance = loop.arm, controller.performance
-    truth = truth_of(loop.plant, arm.parameters)
-    if truth is None or not isinstance(controller.law, AblfLaw):
+    if why_not(loop) is not None:
         return None
+    truth = known_truth(loop.plant, arm.parameters)
     values, starts, guaranteed = np.empty(trace.t.size), [], []
     monitor: GuaranteeMonitor | None = None
     first: Departure | None = None

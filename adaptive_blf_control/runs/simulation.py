@@ -26,7 +26,7 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.plugin import require
-from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee
+from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee, why_not
 from adaptive_blf_control.runs.summary import Run, run_of_trace, summarise, table
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample, Trace
@@ -92,14 +92,13 @@ class Simulation(Trace):
     def __repr__(self) -> str:
         """Say what the run achieved, as a table."""
         figures, guarantee = self.figures, self._run_guarantee
-        known = self._run.truth is not None
         lines = [table(figures, self._run)]
-        if known:
+        if any(value is not None for value in figures['predicted_torque_error']):
             lines.append(torque_line(figures['predicted_torque_error']))
         return '\n'.join([
             *lines,
-            guarantee.line() if guarantee is not None else 'Theorem 2            '
-            + ('is not about this law' if known else 'theta* of the plant is not known'),
+            guarantee.line() if guarantee is not None else
+            f'Theorem 2            {why_not(self.loop)}',
             f'speed                {figures["real_time_factor"]:.1f} x real time'])
 
 

@@ -3,21 +3,25 @@
 
 Along the reference, Y_d = Y(y_d, ẏ_d, ÿ_d), joint by joint
 
-    RMS[Y_d (θ̂ − θ*)] / RMS[Y_d θ*].
+    RMS[Y_d (θ̂ − θ*)] / RMS[Y_d θ*],
 
-Unlike in ‖θ̃‖, directions of θ that the task hardly excites have little weight.
+or with the plant's own inverse dynamics in place of Y_d θ* where it has one: that counts what no
+θ expresses, too. Unlike in ‖θ̃‖, directions of θ that the task hardly excites have little weight.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 import math
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.control.reference import Reference
+from adaptive_blf_control.control.reference import Reference, ReferencePoint
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import known_truth, truth_of
+from adaptive_blf_control.simulation.truth_fit import HasInverseDynamics
 
 __all__ = ['PredictedTorque', 'errors_of_trace', 'torque_error_of_trace', 'torque_line']
 
@@ -30,17 +34,23 @@ class PredictedTorque:
     """The regressor along a reference, kept as one m × m matrix per joint.
 
     Attributes:
+        motions: The grid, (y_d, ẏ_d, ÿ_d) each.
         grams: Mean over the grid of yᵀy for each row y of Y_d, shape (n, m, m).
     """
 
     def __init__(self, arm: Arm, reference: Reference, duration: float) -> None:
         """Lay a grid over the reference from 0 to ``duration`` [s]."""
         points = min(max(math.ceil(duration / STEP), 1), LARGEST) + 1
+        self._arm = arm
+        self.motions = [reference.at(float(t)) for t in np.linspace(0.0, duration, points)]
         self.grams = np.zeros((arm.n, arm.m, arm.m))
-        for t in np.linspace(0.0, duration, points):
-            y, yd, ydd = reference.at(float(t))
-            regressor = arm.X(y, yd, yd, ydd)  # with α = ẏ_d and e2 = 0 X is Y
+        for motion in self.motions:
+            regressor = self._regressor(motion)
             self.grams += np.einsum('nm,nk->nmk', regressor, regressor) / points
+
+    def _regressor(self, motion: ReferencePoint) -> np.ndarray:
+        y, yd, ydd = motion
+        return self._arm.X(y, yd, yd, ydd)  # with α = ẏ_d and e2 = 0 X is Y
 
     def rms(self, theta: np.ndarray) -> np.ndarray:
         """Return RMS[Y_d θ] for each θ of shape (..., m), shape (..., n) [N·m]."""
@@ -56,9 +66,25 @@ class PredictedTorque:
             theta: θ̂, shape (..., m).
             true: θ*, shape (m,) or that of ``theta``.
         """
-        scale = self.rms(true)
-        with np.errstate(divide='ignore', invalid='ignore'):
-            return np.where(scale > 0.0, self.rms(theta - true) / scale, np.nan)
+        return _ratio(self.rms(theta - true), self.rms(true))
+
+    def error_against(self, theta: np.ndarray, inverse_dynamics: Callable[..., np.ndarray],
+                      ) -> np.ndarray:
+        """Return the ratio against the torque of a plant, shape (n,).
+
+        Args:
+            theta: θ̂, shape (m,).
+            inverse_dynamics: τ of (q, q̇, q̈), shape (n,) [N·m].
+        """
+        torques = np.array([inverse_dynamics(*motion) for motion in self.motions])
+        predicted = np.array([self._regressor(motion) @ theta for motion in self.motions])
+        return _ratio(*(np.sqrt(np.mean(values ** 2, axis=0))
+                        for values in (predicted - torques, torques)))
+
+
+def _ratio(error: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    with np.errstate(divide='ignore', invalid='ignore'):
+        return np.where(scale > 0.0, error / scale, np.nan)
 
 
 def errors_of_trace(loop: ClosedLoop, trace: Trace, times: np.ndarray) -> np.ndarray:
@@ -74,6 +100,12 @@ def errors_of_trace(loop: ClosedLoop, trace: Trace, times: np.ndarray) -> np.nda
     """
     measure = PredictedTorque(loop.arm, loop.controller.reference, float(trace.t[-1]))
     index = np.minimum(np.searchsorted(trace.t, times - 1e-9), trace.t.size - 1)
+    plant = loop.plant
+    if isinstance(plant, HasInverseDynamics):
+        return np.array([
+            measure.error_against(trace.theta_hat[k],
+                                  partial(plant.inverse_dynamics, t=float(trace.t[k])))
+            for k in index])
     truth = known_truth(loop.plant, loop.arm.parameters)
     epoch = np.searchsorted([t for t, _ in truth], trace.t[index] + 1e-9, side='right') - 1
     true = np.array([theta for _, theta in truth])[np.maximum(epoch, 0)]
@@ -83,9 +115,11 @@ def errors_of_trace(loop: ClosedLoop, trace: Trace, times: np.ndarray) -> np.nda
 def torque_error_of_trace(loop: ClosedLoop, trace: Trace) -> list[float | None]:
     """Return the error at the end of a run per joint, None where the ratio has no meaning.
 
-    It has none where the true torque is zero, or where the plant does not provide its θ*.
+    It has none where the true torque is zero, or where the plant tells neither its inverse
+    dynamics nor its θ*.
     """
-    if truth_of(loop.plant, loop.arm.parameters) is None:
+    if not isinstance(loop.plant, HasInverseDynamics) and truth_of(
+            loop.plant, loop.arm.parameters) is None:
         return [None] * loop.arm.n
     last, = errors_of_trace(loop, trace, trace.t[-1:])
     return [float(value) if math.isfinite(value) else None for value in last]

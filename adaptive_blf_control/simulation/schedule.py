@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.simulation.settings import ScheduleSettings
 
-__all__ = ['PAYLOAD', 'Change', 'Schedule']
+__all__ = ['PAYLOAD', 'Change', 'Schedule', 'changes_of']
 
 PAYLOAD = 'payload'
 
@@ -22,6 +23,15 @@ class Change(NamedTuple):
     t: float
     name: str
     value: float
+
+
+def changes_of(settings: ScheduleSettings) -> list[Change]:
+    """Return the changes of a schedule's columns; ParameterError where one is shorter."""
+    columns = (settings.time, settings.parameter, settings.value)
+    if len({len(column) for column in columns}) != 1:
+        raise ParameterError('arm_driver.schedule', [len(column) for column in columns],
+                             'time, parameter and value of the same length')
+    return [Change(float(t), name, float(value)) for t, name, value in zip(*columns) if name]
 
 
 class Schedule:

@@ -9,14 +9,15 @@ import numpy as np
 
 from adaptive_blf_control.parameters import settings as declare
 from adaptive_blf_control.parameters.settings import group, parameter, Settings
+from adaptive_blf_control.simulation.mujoco.settings import MujocoSettings
 
-__all__ = ['PlantSettings', 'ScheduleSettings', 'SensorSettings', 'TrueFrictionSettings',
-           'WatchdogSettings']
+__all__ = ['ActuatorSettings', 'PlantSettings', 'ScheduleSettings', 'SensorSettings',
+           'TrueFrictionSettings', 'WatchdogSettings']
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TrueFrictionSettings(Settings, where='arm_driver.true_friction'):
-    """True friction of a URDF arm."""
+    """True friction and rotor inertia of a URDF arm."""
 
     viscous: np.ndarray = parameter(
         [0.0], 'True viscous coefficients of a URDF arm.', 'N*m*s/rad', 0.0, length='joints')
@@ -24,6 +25,12 @@ class TrueFrictionSettings(Settings, where='arm_driver.true_friction'):
         [0.0], 'True Coulomb torques of a URDF arm.', 'N*m', 0.0, length='joints')
     offset: np.ndarray = parameter(
         [0.0], 'True constant torques of a URDF arm.', 'N*m', length='joints')
+    square_root: np.ndarray = parameter(
+        [0.0], 'True coefficients of sqrt(|qd|) of a URDF arm.', 'N*m*(s/rad)^0.5', 0.0,
+        length='joints')
+    rotor_inertia: np.ndarray = parameter(
+        [0.0], 'True rotor inertias of a URDF arm, seen from the joints.', 'kg*m^2', 0.0,
+        length='joints')
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -64,13 +71,35 @@ class SensorSettings(Settings, where='arm_driver.sensors'):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ActuatorSettings(Settings, where='arm_driver.actuator'):
+    """How a command becomes a torque."""
+
+    delay: float = parameter(
+        0.0, 'Time after which a command acts.', 's', 0.0, 1.0)
+    jitter: float = parameter(
+        0.0, 'Largest further delay of a command, uniformly distributed.', 's', 0.0, 1.0)
+    gain_error: np.ndarray = parameter(
+        [0.0], 'Part by which the torque that acts is larger than the one commanded and measured.',
+        '', -0.5, 0.5, length='joints')
+    torque_bias: np.ndarray = parameter(
+        [0.0], 'Constant error of the measured torque.', 'N*m', length='joints')
+    effort: str = parameter(
+        'mean',
+        'What is measured as torque: mean: over the interval that ends at the sample; instant: '
+        'what acts at the sample.', choices=('mean', 'instant'))
+    seed: int = parameter(
+        0, 'Seed of the jitter.', '', 0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PlantSettings(Settings, where='arm_driver'):
     """The simulated arm."""
 
     plant: str = parameter(
         'builtin',
-        'What is driven: builtin: the arm with the true parameters below; module:name: called '
-        'with the settings and the arm, it returns a plant.', choices=('builtin',), plugin=True)
+        'What is driven: builtin: the arm with the true parameters below; mujoco: the arm of '
+        'mujoco.model; module:name: called with the settings and the arm, it returns a plant.',
+        choices=('builtin', 'mujoco'), plugin=True)
     initial_position: np.ndarray = parameter(
         [0.0], 'Joint positions at the start.', 'rad', length='joints')
     initial_velocity: np.ndarray = parameter(
@@ -82,6 +111,9 @@ class PlantSettings(Settings, where='arm_driver'):
     true_parameters: np.ndarray = parameter(
         [0.0], 'theta* for true_model: given, p1 p2 p3 fv_joint1 fv_joint2 of two_link.',
         length='parameters', live=True)
+    true_parameters_file: str = parameter(
+        '', 'YAML of parameters by name, as identify or ~/save_estimate writes it, in place of '
+        'true_parameters for true_model: given.')
     payload: float = parameter(
         0.0, 'Point mass at the tip of the true arm, on top of true_model (three_link, urdf).',
         'kg', 0.0, live=True)
@@ -93,6 +125,12 @@ class PlantSettings(Settings, where='arm_driver'):
         [200.0], 'Torque at which the simulated drives saturate.',
         'N*m', 0.0, exclusive=True, length='joints', live=True)
     true_friction: TrueFrictionSettings = group(TrueFrictionSettings)
+    mounting: np.ndarray = parameter(
+        [0.0, 0.0, 0.0],
+        'Roll, pitch, yaw of the base against the frame that gravity is given in (URDF arms).',
+        'rad', length=3)
+    actuator: ActuatorSettings = group(ActuatorSettings)
+    mujoco: MujocoSettings = group(MujocoSettings)
     schedule: ScheduleSettings = group(ScheduleSettings)
     sensors: SensorSettings = group(SensorSettings)
 

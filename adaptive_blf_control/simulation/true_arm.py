@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, ForwardDynamics
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.simulation.schedule import Change, Schedule
+from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.simulation.schedule import changes_of, Schedule
 from adaptive_blf_control.simulation.settings import PlantSettings
 
 __all__ = ['Epoch', 'Truth', 'epochs_truth', 'true_epochs', 'true_theta']
@@ -35,6 +37,8 @@ def true_theta(settings: PlantSettings, arm: Arm) -> np.ndarray:
             asked of an arm that cannot say where its tip is.
     """
     given, payload = settings.true_parameters, settings.payload
+    if settings.true_parameters_file:
+        given = _parameters_of_file(settings, arm)
     if settings.true_model == 'given':
         if len(given) != arm.m:
             raise ParameterError('arm_driver.true_parameters', given.tolist(),
@@ -53,6 +57,16 @@ def true_theta(settings: PlantSettings, arm: Arm) -> np.ndarray:
     return theta + payload * arm.payload_direction
 
 
+def _parameters_of_file(settings: PlantSettings, arm: Arm) -> np.ndarray:
+    name, file = 'arm_driver.true_parameters_file', settings.true_parameters_file
+    if settings.true_model != 'given':
+        raise ParameterError(name, file, 'no file, or true_model: given')
+    if np.any(settings.true_parameters):
+        raise ParameterError('arm_driver.true_parameters', settings.true_parameters.tolist(),
+                             'no values beside true_parameters_file')
+    return read_estimate(Path(file), arm.parameters, name)
+
+
 def true_epochs(settings: PlantSettings, arm: Arm) -> tuple[Epoch, ...]:
     """Return the true arm over time, the first epoch from t = 0 on.
 
@@ -60,13 +74,8 @@ def true_epochs(settings: PlantSettings, arm: Arm) -> tuple[Epoch, ...]:
         ParameterError: see `true_theta` and `Schedule`.
         ArmError: the arm cannot be simulated with these parameters.
     """
-    columns = (settings.schedule.time, settings.schedule.parameter, settings.schedule.value)
-    if len({len(column) for column in columns}) != 1:
-        raise ParameterError('arm_driver.schedule', [len(column) for column in columns],
-                             'time, parameter and value of the same length')
-    changes = [Change(float(t), name, float(value)) for t, name, value in zip(*columns) if name]
-    schedule = Schedule(true_theta(settings, arm), arm.parameters, changes,
-                        arm.payload_direction, settings.payload)
+    schedule = Schedule(true_theta(settings, arm), arm.parameters,
+                        changes_of(settings.schedule), arm.payload_direction, settings.payload)
     return tuple(Epoch(t, arm.dynamics(theta), dict(zip(arm.parameters, theta.tolist())))
                  for t, theta in schedule.epochs)
 

@@ -8,12 +8,14 @@ after the other. Before and after the training span, θ̂ is frozen and the samp
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 import copy
 import json
 from pathlib import Path
 import sys
 from typing import Any
 
+from adaptive_blf_control.arms.urdf_export import ExportedUrdf
 from adaptive_blf_control.compilation_notice import CompilationNotice
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import (
@@ -26,6 +28,7 @@ from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.identification.estimate_file import write_estimate
 from adaptive_blf_control.runs.identification import identify, joints_of, REAL_ROBOT
 from adaptive_blf_control.runs.log_report import table
+from adaptive_blf_control.runs.model_report import parameter_table
 
 __all__ = ['main']
 
@@ -55,6 +58,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--output', type=Path, metavar='FILE',
                         help='where θ̂ is written; default: the parameter estimate_file, else '
                         'theta_hat.yaml in the present folder')
+    parser.add_argument('--model-out', type=Path, metavar='FILE',
+                        help='where the parameters of the physically consistent model are '
+                        'written, in the form of --output')
+    parser.add_argument('--urdf-out', type=Path, metavar='FILE',
+                        help='where the URDF is written with identified inertials and friction, '
+                        'those of the consistent model; the rest of it is untouched')
+    parser.add_argument('--parameters', action='store_true',
+                        help='also print every parameter with its standard deviation and whether '
+                        'the log determines it')
     return parser
 
 
@@ -78,8 +90,10 @@ def _settings(options: argparse.Namespace) -> IdentifierNodeSettings:
 def _identify(options: argparse.Namespace) -> dict[str, Any]:
     settings = _settings(options)
     output = options.output or Path(settings.estimate_file or 'theta_hat.yaml')
-    if not output.parent.is_dir():  # known before the work, not after
-        raise ParameterError('--output', str(output), 'a file in a folder that exists')
+    for name, path in (('--output', output), ('--model-out', options.model_out),
+                       ('--urdf-out', options.urdf_out)):
+        if path is not None and not path.parent.is_dir():  # known before the work, not after
+            raise ParameterError(name, str(path), 'a file in a folder that exists')
     try:
         result = identify(options.log, settings=settings, train=options.train,
                           test=options.test, topic=options.topic)
@@ -89,12 +103,42 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
         raise ParameterError(f'--{error.name}', error.value, error.expected) from None
     if result.problem:
         print(f'identify: {options.log}: {result.problem}', file=sys.stderr)
+    figures = {**result.figures, 'output': str(output)}
+    snapshot = result.identifier.snapshot()
+    _write('--output', output, lambda path: write_estimate(path, snapshot, std=result.std))
+    if options.model_out is not None:
+        model = result.consistent
+        consistent = snapshot._replace(theta=model.theta)
+        _write('--model-out', options.model_out,
+               lambda path: write_estimate(path, consistent, std=model.std))
+        figures['model_output'] = str(options.model_out)
+    if options.urdf_out is not None:
+        figures |= _write_urdf(result.urdf(), options.urdf_out)
+    return figures
+
+
+def _write_urdf(exported: ExportedUrdf, path: Path) -> dict[str, Any]:
+    """Write the URDF and say what of the model is not in it."""
+    _write('--urdf-out', path, lambda path: path.write_text(exported.xml, encoding='utf-8'))
+    lost = sorted({name.partition('_')[0] for name, value in exported.missing.items() if value})
+    if lost:
+        print(f'identify: {path}: a URDF has no place for {", ".join(lost)} (rotor inertia, '
+              'constant torque, square-root friction): they are in the file of --model-out',
+              file=sys.stderr)
+    if exported.scaled:
+        print(f'identify: {path}: scaled down with the link that carries them: '
+              + ', '.join(f'{link} to {factor:.2g}' for link, factor in exported.scaled.items()),
+              file=sys.stderr)
+    return {'urdf_output': str(path), 'urdf_missing': exported.missing,
+            'urdf_scaled': exported.scaled}
+
+
+def _write(option: str, path: Path, write: Callable[[Path], Any]) -> None:
     try:
-        write_estimate(output, result.identifier.snapshot())
+        write(path)
     except OSError as error:
-        raise ParameterError('--output', str(output), f'a file that can be written '
+        raise ParameterError(option, str(path), f'a file that can be written '
                              f'({error.strerror})') from None
-    return {**result.figures, 'output': str(output)}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -107,6 +151,8 @@ def main(args: list[str] | None = None) -> int:
         print(f'identify: {" ".join(str(error).split())}', file=sys.stderr)
         return 2
     print(json.dumps(figures, indent=2) if options.json else table(figures, str(options.log)))
+    if options.parameters and not options.json:
+        print('\n' + parameter_table(figures))
     return 0
 
 

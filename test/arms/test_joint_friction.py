@@ -11,21 +11,27 @@ from adaptive_blf_control.errors import ParameterError
 
 
 def test_columns_stand_in_the_order_of_the_names_behind_those_before() -> None:
-    friction = JointFriction(['a', 'b'], {'viscous': [1.0, 2.0], 'coulomb': 3.0, 'offset': -4.0},
-                             0.02)
-    assert friction.names == ('fv_a', 'fv_b', 'fc_a', 'fc_b', 'f0_a', 'f0_b')
-    np.testing.assert_array_equal(friction.nominal, [1.0, 2.0, 3.0, 3.0, -4.0, -4.0])
-    assert friction.first_columns(1).tolist() == [1, 3, 5]
+    friction = JointFriction(['a', 'b'], {'viscous': [1.0, 2.0], 'coulomb': 3.0, 'offset': -4.0,
+                                          'square_root': [5.0, 6.0]}, 0.02)
+    assert friction.names == ('fv_a', 'fv_b', 'fc_a', 'fc_b', 'f0_a', 'f0_b', 'fs_a', 'fs_b')
+    np.testing.assert_array_equal(friction.nominal, [1.0, 2.0, 3.0, 3.0, -4.0, -4.0, 5.0, 6.0])
+    assert friction.first_columns(1).tolist() == [1, 3, 5, 7]
+
+
+def test_all_but_the_constant_torque_dissipate() -> None:
+    friction = JointFriction(['a'], {'viscous': 1.0, 'offset': 0.0, 'square_root': 0.0}, 0.02)
+    assert friction.dissipates.tolist() == [True, False, True]
 
 
 def test_kinds_that_were_not_chosen_are_zero() -> None:
     friction = JointFriction(['a', 'b'], {'offset': [1.0, 2.0]}, 0.02)
     assert friction.names == ('f0_a', 'f0_b')
-    assert friction.first_columns(4).tolist() == [-1, -1, 4]
+    assert friction.first_columns(4).tolist() == [-1, -1, 4, -1]
     np.testing.assert_array_equal(friction.coefficients(np.array([5.0, 6.0])),
-                                  [[0.0, 0.0], [0.0, 0.0], [5.0, 6.0]])
+                                  [[0.0, 0.0], [0.0, 0.0], [5.0, 6.0], [0.0, 0.0]])
 
 
-def test_negative_coulomb_friction_is_refused() -> None:
-    with pytest.raises(ParameterError, match='coulomb'):
-        JointFriction(['a'], {'coulomb': -0.1}, 0.02)
+@pytest.mark.parametrize('kind', ['viscous', 'coulomb', 'square_root'])
+def test_friction_that_would_drive_the_joint_is_refused(kind: str) -> None:
+    with pytest.raises(ParameterError, match=kind):
+        JointFriction(['a'], {kind: -0.1}, 0.02)

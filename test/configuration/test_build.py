@@ -20,6 +20,8 @@ from adaptive_blf_control.configuration.parameter_file import (
 )
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.errors import ArmError, BlfError, ParameterError, SetViolation
+from adaptive_blf_control.identification.estimate_file import write_estimate
+from adaptive_blf_control.identification.identifier import Snapshot
 
 START = np.array([0.0, 2.0])
 
@@ -130,6 +132,20 @@ def test_controller_starts_from_the_initial_estimate_or_the_known_parameters(val
                                   [0.0, 9.0, 6.0, 0.0, 0.0])
     given = values('controller', 'controller.model=known', 'controller.known_parameters=[2.0]')
     np.testing.assert_array_equal(initial_theta(given, build_arm(given)), np.full(5, 2.0))
+
+
+@pytest.mark.parametrize(('name', 'more'), [
+    ('initial_estimate', ()), ('known_parameters', ('controller.model=known',))])
+def test_controller_takes_parameters_from_a_file_by_name(values, tmp_path, name, more):
+    path = tmp_path / 'theta_hat.yaml'
+    names = ('fv_joint2', 'p3', 'p2', 'p1', 'fv_joint1')
+    write_estimate(path, Snapshot(names, np.array([0.8, 0.3, 0.2, 4.0, 5.6]), 5, 1.0, 9))
+    given = values('controller', *more, f'controller.{name}_file={path}')
+    np.testing.assert_array_equal(initial_theta(given, build_arm(given)),
+                                  [4.0, 0.2, 0.3, 5.6, 0.8])
+    given = values('controller', *more, f'controller.{name}_file=/nowhere/theta.yaml')
+    with pytest.raises(ParameterError, match=rf'controller\.{name}_file.*nowhere'):
+        initial_theta(given, build_arm(given))
 
 
 @pytest.mark.parametrize(('settings', 'name'), [

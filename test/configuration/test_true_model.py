@@ -11,6 +11,8 @@ from adaptive_blf_control.configuration.build import build_arm
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.configuration.parameter_file import apply_settings, node_settings
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.estimate_file import write_estimate
+from adaptive_blf_control.identification.identifier import Snapshot
 from adaptive_blf_control.simulation.true_arm import true_theta
 
 
@@ -39,6 +41,29 @@ def test_a_payload_comes_on_top_of_either():
     given = f'arm_driver.true_parameters={half.tolist()}'
     np.testing.assert_allclose(theta(*THREE, GIVEN, given, 'arm_driver.payload=2.0') - half,
                                three_link_parameters(2.0) - three_link_parameters())
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Write parameters by name as ``identify`` does, in another order than the arm's."""
+    path = tmp_path / 'theta_hat.yaml'
+    names = ('fv_joint2', 'p3', 'p2', 'p1', 'fv_joint1')
+    write_estimate(path, Snapshot(names, np.array([0.8, 0.3, 0.2, 4.0, 5.6]), 5, 1.0, 9))
+    return path
+
+
+def test_they_may_come_from_a_file_by_name(written):
+    np.testing.assert_array_equal(theta(GIVEN, f'arm_driver.true_parameters_file={written}'),
+                                  [4.0, 0.2, 0.3, 5.6, 0.8])
+
+
+@pytest.mark.parametrize(('more', 'message'), [
+    ((), 'true_parameters_file.*true_model: given'),
+    ((GIVEN, 'arm_driver.true_parameters=[4.0, 0.2, 0.3, 5.6, 0.8]'), 'beside'),
+    ((GIVEN, *THREE), "true_parameters_file.*an entry 'p4'")])
+def test_a_file_that_does_not_fit_is_refused(written, more, message):
+    with pytest.raises(ParameterError, match=message):
+        theta(f'arm_driver.true_parameters_file={written}', *more)
 
 
 @pytest.mark.parametrize(('settings', 'message'), [

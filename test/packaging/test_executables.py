@@ -46,7 +46,7 @@ def test_every_executable_has_a_module_with_main_of_optional_arguments(
 
 def test_console_scripts_name_the_same_modules() -> None:
     assert console_scripts() == [f'{name} = {module_of(name)}:main' for name in EXECUTABLES]
-    assert len(console_scripts()) == 14
+    assert len(set(console_scripts())) == len(EXECUTABLES) > 10
 
 
 def test_module_of_refuses_an_unknown_executable() -> None:

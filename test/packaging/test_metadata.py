@@ -38,6 +38,10 @@ MODULES = {
     'scipy': Declared('scipy', 'python3-scipy'),
     'matplotlib': Declared('matplotlib', 'python3-matplotlib'),
     'plotly': Declared('plotly', None),  # rosdep has no key for it
+    'tqdm': Declared('tqdm', 'python3-tqdm'),
+    'pyarrow': Declared('pyarrow', None),  # nor for this one
+    'distributed': Declared('distributed', None),  # nor for this one
+    'mujoco': Declared('mujoco', None),  # nor for this one
     **{name: Declared(ROS[0], name)
        for name in ('rclpy', 'rcl_interfaces', 'rosgraph_msgs', 'builtin_interfaces',
                     'lifecycle_msgs')},

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
@@ -45,6 +46,40 @@ def test_a_joint_that_needs_no_torque_has_no_ratio():
     still = SumOfSinusoids(np.zeros(2), np.zeros((2, 1)), np.ones((2, 1)), np.zeros((2, 1)))
     assert np.isnan(PredictedTorque(ARM, still, 1.0).error(ARM.nominal, ARM.nominal)).all()
     assert torque_line([None, 0.0123]) == 'predicted torque     off by –, 1.2 % RMS'
+
+
+def test_against_a_plant_what_no_parameter_expresses_counts_too():
+    """A torque of 1 N·m on joint 1 that θ* does not have, where Y θ* has an RMS of s: 1/s."""
+    measure = PredictedTorque(ARM, REFERENCE, 10.0)
+
+    def torque(y, yd, ydd):
+        return inverse_dynamics(ARM, ARM.nominal, y, yd, ydd)
+
+    def pushed(y, yd, ydd):
+        return torque(y, yd, ydd) + [1.0, 0.0]
+
+    np.testing.assert_allclose(measure.error_against(ARM.nominal, torque), 0.0, atol=1e-12)
+    np.testing.assert_allclose(measure.error_against(1.03 * ARM.nominal, torque), 0.03, atol=1e-9)
+    scale = np.sqrt(np.mean([pushed(*motion)[0] ** 2 for motion in measure.motions]))
+    np.testing.assert_allclose(measure.error_against(ARM.nominal, pushed), [1.0 / scale, 0.0],
+                               atol=1e-12)
+
+
+class Tells:
+    """What of a plant `errors_of_trace` asks: its inverse dynamics, heavier from 0.05 s on."""
+
+    def inverse_dynamics(self, q, qd, qdd, t=None):
+        return inverse_dynamics(ARM, ARM.nominal * (2.0 if t > 0.05 else 1.0), q, qd, qdd)
+
+
+def test_a_plant_that_tells_its_inverse_dynamics_is_asked_for_that_of_the_time(repository):
+    loop = build_closed_loop(load_yaml(repository / 'config' / 'two_link.yaml'))
+    trace = loop.run(0.1)
+    trace.theta_hat[:] = ARM.nominal
+    loop.plant = Tells()
+    errors = errors_of_trace(loop, trace, np.array([0.02, 0.08]))
+    np.testing.assert_allclose(errors, [[0.0, 0.0], [0.5, 0.5]], atol=1e-12)
+    assert torque_error_of_trace(loop, trace) == pytest.approx([0.5, 0.5])
 
 
 def test_each_estimate_is_held_against_the_true_arm_of_its_time(repository):

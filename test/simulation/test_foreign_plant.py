@@ -41,7 +41,7 @@ def test_what_needs_its_parameters_says_that_they_are_not_known(repository, name
     ('foreign_plant:NoPlant', r'NoPlant has no qd, torque, measure'),
     ('foreign_plant:Nobody', r'AttributeError.*Nobody'),
     ('no_such_module:Plant', r'ModuleNotFoundError'),
-    ('own', r'one of builtin, module:name')])
+    ('own', r'one of builtin, mujoco, module:name')])
 def test_a_plant_that_cannot_be_driven_is_refused_with_the_reason(repository, named, plant,
                                                                  message):
     with pytest.raises(door.ParameterError, match=message):

@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 
 pytest.importorskip('pinocchio')
 
@@ -178,11 +179,11 @@ def test_gap_restarts_the_filter_and_the_estimate_survives(capsys, tmp_path, fil
     np.testing.assert_allclose(list(result['theta_hat'].values()), arm.nominal, atol=0.01)
 
 
-def test_without_config_friction_of_three_kinds_is_learned(capsys, files):
+def test_without_config_rotors_and_friction_of_four_kinds_are_learned(capsys, files):
     result = figures(capsys, [*files[:3], *files[5:]])
     assert result['joints'] == ['shoulder', 'elbow']
     assert [name for name in result['theta_hat'] if name.endswith('elbow')] == [
-        'fv_elbow', 'fc_elbow', 'f0_elbow']
+        'Ia_elbow', 'fv_elbow', 'fc_elbow', 'f0_elbow', 'fs_elbow']
     assert result['history_size'] == 1000
     assert result['history_rank'] == result['columns']
 
@@ -193,6 +194,56 @@ def test_table_names_joints_rank_speed_and_output(capsys, files):
     for words in ('shoulder', 'elbow', 'mean', 'batch least squares', 'rank 8 of 8',
                   'us per sample', 'learned from 0.25 .. 3.00 s', files[-1]):
         assert words in text
+
+
+def test_the_consistent_model_is_a_robot_and_its_urdf_predicts_the_same(
+        capsys, tmp_path, files, motion, arm):
+    noisy = motion.copy()
+    noisy[:, 5:] += np.random.default_rng(2).normal(scale=2.0, size=noisy[:, 5:].shape)
+    write_csv(tmp_path / 'log.csv', noisy)
+    urdf, model = tmp_path / 'identified.urdf', tmp_path / 'model.yaml'
+    result = figures(capsys, [*files, '--urdf-out', str(urdf), '--model-out', str(model)])
+    positive = result['positive_mass']
+    assert positive['consistent'] == positive['postures'] == 1000
+    assert np.mean(result['consistent']['test_rmse']) <= 1.02 * np.mean(result['test_rmse'])
+    theta = read_estimate(model, arm.parameters)
+    assert theta.tolist() == [result['consistent']['theta'][name] for name in arm.parameters]
+    back = UrdfArm(urdf, ['shoulder', 'elbow'])
+    for state in np.random.default_rng(3).normal(size=(10, 3, 2)):
+        np.testing.assert_allclose(back.Y(*state) @ back.nominal, arm.Y(*state) @ theta,
+                                   atol=1e-8)
+
+
+def test_standard_deviations_are_written_printed_and_hold(capsys, tmp_path, files, motion, arm):
+    noisy = motion.copy()
+    noisy[:, 5:] += np.random.default_rng(4).normal(scale=1.0, size=noisy[:, 5:].shape)
+    write_csv(tmp_path / 'log.csv', noisy)
+    result = figures(capsys, files)
+    std = np.array(list(result['theta_std'].values()))
+    error = np.abs(np.array(list(result['theta_hat'].values())) - arm.nominal)
+    assert np.all(error < 4.0 * std)
+    assert np.mean(error / std) > 0.1  # nor far too wide
+    written = yaml.safe_load((tmp_path / 'theta.yaml').read_text())
+    assert written['theta_std'] == result['theta_std']
+    assert min(result['test_coverage']) > 0.8
+    assert main([*files, '--parameters']) == 0
+    text = capsys.readouterr().out
+    for words in ('possible robot', 'how sure', '± std', 'fv_elbow'):
+        assert words in text
+
+
+def test_a_joint_that_stands_is_told_with_the_motion_that_would_help(
+        capsys, tmp_path, files, motion):
+    still = motion.copy()
+    still[:, [2, 4, 6]] = 0.0
+    write_csv(tmp_path / 'log.csv', still)
+    result = figures(capsys, files)
+    assert result['confidence']['fv_elbow'] == 'not'
+    assert result['theta_std']['fv_elbow'] is None
+    assert {'joint': 'elbow', 'kind': 'speeds', 'parameters': ['fv_elbow']} in \
+        result['helpful_motions']
+    assert main(files) == 0
+    assert 'would help      elbow at several speeds: fv_elbow' in capsys.readouterr().out
 
 
 def test_our_own_bag_of_the_closed_form_arm_needs_no_urdf(capsys, tmp_path, repository):
@@ -247,7 +298,9 @@ def test_bag_without_effort_names_the_joint(capsys, tmp_path, files):
     (['--config', 'nowhere.yaml'], "'nowhere.yaml'"),
     (['--set', 'history.siz=3'], 'history.siz'),
     (['--set', 'kh=1'], "'identifier.kh' is 1: expected a floating-point number: write 1.0"),
-    (['--output', 'no/such/folder/theta.yaml'], 'a folder that exists')])
+    (['--output', 'no/such/folder/theta.yaml'], 'a folder that exists'),
+    (['--urdf-out', 'no/such/folder/arm.urdf'], "'--urdf-out'"),
+    (['--model-out', 'no/such/folder/model.yaml'], "'--model-out'")])
 def test_bad_option_is_named(capsys, files, more, words):
     assert words in complaint(capsys, [*files, *more])
 
@@ -310,6 +363,18 @@ def test_measured_robot_is_learned_as_well_as_by_batch_least_squares(
     assert result['history_rank'] == result['columns'] == columns
     assert result['us_per_sample'] < period
     assert result['restarts'] == 0
+
+
+@pytest.mark.parametrize('robot', ROBOTS)
+def test_consistent_model_of_a_measured_robot_predicts_as_well_and_intervals_hold(
+        capsys, realdata, tmp_path, robot):
+    log, urdf, *_ = ROBOTS[robot]
+    result = figures(capsys, [str(realdata / log), '--urdf', str(realdata / urdf),
+                              '--output', str(tmp_path / 'theta.yaml')])
+    assert result['positive_mass']['theta_hat'] < 100  # why the consistent model is needed
+    assert result['positive_mass']['consistent'] == 1000
+    assert np.mean(result['consistent']['test_rmse']) <= 1.02 * np.mean(result['test_rmse'])
+    assert np.mean(result['test_coverage']) >= 0.9
 
 
 def test_bag_of_the_ur10_gives_the_same_as_its_csv(capsys, realdata, repository, tmp_path):

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How sure θ̂ and the torques that it predicts are.
+
+With recorded pairs (Y_a, τ_a), Q = Σ Y_aᵀ Y_a and residuals e of variance s_j² in joint j that are
+alike for a time T_j, E[e_aj e_bj] = s_j² exp(−|t_a − t_b| / T_j), least squares has the covariance
+
+    C = Q⁻¹ [Σ_j s_j² Y_jᵀ K_j Y_j] Q⁻¹,     (K_j)_ab = exp(−|t_a − t_b| / T_j)
+
+(generalised least squares' sandwich; Gautier and Khalil's σ² Q⁻¹ is the case T = 0). A predicted
+torque Y θ̂ differs from the measured one by Y (θ̂ − θ) and by what the model does not explain. The
+latter is larger than the residuals of pairs that θ̂ was fitted to: it is taken from blocks of time
+that were left out in turn.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.identification.determination import WEAKEST
+from adaptive_blf_control.identification.history import History
+from adaptive_blf_control.identification.residuals import Residuals
+
+__all__ = ['LEVEL', 'NORMAL', 'Uncertainty', 'estimate_uncertainty', 'uncertainty']
+
+LEVEL = 0.95
+"""Probability with which an interval is to hold."""
+NORMAL = 1.959963984540054
+"""Half width of the interval of probability `LEVEL` in standard deviations."""
+_BLOCKS = 5
+_ROUNDING = 1e-6
+_FREEDOM = 0.1  # least part of the equations that is taken not to have been fitted
+
+
+class Uncertainty(NamedTuple):
+    """How sure an estimate from recorded pairs is.
+
+    Attributes:
+        covariance: C along the directions that the pairs determine, shape (m, m).
+        open: Directions that they do not, as columns, shape (m, k).
+        residual: s_j, shape (n,) [N·m].
+        unexplained: RMS residual on blocks that were left out, at least s_j, shape (n,) [N·m].
+        alike: How many pairs count as one: by how much the correlation of the residuals raises
+            the variance that each joint's equations leave, averaged over what they determine
+            (Kish's design effect), shape (n,).
+        condition: Ratio of the largest to the smallest singular value of the stacked regressors
+            with columns of length one; infinity where directions are open.
+    """
+
+    covariance: np.ndarray
+    open: np.ndarray
+    residual: np.ndarray
+    unexplained: np.ndarray
+    alike: np.ndarray
+    condition: float
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviation of each parameter, infinity where it is open, shape (m,)."""
+        result = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        result[np.linalg.norm(self.open, axis=1) > 0.0] = np.inf
+        return result
+
+    def half_width(self, regressor: np.ndarray, *, measured: bool = True) -> np.ndarray:
+        """Return the half width of the 95 % interval of a predicted torque.
+
+        Args:
+            regressor: Y or Y_f, shape (..., n, m).
+            measured: Whether it is to cover the measured torque; else that of the best model,
+                Y θ* alone.
+
+        Returns:
+            Shape (..., n) [N·m]; infinity where the regressor has a part that is open.
+        """
+        variance = np.sum((regressor @ self.covariance) * regressor, axis=-1)
+        if measured:
+            variance = variance + self.unexplained ** 2
+        result = NORMAL * np.sqrt(np.maximum(variance, 0.0))
+        along, most = np.abs(regressor @ self.open), np.abs(regressor) @ np.abs(self.open)
+        return np.where((along > _ROUNDING * most).any(axis=-1), np.inf, result)
+
+
+def estimate_uncertainty(stack: History, residuals: Residuals) -> Uncertainty | None:
+    """Judge what a history stack determines; None while it is empty."""
+    count = stack.count
+    if count == 0:
+        return None
+    return uncertainty(stack.regressors[:count], stack.torques[:count], residuals.times(stack),
+                       residuals.correlation_time)
+
+
+def uncertainty(regressors: np.ndarray, torques: np.ndarray, times: np.ndarray,
+                correlation_time: np.ndarray) -> Uncertainty:
+    """Judge the least-squares estimate of recorded pairs.
+
+    Args:
+        regressors: Y_f, shape (P, n, m), P ≥ 1.
+        torques: τ_f, shape (P, n) [N·m].
+        times: When each pair was taken, shape (P,) [s]; NaN where that is not known.
+        correlation_time: T_j, shape (n,) [s].
+    """
+    order = np.argsort(times, kind='stable')  # NaN last
+    regressors, torques, times = regressors[order], torques[order], times[order]
+    inverse, open_, condition = _inverse(_gram(regressors))
+    theta = inverse @ np.tensordot(torques, regressors, axes=2)
+    residuals = torques - regressors @ theta
+    freedom = max(1.0 - regressors.shape[2] / torques.size, _FREEDOM)
+    variance = np.mean(residuals ** 2, axis=0) / freedom
+    decay = _decay(times, correlation_time)
+    spread = _correlated_sum(regressors, decay)
+    meat = np.einsum('pjm,j,pjk->mk', regressors, variance, spread, optimize=True)
+    leverage = regressors @ inverse
+    alike = np.einsum('pjm,pjm->j', leverage, spread) / np.maximum(
+        np.einsum('pjm,pjm->j', leverage, regressors), 1e-300)
+    weights = 1.0 / np.sqrt(np.maximum(variance * alike, 1e-300))
+    left_out = _left_out(regressors, residuals, times, weights, float(correlation_time.max()))
+    return Uncertainty(inverse @ meat @ inverse, open_, np.sqrt(variance),
+                       np.maximum(left_out, np.sqrt(variance)), alike, condition)
+
+
+def _gram(regressors: np.ndarray) -> np.ndarray:
+    stacked = regressors.reshape(-1, regressors.shape[2])
+    return stacked.T @ stacked
+
+
+def _inverse(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the inverse of Q where it has one, the directions where not, and the condition.
+
+    Q is scaled to a unit diagonal first, as in `undetermined`.
+    """
+    scale = np.sqrt(np.diag(gram))
+    shown = scale > 0.0
+    scale = np.where(shown, scale, 1.0)
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    known = values > WEAKEST * max(float(values[-1]), 1e-300)
+    vectors = vectors / scale[:, None]
+    open_ = vectors[:, ~known]
+    largest = np.abs(open_).max(axis=0, initial=0.0)
+    open_[np.abs(open_) < 1e-3 * largest] = 0.0  # rounding
+    inverse = (vectors[:, known] / values[known]) @ vectors[:, known].T
+    condition = float(np.sqrt(values[-1] / values[0])) if known.all() else np.inf
+    return inverse, open_, condition
+
+
+def _decay(times: np.ndarray, correlation_time: np.ndarray) -> np.ndarray:
+    """Return exp(−Δt / T_j) between neighbours in time, shape (P − 1, n); 0 where unknown."""
+    steps = np.diff(times)[:, None] / correlation_time
+    return np.exp(-np.where(np.isnan(steps), np.inf, steps))
+
+
+def _correlated_sum(rows: np.ndarray, decay: np.ndarray) -> np.ndarray:
+    """Return K_j times the rows of each joint, (P, n, k) → (P, n, k), without forming K_j.
+
+    An exponential kernel is a recursion from neighbour to neighbour, once in each direction.
+    """
+    result = rows.copy()
+    carried = np.zeros_like(rows[0])
+    for a in range(1, len(rows)):
+        carried = decay[a - 1][:, None] * (carried + rows[a - 1])
+        result[a] += carried
+    carried = np.zeros_like(rows[0])
+    for a in reversed(range(len(rows) - 1)):
+        carried = decay[a][:, None] * (carried + rows[a + 1])
+        result[a] += carried
+    return result
+
+
+def _left_out(regressors: np.ndarray, residuals: np.ndarray, times: np.ndarray,
+              weights: np.ndarray, gap: float) -> np.ndarray:
+    """Return the RMS residual on blocks of time that are left out in turn, shape (n,) [N·m].
+
+    Pairs within ``gap`` [s] of a block are left out with it. What the rest does not determine
+    stays as all pairs together say.
+
+    Args:
+        regressors: In the order of time, shape (P, n, m).
+        residuals: τ_f − Y_f θ of the estimate from all of them, shape (P, n) [N·m].
+        times: Shape (P,) [s].
+        weights: Of the joints' equations, shape (n,) [1/(N·m)].
+        gap: See above.
+    """
+    count = len(times)
+    if count < 2 * _BLOCKS or np.isnan(times).any():
+        return np.zeros(residuals.shape[1])
+    square = np.zeros(residuals.shape[1])
+    rows, errors = regressors * weights[:, None], residuals * weights
+    for block in np.array_split(np.arange(count), _BLOCKS):
+        rest = (times < times[block[0]] - gap) | (times > times[block[-1]] + gap)
+        inverse, _, _ = _inverse(_gram(rows[rest]))
+        change = inverse @ np.tensordot(errors[rest], rows[rest], axes=2)
+        square += np.sum((residuals[block] - regressors[block] @ change) ** 2, axis=0)
+    result: np.ndarray = np.sqrt(square / count)
+    return result
