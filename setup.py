@@ -29,7 +29,8 @@ setup(
     ],
     python_requires='>=3.10',
     # rclpy and common_interfaces come from the ROS installation, or from the extra `ros`.
-    install_requires=['numpy>=1.26', 'mcap>=1.5', 'PyYAML>=6.0'],
+    # mcap brings the decompressors; named because compressed bags need them, too.
+    install_requires=['numpy>=1.26', 'mcap>=1.5', 'zstandard', 'lz4', 'PyYAML>=6.0'],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]>=7.1', 'ros-jazzy-common-interfaces>=5.3'],
         'urdf': ['pin>=3.3'],

@@ -4,8 +4,8 @@
 What a program needs is imported from here, when it is first used; `dir` lists it:
 
     arms         load_arm, TwoLinkArm, ThreeLinkArm, UrdfArm, inverse_dynamics
-    learning     Identifier with IdentifierSettings; identify (an Identification), read_log (a
-                 MeasuredLog)
+    learning     Identifier with IdentifierSettings; identify (an Identification) with
+                 LogOptions, read_log (a MeasuredLog)
     control      Controller with ControllerSettings; SumOfSinusoids
     simulation   simulate (a Simulation), ClosedLoop
     bags         read_bag
@@ -79,6 +79,7 @@ if TYPE_CHECKING:
         Identification as Identification,
         identify as identify,
     )
+    from adaptive_blf_control.runs.log_options import LogOptions as LogOptions
     from adaptive_blf_control.runs.simulation import simulate as simulate, Simulation as Simulation
     from adaptive_blf_control.simulation.closed_loop import ClosedLoop as ClosedLoop
     from adaptive_blf_control.simulation.plant import Plant as Plant
@@ -110,6 +111,7 @@ _NAMES = {
     'identification.state_filter': ('StateFilter',),
     'identification.update_laws': ('Evidence', 'UpdateLaw'),
     'runs.identification': ('Identification', 'identify'),
+    'runs.log_options': ('LogOptions',),
     'runs.simulation': ('Simulation', 'simulate'),
     'simulation.closed_loop': ('ClosedLoop',),
     'simulation.plant': ('Plant',),

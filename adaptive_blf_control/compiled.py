@@ -16,15 +16,17 @@ import numpy as np
 
 from adaptive_blf_control.machine_code import cache_folder
 
-__all__ = ['ByType', 'COMPILED', 'all_finite', 'before_each_compilation', 'by_type', 'jit',
-           'uncompiled']
+__all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation', 'borrowed',
+           'by_type', 'handle', 'inlined', 'jit', 'jit_without_gil', 'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 try:
     import numba
-    from numba.core import event as numba_event
-    from numba.extending import overload
+    from numba.core import event as numba_event, sigutils
+    from numba.core.caching import FunctionCache
+    from numba.experimental import structref
+    from numba.extending import intrinsic, overload
     import scipy.linalg  # noqa: F401 (numba's np.linalg is scipy's LAPACK)
     COMPILED: bool = not numba.config.DISABLE_JIT
 except ImportError:  # plain numpy is the documented fallback
@@ -32,18 +34,105 @@ except ImportError:  # plain numpy is the documented fallback
     COMPILED = False
 
 
+def _is_ours(kind: Any) -> bool:
+    """Return whether a numba type is made of types that every process of this package knows."""
+    named = getattr(kind, 'instance_class', None)
+    if named is not None and not named.__module__.startswith('adaptive_blf_control.'):
+        return False
+    fields = getattr(kind, 'types', None) or getattr(kind, 'field_dict', {}).values()
+    return all(map(_is_ours, fields))
+
+
+if COMPILED:
+    class _CacheOfOurTypes(FunctionCache):  # type: ignore[misc]
+        """Keeps no machine code for types of a user's program.
+
+        numba's index of a function names all types that it was compiled for, and cannot be read
+        by a program that does not know one of them.
+        """
+
+        def save_overload(self, sig: Any, data: Any) -> None:
+            """Keep what was compiled for a signature."""
+            arguments, _ = sigutils.normalize_signature(sig)
+            if all(map(_is_ours, arguments)):
+                super().save_overload(sig, data)
+
+
 def jit(function: Function) -> Function:
     """Compile a module-level function; the machine code is cached on disk."""
+    return _compiled(function)
+
+
+def jit_without_gil(function: Function) -> Function:
+    """Compile as `jit`; other threads of Python run while the function does.
+
+    For what takes long: where a call is short, giving the interpreter away costs more.
+    """
+    return _compiled(function, nogil=True)
+
+
+def _compiled(function: Function, **options: bool) -> Function:
     if numba is None:
         return function
     folder = cache_folder(function.__module__) if COMPILED else ''
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = folder or before
     try:
-        compiled = numba.njit(cache=bool(folder), error_model='numpy')(function)
+        compiled = numba.njit(cache=bool(folder), error_model='numpy', **options)(function)
+        if folder:
+            compiled._cache = _CacheOfOurTypes(function)
     finally:
         numba.config.CACHE_DIR = before
     return compiled  # type: ignore[no-any-return]
+
+
+def inlined(function: Function) -> Function:
+    """Compile a module-level function as a part of each compiled one that calls it, never alone.
+
+    For what takes long to compile and has few callers: on its own it would be optimised twice.
+    """
+    if numba is None:
+        return function
+    compiled = numba.njit(inline='always', error_model='numpy')(function)
+    return compiled  # type: ignore[no-any-return]
+
+
+def borrowed(value: Any) -> Any:
+    """Return ``value``; in a compiled function, without counting the owners of its arrays.
+
+    numba counts the owners of an array each time one is taken out of a tuple and when it is no
+    longer used, with atomic operations: with tuples of many arrays that takes most of the time.
+    ``pairs = borrowed(pairs)`` at the begin of a function lets numba see that nothing of this
+    argument is to be counted. The caller keeps it alive; nothing of it may be returned to Python.
+    """
+    return value
+
+
+if COMPILED:
+    @overload(borrowed, strict=False)
+    def _borrowed(value: Any) -> Callable[..., Any]:
+        return lambda value: _ownerless(value)
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def _ownerless(typing: Any, value: Any) -> tuple[Any, Callable[..., Any]]:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return _without_owner(context, builder, signature.args[0], arguments[0])
+
+        return value(value), generate
+
+    def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+        if isinstance(kind, numba.types.Array):
+            array = context.make_array(kind)(context, builder, value)
+            array.meminfo = context.get_constant_null(numba.types.MemInfoPointer(kind.dtype))
+            array.parent = context.get_constant_null(numba.types.pyobject)
+            return array._getvalue()
+        if isinstance(kind, numba.types.BaseTuple):
+            for place, inner in enumerate(kind):
+                part = _without_owner(context, builder, inner, builder.extract_value(value, place))
+                value = builder.insert_value(value, part, place)
+            return value
+        context.nrt.incref(builder, kind, value)  # what else has owners, a random generator
+        return value
 
 
 class ByType(Protocol):
@@ -91,6 +180,38 @@ def by_type(function: Callable[..., Any]) -> ByType:
             return getattr(chosen, 'py_func', None)
     result: ByType = generic
     return result
+
+
+class Handle:
+    """A NamedTuple that compiled functions get as one argument; ``value`` is it there.
+
+    Each array in an argument costs a call from Python 0.2 µs, whether it is used or not.
+    """
+
+    def __init__(self, value: Any) -> None:
+        """Take the NamedTuple."""
+        self.value = value
+
+
+if COMPILED:
+    @structref.register
+    class _HandleType(numba.types.StructRef):  # type: ignore[misc]
+        def preprocess_fields(self, fields: Any) -> Any:
+            return tuple((name, numba.types.unliteral(kind)) for name, kind in fields)
+
+    class _CompiledHandle(structref.StructRefProxy):  # type: ignore[misc]
+        pass
+
+    structref.define_proxy(_CompiledHandle, _HandleType, ['value'])
+
+    @jit
+    def _new_handle(value: Any) -> Any:
+        return _CompiledHandle(value)
+
+
+def handle(value: Any) -> Any:
+    """Return a `Handle` of a NamedTuple: its arrays are shared, its scalars are those of now."""
+    return _new_handle(value) if COMPILED else Handle(value)
 
 
 def uncompiled(function: Function) -> Function:

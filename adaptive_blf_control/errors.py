@@ -6,9 +6,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 import difflib
 
-__all__ = ['ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra', 'ParameterError',
-           'SetViolation', 'UnknownParameter']
+__all__ = ['GIT_LFS_POINTER', 'ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra',
+           'ParameterError', 'SetViolation', 'UnknownParameter']
 
+# How the file begins that Git leaves in place of a large one that was not fetched.
+GIT_LFS_POINTER = b'version https://git-lfs'
 _LONGEST = 400  # characters of a value in a message
 
 

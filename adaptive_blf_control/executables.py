@@ -18,6 +18,7 @@ NODES: dict[str, str] = {
 
 TOOLS: dict[str, str] = {
     'demo': "the four nodes as separate processes on the paper's two-link task",
+    'configure': 'a parameter file for any URDF arm, with the reason of each gain',
     'simulate': 'the closed loop of a scenario without ROS, as fast as it runs',
     'campaign': 'thousands of runs of a scenario with parameters that vary',
     'identify': 'learn the parameters of a measured robot from its log',
@@ -26,6 +27,7 @@ TOOLS: dict[str, str] = {
     'report': 'an HTML page, or figures for a paper, from bags alone',
     'precompile': 'compile the laws for this machine, so that no first run has to',
     'parameters': 'the parameter tables of the nodes as Markdown',
+    'topics': 'the topics of the nodes as Markdown, or as an SROS 2 policy',
 }
 """Command line tools: name to one line of help. Module: ``adaptive_blf_control.tools.<name>``."""
 

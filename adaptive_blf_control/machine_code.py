@@ -25,6 +25,8 @@ PACKAGE = Path(__file__).parent
 ROOMS = ('arms', 'control', 'identification', 'limits', 'simulation')
 
 _IMPORT = re.compile(r'^\s*from adaptive_blf_control\.?(\S*) import (\(?)([^#\n(]*)', re.MULTILINE)
+_BY_TYPE = re.compile(r'^@by_type\ndef (\w+)', re.MULTILINE)
+_REGISTERED = re.compile(r'(\w+)\.register\(')
 
 
 def cache_folder(module: str) -> str:
@@ -99,9 +101,9 @@ def _reached(start: Iterable[Path]) -> set[Path]:
             continue
         reached.add(source)
         ahead += _imports(source)
-        if '@by_type' in _text(source):
-            ahead += [other for other in _all_sources()
-                      if '.register(' in _text(other) and source in _imports(other)]
+        by_type = set(_BY_TYPE.findall(_text(source)))
+        ahead += [other for other in _all_sources() if by_type and source in _imports(other)
+                  and by_type & set(_REGISTERED.findall(_text(other)))]
     return reached
 
 

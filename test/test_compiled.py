@@ -17,10 +17,11 @@ from adaptive_blf_control.compiled import (
     before_each_compilation,
     by_type,
     COMPILED,
+    handle,
     jit,
 )
 from adaptive_blf_control.control import barrier, law, reference
-from adaptive_blf_control.identification import history_stack, torque_filter, update_law
+from adaptive_blf_control.identification import pair_selection, torque_filter
 from nested_suite import run_tests
 
 N, M = 2, 5
@@ -36,9 +37,8 @@ def matrix() -> np.ndarray:
 
 
 B = np.full(N, 0.2)
+WEIGHT = np.array([0.5, 2.0])
 STATE = (vector(), vector())
-PAIRS = RANDOM.normal(size=(7, N, M))
-GRAM = np.einsum('pni,pnj->ij', PAIRS, PAIRS)
 THETA = np.array([3.473, 0.196, 0.242, 5.3, 1.1])
 
 CASES = {
@@ -49,22 +49,20 @@ CASES = {
     two_link.two_link_acceleration: (*STATE, vector(10.0), THETA),
     barrier.active_bound: (vector(), -B, B),
     barrier.interior: (vector(), B),
-    barrier.barrier: (vector(0.05), B),
-    barrier.barrier_gradient: (vector(0.05), B),
+    barrier.barrier: (vector(0.05), B, WEIGHT),
+    barrier.barrier_gradient: (vector(0.05), B, WEIGHT),
     law.stabilising_function: (vector(0.05), vector(), vector(), vector(), B, np.full(N, 40.0)),
-    law.per_joint_coupling: (vector(0.05), vector(), B),
-    law.pseudoinverse_coupling: (vector(0.05), vector(), B),
-    law.torque: (matrix(), THETA, np.full(N, 30.0), vector(0.05), vector(), B, True),
+    law.per_joint_coupling: (vector(0.05), vector(), B, WEIGHT),
+    law.pseudoinverse_coupling: (vector(0.05), vector(), B, WEIGHT),
+    law.torque: (matrix(), THETA, np.full(N, 30.0), vector(0.05), vector(), B,
+                 WEIGHT, True),
     law.limited: (np.array([np.nan, -5.0]), np.ones(N)),
     law.errors: (vector(), vector(), vector(), vector(), vector(), -B, B, np.full(N, 40.0)),
     reference._sinusoids: (0.7, vector(), matrix(), matrix(), matrix()),
     reference._blend: (0.7, 2.0, *(vector() for _ in range(6))),
     torque_filter.filter_step: (1e-3, 0.4, matrix(), vector(), matrix(), matrix(), matrix(),
                                 matrix(), vector()),
-    update_law.implicit_step: (THETA, 1e-3, np.ones(M), 10.0, 5.0, matrix(), vector(), GRAM,
-                               RANDOM.normal(size=M), RANDOM.normal(size=M)),
-    history_stack.is_different: (matrix(), matrix(), 0.1),
-    history_stack.squared_projections: (PAIRS, RANDOM.normal(size=M)),
+    pair_selection.is_different: (matrix(), matrix(), 0.1),
     all_finite: (vector(),),
 }
 
@@ -80,17 +78,34 @@ def test_a_compiled_function_equals_its_python(function):
         np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-13)
 
 
+LEARNING = """
+import numpy as np
+from adaptive_blf_control.compiled import COMPILED
+from adaptive_blf_control.identification.history_stack import HistoryStack
+from adaptive_blf_control.identification.update_law import advance, kept_history
+n, m = 2, 17
+random, stack, kept = np.random.default_rng(4), HistoryStack(n, m, 12, 0.1), kept_history(n, m)
+theta, gamma, slots = np.zeros(m), random.uniform(0.5, 2.0, m), []
+for _ in range(90):
+    pair = random.normal(size=(n, m)), random.normal(size=n)
+    slots.append(stack.offer(*pair))
+    advance(kept, theta, 1e-3, gamma, 10.0, 100.0, *pair, stack.gram, stack.moment, theta)
+stack.resize(10)
+slots += [stack.offer(*pair) for _ in range(3)]
+assert stack.rank == m and stack.insertions > 20
+print(COMPILED, slots, stack.sigma_min.hex(), theta.tobytes().hex(), stack.gram.tobytes().hex())
+"""
+
+
 @pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
-def test_the_pruned_search_finds_the_same_slot_compiled_and_in_python():
-    search = history_stack.best_replacement
-    values, vectors = np.linalg.eigh(GRAM)
-    for _ in range(50):
-        candidate = 1.5 * matrix()
-        bounds = (values[0] + np.sum((candidate @ vectors[:, 0]) ** 2)
-                  - history_stack.squared_projections(PAIRS, np.ascontiguousarray(vectors[:, 0])))
-        slots = {function(candidate, PAIRS, GRAM, values[0], bounds.copy())
-                 for function in (search, search.py_func)}
-        assert len(slots) == 1
+def test_history_and_update_give_the_same_bits_compiled_and_in_python():
+    printed = [subprocess.run([sys.executable, '-c', LEARNING], check=True, capture_output=True,
+                              text=True, env={**os.environ, 'NUMBA_DISABLE_JIT': switch,
+                                              'PYTHONPATH': os.pathsep.join(sys.path)}).stdout
+               for switch in '01']
+    compiled, plain = (text.partition(' ') for text in printed)
+    assert (compiled[0], plain[0]) == ('True', 'False')
+    assert compiled[2] == plain[2]
 
 
 @pytest.mark.parametrize(('values', 'expected'), [
@@ -225,3 +240,21 @@ def test_a_second_process_compiles_no_integrator():
                            text=True, env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
             for _ in range(2)]
     assert runs[-1].stdout == ''
+
+
+class Counter(NamedTuple):
+    count: np.ndarray
+    step: float
+
+
+@jit
+def _count(counter) -> float:
+    counter.value.count[0] += counter.value.step
+    return counter.value.count[0]
+
+
+def test_a_handle_shares_the_arrays_of_its_tuple_with_compiled_functions():
+    counter = Counter(np.zeros(1), 2.0)
+    held = handle(counter)
+    assert [_count(held) for _ in range(3)] == [2.0, 4.0, 6.0]
+    assert counter.count[0] == 6.0

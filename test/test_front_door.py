@@ -44,7 +44,7 @@ LEARN = """
 import adaptive_blf_control as blf
 arm = blf.TwoLinkArm()
 identifier = blf.Identifier(arm)
-identifier.learn([0.0, 0.1], [[0.0, 0.0]] * 2, [[0.0, 0.0]] * 2, [[0.0, 0.0]] * 2)
+identifier.learn([0.0, 0.01], [[0.0, 0.0]] * 2, [[0.0, 0.0]] * 2, [[0.0, 0.0]] * 2)
 output = blf.Controller(arm).update(0.0, [0.0, 0.0], [0.0, 0.0], identifier.theta)
 """
 
@@ -323,7 +323,8 @@ def test_an_identification_tells_names_and_predicts_what_it_never_saw():
 
 
 @pytest.mark.parametrize(('given', 'name'), [
-    ({'train': (0.0, 9.0)}, 'train'), ({'train': (0.2,)}, 'train'),
+    ({'train': (8.0, 9.0)}, 'train'), ({'train': (0.0, 9.0)}, 'test'),
+    ({'train': (0.2,)}, 'train'),
     ({'test': [None, 0.1]}, 'test'), ({'train': 'early'}, 'train')])
 def test_a_span_that_cannot_be_used_is_named(given, name):
     t, q, qd, tau = _motion(1000)

@@ -78,3 +78,34 @@ def test_what_a_read_only_installation_compiled_is_used(tmp_path, monkeypatch):
     chosen = Path(machine_code.cache_folder(name))
     assert chosen.is_relative_to(user)
     assert (chosen / 'law.nbi').read_bytes() == b'compiled'
+
+
+FOREIGN = """
+import sys
+from typing import NamedTuple
+import numpy as np
+from adaptive_blf_control.compiled import before_each_compilation, handle
+
+class Mine(NamedTuple):
+    q: np.ndarray
+
+with before_each_compilation(lambda: print('compiled')):
+    handle(Mine(np.zeros(2)))
+"""
+
+
+def test_types_of_a_program_leave_no_machine_code_that_others_cannot_read(tmp_path):
+    # numba's index of a function names every type that it was compiled for.
+    numba = pytest.importorskip('numba')
+    if numba.config.DISABLE_JIT:
+        pytest.skip('numba is switched off')
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(map(str, [tmp_path, *sys.path]))}
+    (tmp_path / 'my_arm.py').write_text(FOREIGN)
+    first = subprocess.run([sys.executable, '-c', 'import my_arm'], env=environment, check=True,
+                           capture_output=True, text=True)
+    assert 'compiled' in first.stdout
+    (tmp_path / 'my_arm.py').unlink()
+    ours = ('from adaptive_blf_control.compiled import handle\n'
+            'from adaptive_blf_control.arms.two_link import TwoLinkArm\n'
+            'handle(TwoLinkArm().arrays)')
+    subprocess.run([sys.executable, '-c', ours], env=environment, check=True)

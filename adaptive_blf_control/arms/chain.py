@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.spatial import cross
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 
 __all__ = ['Chain', 'chain_of_model', 'placements', 'subtree_ends']
 
@@ -85,6 +85,7 @@ def placements(chain: Chain, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         [R p] of each body's frame in the world, shape (n + 1, 3, 4), and the axis of each joint
         as the twist (v, ω) of unit speed about the world's origin, shape (n, 6).
     """
+    chain = borrowed(chain)
     n = chain.parent.size
     frames, axes = np.zeros((n + 1, 3, 4)), np.zeros((n, 6))
     frames[0, 0, 0] = frames[0, 1, 1] = frames[0, 2, 2] = 1.0

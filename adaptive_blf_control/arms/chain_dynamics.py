@@ -21,7 +21,7 @@ from adaptive_blf_control.arms.spatial import (
     world_inertia,
     wrench_product,
 )
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 
 __all__ = ['chain_acceleration', 'chain_mass', 'ChainInertias']
 
@@ -57,6 +57,7 @@ def chain_acceleration(arm: ChainInertias, q: np.ndarray, qd: np.ndarray,
         qd: Joint velocities, shape (n,) [rad/s or m/s].
         tau: Joint torques, shape (n,) [N·m or N].
     """
+    arm = borrowed(arm)
     chain = arm.chain
     n = chain.parent.size
     frames, axes = placements(chain, q)
@@ -77,6 +78,7 @@ acceleration.register(ChainInertias, chain_acceleration)
 @jit
 def chain_mass(arm: ChainInertias, q: np.ndarray) -> np.ndarray:
     """M(q) in the user's order, shape (n, n) [kg·m², kg·m, kg]."""
+    arm = borrowed(arm)
     chain = arm.chain
     n = chain.parent.size
     frames, axes = placements(chain, q)
@@ -92,6 +94,7 @@ def chain_mass(arm: ChainInertias, q: np.ndarray) -> np.ndarray:
 @jit
 def _bodies(arm: ChainInertias, frames: np.ndarray) -> np.ndarray:
     """Pseudo-inertias in world axes about the world's origin, row 0 empty, (n + 1, 4, 4)."""
+    arm = borrowed(arm)
     bodies = np.zeros((frames.shape[0], 4, 4))
     for i in range(arm.inertia.shape[0]):
         world_inertia(bodies[i + 1], frames[i + 1], arm.inertia[i])
@@ -101,6 +104,7 @@ def _bodies(arm: ChainInertias, frames: np.ndarray) -> np.ndarray:
 @jit
 def _drive(arm: ChainInertias, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
     """Torque less friction, in the chain's order, shape (n,)."""
+    arm = borrowed(arm)
     n = qd.size
     drive = np.empty(n)
     for i in range(n):
@@ -116,6 +120,7 @@ def _drive(arm: ChainInertias, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
 def _take_away_bias(drive: np.ndarray, chain: Chain, axes: np.ndarray, bodies: np.ndarray,
                     qd: np.ndarray) -> None:
     """Subtract C q̇ + G: Newton-Euler with q̈ = 0, f_i = I A_i + V_i ×* I V_i."""
+    chain = borrowed(chain)
     n = chain.parent.size
     twists, rates = np.zeros((n + 1, 6)), np.zeros((n + 1, 6))
     wrenches, own = np.zeros((n + 1, 6)), np.empty(6)
@@ -143,6 +148,7 @@ def _composite_mass(arm: ChainInertias, axes: np.ndarray, bodies: np.ndarray) ->
     M_ij = J_jᵀ I_i J_i for a joint j that carries joint i, I_i the inertia of all that joint i
     moves; ``bodies`` is summed up to these. Rotors add to the diagonal.
     """
+    arm = borrowed(arm)
     chain = arm.chain
     n = chain.parent.size
     mass, own = np.zeros((n, n)), np.empty(6)

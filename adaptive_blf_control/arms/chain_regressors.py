@@ -18,7 +18,7 @@ from adaptive_blf_control.arms.chain import Chain, placements, subtree_ends
 from adaptive_blf_control.arms.joint_friction import JointFriction
 from adaptive_blf_control.arms.regressors import law_regressor, regressors
 from adaptive_blf_control.arms.spatial import cross, motion_product
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 
 __all__ = ['chain_parameters', 'chain_X', 'chain_Y12', 'ChainParameters']
 
@@ -83,6 +83,7 @@ def chain_Y12(arm: ChainParameters, q: np.ndarray,
         q: Joint positions in the user's order, shape (n,) [rad or m].
         qd: Joint velocities, shape (n,) [rad/s or m/s].
     """
+    arm = borrowed(arm)
     chain = arm.chain
     n = chain.parent.size
     frames, axes = placements(chain, q)
@@ -124,6 +125,7 @@ def chain_X(arm: ChainParameters, q: np.ndarray, qd: np.ndarray, alpha: np.ndarr
         alpha: Shape (n,) [rad/s or m/s].
         alpha_dot: Shape (n,) [rad/s² or m/s²].
     """
+    arm = borrowed(arm)
     chain = arm.chain
     n = chain.parent.size
     frames, axes = placements(chain, q)
@@ -219,6 +221,7 @@ def _add_half_product(out: np.ndarray, twist: np.ndarray, columns: np.ndarray) -
 @jit
 def _keep(out: np.ndarray, arm: ChainParameters, i: int, block: np.ndarray) -> None:
     """Write the base columns among a body's ten columns, (6, 10) → (6, b)."""
+    arm = borrowed(arm)
     for c in range(arm.first[i], arm.first[i + 1]):
         for r in range(6):
             out[r, c] = block[r, arm.kind[c]]
@@ -235,6 +238,7 @@ def _project(out: np.ndarray, arm: ChainParameters, axes: np.ndarray,
         axes: Twist per joint, shape (n, 6).
         wrenches: Per base column, shape (6, b).
     """
+    arm = borrowed(arm)
     for i in range(axes.shape[0]):
         row = out[arm.chain.place[i]]
         a0, a1, a2 = axes[i, 0], axes[i, 1], axes[i, 2]
@@ -247,6 +251,7 @@ def _project(out: np.ndarray, arm: ChainParameters, axes: np.ndarray,
 @jit
 def _rotor_columns(out: np.ndarray, arm: ChainParameters, rate: np.ndarray) -> None:
     """Write the columns of diag(Ia) q̇ or diag(Ia) α̇."""
+    arm = borrowed(arm)
     for j in range(rate.size):
         if arm.rotor[j] >= 0:
             out[j, arm.rotor[j]] = rate[j]
@@ -255,6 +260,7 @@ def _rotor_columns(out: np.ndarray, arm: ChainParameters, rate: np.ndarray) -> N
 @jit
 def _friction_columns(out: np.ndarray, arm: ChainParameters, qd: np.ndarray) -> None:
     """Write the columns of diag(fv) q̇ + diag(fc + fs √|q̇|) tanh(q̇/v_s) + f0."""
+    arm = borrowed(arm)
     viscous, coulomb, offset, root = (arm.friction[0], arm.friction[1], arm.friction[2],
                                       arm.friction[3])
     for j in range(qd.size):

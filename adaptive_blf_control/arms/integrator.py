@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.arrays import are_vectors, checked_count, checked_number, checked_vectors
-from adaptive_blf_control.compiled import by_type, jit
+from adaptive_blf_control.compiled import borrowed, by_type, jit
 
 __all__ = ['acceleration', 'advance', 'CompiledDynamics']
 
@@ -48,18 +48,32 @@ def advance(arm: Any, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
     Returns:
         Positions and velocities after ``dt``.
     """
+    arm = borrowed(arm)
     h = dt / substeps
+    q, qd = q.copy(), qd.copy()
+    stages = np.empty((4, q.size))
+    at, v2, v3, v4 = stages[0], stages[1], stages[2], stages[3]
     for _ in range(substeps):
         a1 = acceleration(arm, q, qd, tau)
-        v2 = qd + 0.5 * h * a1
-        a2 = acceleration(arm, q + 0.5 * h * qd, v2, tau)
-        v3 = qd + 0.5 * h * a2
-        a3 = acceleration(arm, q + 0.5 * h * v2, v3, tau)
-        v4 = qd + h * a3
-        a4 = acceleration(arm, q + h * v3, v4, tau)
-        q = q + h / 6.0 * (qd + 2.0 * v2 + 2.0 * v3 + v4)
-        qd = qd + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+        _stage(at, v2, q, qd, qd, a1, 0.5 * h)
+        a2 = acceleration(arm, at, v2, tau)
+        _stage(at, v3, q, qd, v2, a2, 0.5 * h)
+        a3 = acceleration(arm, at, v3, tau)
+        _stage(at, v4, q, qd, v3, a3, h)
+        a4 = acceleration(arm, at, v4, tau)
+        for i in range(q.size):
+            q[i] += h / 6.0 * (qd[i] + 2.0 * v2[i] + 2.0 * v3[i] + v4[i])
+            qd[i] += h / 6.0 * (a1[i] + 2.0 * a2[i] + 2.0 * a3[i] + a4[i])
     return q, qd
+
+
+@jit
+def _stage(position: np.ndarray, velocity: np.ndarray, q: np.ndarray, qd: np.ndarray,
+           slope: np.ndarray, acceleration: np.ndarray, h: float) -> None:
+    """Write the state ``h`` [s] from (q, q̇) on along a slope (q̇, q̈)."""
+    for i in range(q.size):
+        position[i] = q[i] + h * slope[i]
+        velocity[i] = qd[i] + h * acceleration[i]
 
 
 class CompiledDynamics:

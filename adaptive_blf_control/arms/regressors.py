@@ -17,13 +17,14 @@ An arm without ``arrays`` is asked for its regressors in Python, one sample at a
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.compiled import by_type
 
-__all__ = ['arrays_of', 'law_regressor', 'regressors']
+__all__ = ['ArmInPython', 'arrays_of', 'law_regressor', 'regressors']
 
 _METHODS = ('X', 'Y1', 'Y12', 'Y2')
 
@@ -39,6 +40,20 @@ def law_regressor(arm: Any, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
                   alpha_dot: np.ndarray) -> np.ndarray:
     """X of (35), shape (n, m): see `Arm.X`."""
     raise TypeError(f'no regressors are registered for {type(arm).__name__}')
+
+
+class ArmInPython(NamedTuple):
+    """An arm that only its methods know, for the functions of this module uncompiled."""
+
+    arm: Arm
+
+
+def _regressors_in_python(arm: ArmInPython, q: np.ndarray,
+                          qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return arm.arm.Y12(q, qd)
+
+
+regressors.register(ArmInPython, _regressors_in_python)
 
 
 def arrays_of(arm: Any) -> Any:

@@ -4,18 +4,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import math
 import os
 from pathlib import Path
+import re
 import sys
 from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
-from adaptive_blf_control.errors import ArmError
+from adaptive_blf_control.errors import ArmError, GIT_LFS_POINTER
 
 __all__ = ['UrdfJoint', 'read_urdf', 'resolve_package', 'select_joints', 'urdf_joints']
 
 SINGLE_DOF = ('revolute', 'continuous', 'prismatic')
 MULTI_DOF = ('floating', 'planar')
+_XACRO = 'this is a xacro file, not a URDF: run it through xacro first'
+_EXPRESSION = re.compile(r'\$[{(]')  # what only xacro evaluates
 
 
 class UrdfJoint(NamedTuple):
@@ -59,12 +63,16 @@ def read_urdf(source: str | os.PathLike[str],
     else:
         path = Path(text.removeprefix('file://')).expanduser()
     try:
-        # Only comments and author names are ever outside ASCII: a stray byte there is harmless.
-        return path.read_bytes().decode('utf-8-sig', errors='replace').lstrip()
+        content = path.read_bytes()
     except FileNotFoundError:
         raise ArmError(f'URDF file {str(path)!r} does not exist') from None
     except (OSError, ValueError) as error:
         raise ArmError(f'URDF file {str(path)!r} cannot be read: {error}') from error
+    if content.startswith(GIT_LFS_POINTER):
+        raise ArmError(f'URDF file {str(path)!r} is a Git LFS pointer, not the file: fetch it '
+                       'with "git lfs pull"')
+    # Only comments and author names are ever outside ASCII: a stray byte there is harmless.
+    return content.decode('utf-8-sig', errors='replace').lstrip()
 
 
 def resolve_package(uri: str, package_dirs: Sequence[str | os.PathLike[str]] = ()) -> Path:
@@ -113,14 +121,7 @@ def urdf_joints(xml: str) -> tuple[UrdfJoint, ...]:
     Raises:
         ArmError: If the text is not XML, not a URDF, or its joints do not hang together.
     """
-    try:
-        root = ElementTree.fromstring(xml)
-    except (ElementTree.ParseError, ValueError) as error:
-        raise ArmError(f'URDF is not well-formed XML: {error}') from error
-    if root.tag != 'robot':
-        raise ArmError(f'URDF has the root element <{root.tag}>: expected <robot>')
-    if any('www.ros.org/wiki/xacro' in element.tag for element in root.iter()):
-        raise ArmError('this is a xacro file, not a URDF: run it through xacro first')
+    root = _root(xml)
     links = {link.get('name') for link in root.findall('link')}
     joints: list[UrdfJoint] = []
     for element in root.findall('joint'):
@@ -137,14 +138,48 @@ def urdf_joints(xml: str) -> tuple[UrdfJoint, ...]:
     return tuple(joints)
 
 
+def _root(xml: str) -> ElementTree.Element:
+    """Return the root of a URDF; ArmError where it is none, or xacro of any dialect."""
+    try:
+        root = ElementTree.fromstring(xml)
+    except (ElementTree.ParseError, ValueError) as error:
+        if re.search(r'<xacro:\w', xml):  # without a namespace: the old dialect, or a fragment
+            raise ArmError(_XACRO) from error
+        raise ArmError(f'URDF is not well-formed XML: {error}') from error
+    for element in root.iter():
+        if not isinstance(element.tag, str):
+            continue  # a comment or an instruction
+        texts = (element.text or '', *element.attrib.values())
+        if 'xacro' in element.tag.partition('}')[0].lower() or any(
+                map(_EXPRESSION.search, texts)):
+            raise ArmError(_XACRO)
+    if root.tag != 'robot':
+        raise ArmError(f'URDF has the root element <{root.tag}>: expected <robot>')
+    return root
+
+
 def _joint(element: ElementTree.Element) -> UrdfJoint:
     name, kind = element.get('name'), element.get('type')
     if not name:
         raise ArmError('URDF has a joint without a name')
     if kind not in (*SINGLE_DOF, *MULTI_DOF, 'fixed'):
         raise ArmError(f'joint {name!r} has the type {kind!r}, which URDF does not know')
+    axis = element.find('axis')
+    if axis is not None and kind in (*SINGLE_DOF, 'planar'):
+        _check_axis(name, axis.get('xyz', '1 0 0'))
     mimic = element.find('mimic')
     return UrdfJoint(name, kind, None if mimic is None else mimic.get('joint', ''))
+
+
+def _check_axis(joint: str, text: str) -> None:
+    try:
+        x, y, z = map(float, text.split())
+        length = math.hypot(x, y, z)
+    except ValueError:
+        length = math.nan
+    if not (math.isfinite(length) and length > 0.0):
+        raise ArmError(f'joint {joint!r} has the axis {text!r}: expected three numbers that are '
+                       'not all zero')
 
 
 def select_joints(available: Sequence[UrdfJoint], wanted: Sequence[str] | None) -> tuple[str, ...]:

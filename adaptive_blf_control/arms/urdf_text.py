@@ -94,6 +94,14 @@ class UrdfText:
                 tag = re.sub(r'\s*(/?>)$', rf' {name}="{value}"\1', tag)
         self._edits.append((element.start, element.inside, tag))
 
+    def replace(self, index: int, line: str) -> None:
+        """Put one line of XML in the place of an element."""
+        element = self.elements[index]
+        end = element.inside
+        if self._data[end - 2:end] != b'/>':
+            end = self._data.index(b'>', element.end) + 1
+        self._edits.append((element.start, end, line))
+
     def append(self, index: int, lines: Sequence[str]) -> None:
         """Put lines of XML at the end of an element, indented as its other children are."""
         element = self.elements[index]

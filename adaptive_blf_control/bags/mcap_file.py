@@ -12,7 +12,7 @@ from contextlib import suppress
 import mmap
 from pathlib import Path
 import struct
-from typing import Any, NamedTuple
+from typing import Any, IO, NamedTuple
 import zlib
 
 import yaml
@@ -71,9 +71,16 @@ class McapFile:
         details: Full descriptions of the channels found so far, by the file's own id.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Store the path; nothing is read before the first pass."""
+    def __init__(self, path: Path, unpacked: IO[bytes] | None = None) -> None:
+        """Store the path; nothing is read before the first pass.
+
+        Args:
+            path: The file.
+            unpacked: Temporary file with its content where it is compressed as a whole.
+        """
         self.path = path
+        self._unpacked = unpacked  # its end is the end of the temporary file
+        self._content = path if unpacked is None else Path(unpacked.name)
         self.channels: dict[int, Channel] = {}
         self.details: dict[int, ChannelDetails] = {}
         self.problem: str | None = None
@@ -121,7 +128,7 @@ class McapFile:
         """Yield channel id, log time [ns], publish time [ns] and data; see `messages`."""
         self.problem = None
         try:
-            with self.path.open('rb') as stream, \
+            with self._content.open('rb') as stream, \
                     mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
                 yield from self._file(content)
         except (OSError, ValueError) as exc:  # mmap: ValueError for an empty file
@@ -190,7 +197,7 @@ class McapFile:
         number, schema_number = fields.number(_U16), fields.number(_U16)
         schema = self._schemas.get(schema_number, _Schema('', '', ''))
         topic, encoding = fields.text(), fields.text()
-        self.channels[number] = Channel(topic, schema.name)
+        self.channels[number] = Channel(topic, schema.name, encoding)
         self.details[number] = ChannelDetails(topic, schema.name, encoding, schema.encoding,
                                               schema.text, fields.texts())
 

@@ -7,27 +7,37 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from pathlib import Path
-import re
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bags import mcap_file, sqlite_file
+from adaptive_blf_control.bags.compression import unpack_message
+from adaptive_blf_control.bags.joint_series import JointSeries, merged, parts_of, series_of
 from adaptive_blf_control.bags.metadata import BagMetadata, load_metadata, METADATA_NAME
 from adaptive_blf_control.bags.storage import BagMessage, StorageFile
+from adaptive_blf_control.bags.storage_files import (
+    check_contiguous,
+    named_file,
+    open_file,
+    storage_files,
+)
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.cdr import (
     decode_float64,
     decode_float64_array,
     decode_int32,
-    decode_joint_state,
-    JointStateReader,
+)
+from adaptive_blf_control.messages.joint_readers import (
+    DYNAMIC_JOINT_STATE,
+    joint_kind,
+    JOINT_STATE,
 )
 
-__all__ = ['Bag', 'BagMessage', 'JointSeries', 'TopicInfo', 'read_bag', 'storage_files']
+__all__ = ['Bag', 'BagMessage', 'JointSeries', 'TopicInfo', 'read_bag']
 
-JOINT_STATE = 'sensor_msgs/msg/JointState'
 OUT_OF_PLACE = 10**9  # ns
+# What helps with an encoding that is not read.
+_HINTS = {'ros1': ' (a ROS 1 recording: convert it with rosbags-convert)'}
 
 _NUMBER_DECODERS: dict[str, Callable[[bytes], Any]] = {
     'std_msgs/msg/Float64MultiArray': decode_float64_array,
@@ -38,33 +48,19 @@ _NUMBER_DECODERS: dict[str, Callable[[bytes], Any]] = {
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """A topic of a bag: name, full type name and number of messages that can be read."""
+    """A topic of a bag.
+
+    Attributes:
+        name: Topic name.
+        type_name: Full type name; empty where the bag does not state it.
+        count: Number of messages that can be read.
+        encoding: How the messages are encoded; ``cdr`` from rosbag2.
+    """
 
     name: str
     type_name: str
     count: int
-
-
-class JointSeries(NamedTuple):
-    """All messages of one JointState topic, N rows.
-
-    Attributes:
-        names: Joint (or parameter) names, n of them.
-        stamp_ns: ``header.stamp``, shape (N,) [ns].
-        log_time_ns: Time of reception, shape (N,) [ns].
-        position: Shape (N, n) [rad]; NaN where a message leaves it empty.
-        velocity: Shape (N, n) [rad/s], likewise.
-        effort: Shape (N, n) [N·m], likewise.
-        skipped: Messages left out because they do not hold these joints.
-    """
-
-    names: tuple[str, ...]
-    stamp_ns: np.ndarray
-    log_time_ns: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
-    skipped: int = 0
+    encoding: str = 'cdr'
 
 
 class Bag:
@@ -81,7 +77,10 @@ class Bag:
 
     def __init__(self, path: Path, files: Sequence[StorageFile],
                  metadata: BagMetadata | None = None, problem: str | None = None) -> None:
-        """Pass over all files once; BagError where no message can be read.
+        """Pass over all files once.
+
+        BagError where no message can be read, or files without metadata.yaml cannot belong
+        together.
 
         Args:
             path: The folder or file, for error messages.
@@ -92,8 +91,17 @@ class Bag:
         self.path = path
         self._files = files
         counts: dict[str, int] = {}
-        for message in self:
-            counts[message.topic] = counts.get(message.topic, 0) + 1
+        spans = []
+        for file in files:
+            times: tuple[int, ...] = ()
+            for number, log_time_ns, _ in file.messages():
+                topic = file.channels[number].topic
+                counts[topic] = counts.get(topic, 0) + 1
+                times = (*times[:1], log_time_ns)
+            if times:
+                spans.append((file.path, times[0], times[-1]))
+        if metadata is None:
+            check_contiguous(spans)
         problems = [*filter(None, [problem, *(file.problem for file in files)])]
         if not counts:
             raise BagError(problems[0] + ' (no message before it)' if problems else
@@ -104,27 +112,35 @@ class Bag:
                         f'states {stated}']
         self.problem: str | None = problems[0] if problems else None
         self.complete = self.problem is None
-        self.topics = {channel.topic: TopicInfo(*channel, counts.get(channel.topic, 0))
+        self.topics = {channel.topic: TopicInfo(channel.topic, channel.type_name,
+                                               counts.get(channel.topic, 0), channel.encoding)
                        for file in files for channel in file.channels.values()}
         self.custom_data: Mapping[str, str] = (metadata and metadata.custom_data) or {
             key: value for file in files for key, value in file.custom_data().items()}
         self.offered_qos: dict[str, Sequence[Mapping[str, Any]]] = {
             topic: qos for file in files for topic, qos in file.offered_qos().items()}
-        for topic in metadata.topics if metadata else ():
-            self.offered_qos[topic.name] = topic.qos or self.offered_qos.get(topic.name, ())
+        for stated_topic in metadata.topics if metadata else ():
+            name = stated_topic.name
+            self.offered_qos[name] = stated_topic.qos or self.offered_qos.get(name, ())
 
     def __iter__(self) -> Iterator[BagMessage]:
         """Yield every message."""
         return self.messages()
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Yield the messages of some topics, of all where None, in recorded order."""
+        """Yield the messages of some topics, of all where None, in recorded order.
+
+        Messages that were compressed one by one are yielded unpacked.
+
+        Raises:
+            BagError: one of those is damaged.
+        """
         for file in self._files:
             channels = file.channels
             for number, log_time_ns, data in file.messages():
-                topic, type_name = channels[number]
+                topic, type_name, _ = channels[number]
                 if topics is None or topic in topics:
-                    yield BagMessage(topic, type_name, log_time_ns, data)
+                    yield BagMessage(topic, type_name, log_time_ns, unpack_message(data))
 
     def in_time_order(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Yield as :meth:`messages`, sorted by log time, equal times in recorded order.
@@ -146,7 +162,10 @@ class Bag:
 
     def joint_states(self, topic: str, joints: Sequence[str] | None = None, *,
                      skip_foreign: bool = False) -> JointSeries:
-        """Return a JointState topic as arrays, matched by joint name.
+        """Return a topic of joint values as arrays, matched by joint name.
+
+        Its type is JointState or DynamicJointState. Where each message holds some of the joints
+        only, with ``skip_foreign`` the parts are joined, see `merged`.
 
         Args:
             topic: Topic name.
@@ -157,29 +176,22 @@ class Bag:
         Raises:
             BagError: no such topic, another type, or a message that does not match: names it.
         """
-        info = self._topic(topic, (JOINT_STATE,))
-        reader = JointStateReader(joints) if joints is not None else None
-        times = np.zeros((2, info.count), dtype=np.int64)
-        values = np.empty((3, info.count, len(reader.joints))) if reader else None
-        row, error = 0, None
-        for index, message in enumerate(self.messages((info.name,))):
-            try:
-                if reader is None or values is None:
-                    reader = JointStateReader(decode_joint_state(message.data).names)
-                    values = np.empty((3, info.count, len(reader.joints)))
-                times[0, row], values[0, row], values[1, row], values[2, row] = reader.read(
-                    message.data)
-            except BagError as exc:
-                error = error or BagError(f'{self.path}: {info.name} message {index}: {exc}')
-                if not skip_foreign:
-                    raise error from exc
-                continue
-            times[1, row] = message.log_time_ns
-            row += 1
-        if reader is None or values is None or row == 0:
-            raise error or BagError(f'{self.path}: topic {topic!r} has no message')
-        return JointSeries(reader.joints, times[0, :row], times[1, :row], values[0, :row],
-                           values[1, :row], values[2, :row], info.count - row)
+        info = self._topic(topic)
+        kind = joint_kind(info.type_name, info.encoding)
+        if kind is None:
+            raise BagError(f'{self.path}: topic {topic!r} has type {info.type_name!r}, encoded as '
+                           f'{info.encoding!r}: expected {JOINT_STATE} or {DYNAMIC_JOINT_STATE} '
+                           f'as CDR{_HINTS.get(info.encoding, "")}')
+        try:
+            return series_of(self._joint_messages(info), kind, joints, skip_foreign=skip_foreign)
+        except BagError as exc:
+            if skip_foreign and joints and (parts := parts_of(
+                    lambda: self._joint_messages(info), kind, joints)):
+                return merged(parts, joints)
+            raise BagError(f'{self.path}: {info.name} {exc}') from exc
+
+    def _joint_messages(self, info: TopicInfo) -> Iterator[tuple[int, bytes]]:
+        return ((message.log_time_ns, message.data) for message in self.messages((info.name,)))
 
     def doubles(self, topic: str) -> tuple[np.ndarray, np.ndarray]:
         """Return a Float64MultiArray, Float64 or Int32 topic as arrays.
@@ -192,7 +204,10 @@ class Bag:
             BagError: no such topic, another type, a damaged message, or arrays whose length
                 changes: names the message.
         """
-        info = self._topic(topic, tuple(_NUMBER_DECODERS))
+        info = self._topic(topic)
+        if info.type_name not in _NUMBER_DECODERS:
+            raise BagError(f'{self.path}: topic {topic!r} has type {info.type_name!r}: expected '
+                           f'{" or ".join(_NUMBER_DECODERS)}')
         decode = _NUMBER_DECODERS[info.type_name]
         times: list[int] = []
         values: list[Any] = []
@@ -210,16 +225,13 @@ class Bag:
             raise BagError(f'{self.path}: topic {topic!r} has no message')
         return np.array(times, dtype=np.int64), np.array(values, dtype=np.float64)
 
-    def _topic(self, topic: str, types: tuple[str, ...]) -> TopicInfo:
-        """Find a topic, with or without the leading slash, of one of these types."""
+    def _topic(self, topic: str) -> TopicInfo:
+        """Find a topic, with or without the leading slash."""
         plain = topic.lstrip('/')
         info = self.topics.get(topic) or self.topics.get(plain) or self.topics.get('/' + plain)
         if info is None:
             raise BagError(f'{self.path}: no topic {topic!r}: expected one of '
                            f'{sorted(self.topics)}')
-        if info.type_name not in types:
-            raise BagError(f'{self.path}: topic {topic!r} has type {info.type_name!r}: expected '
-                           f'{" or ".join(types)}')
         return info
 
 
@@ -242,52 +254,17 @@ def read_bag(path: Path | str) -> Bag:
     if path.name == METADATA_NAME:
         path = path.parent
     if not path.is_dir():
-        return Bag(path, [_open_file(path)])
+        return Bag(path, [open_file(path)])
     if not (path / METADATA_NAME).exists():
-        return Bag(path, [_open_file(file) for file in storage_files(path)])
+        return Bag(path, [open_file(file) for file in storage_files(path)])
     metadata = load_metadata(path)
-    if metadata.compression_mode.lower() not in ('', 'none'):
-        raise BagError(f'{path}: compression mode {metadata.compression_mode!r} cannot be read: '
-                       'expected none, or compressed chunks within MCAP')
-    # Before version 4 the paths began with the folder's name.
-    files = [path / Path(item.path).name for item in metadata.files]
-    there = [file for file in files if file.exists()]
+    if metadata.compression_format not in ('', 'none', 'zstd', 'lz4'):
+        raise BagError(f'{path}: compression format {metadata.compression_format!r} cannot be '
+                       'read: expected zstd or lz4')
+    files = {item.path: named_file(path, item.path) for item in metadata.files}
+    there = [file for file in files.values() if file]
     if not there:
-        raise BagError(f'{path}: none of its files is there: {[file.name for file in files]}')
-    missing = [file.name for file in files if file not in there]
+        raise BagError(f'{path}: none of its files is there: {list(files)}')
+    missing = [name for name, file in files.items() if not file]
     problem = f'{path}: {", ".join(missing)} is missing' if missing else None
-    return Bag(path, [_open_file(file) for file in there], metadata, problem)
-
-
-def _open_file(path: Path) -> StorageFile:
-    try:
-        with path.open('rb') as stream:
-            start = stream.read(16)
-    except OSError as exc:
-        raise BagError(f'{path}: cannot be read: {exc.strerror}') from exc
-    if start.startswith(mcap_file.MAGIC):
-        return mcap_file.McapFile(path)
-    if start.startswith(sqlite_file.MAGIC):
-        return sqlite_file.SqliteFile(path)
-    if not start:
-        raise BagError(f'{path} is an empty file: expected a bag')
-    what = 'a ROS 1 bag' if start.startswith(b'#ROSBAG') else f'first bytes {start[:8]!r}'
-    raise BagError(f'{path} is not a ROS 2 bag ({what}): expected a rosbag2 folder, an .mcap or '
-                   'a .db3 file')
-
-
-def storage_files(folder: Path) -> list[Path]:
-    """Return the storage files of a folder without metadata, in the order of their numbers.
-
-    Raises:
-        BagError: there is none.
-    """
-    found = [file for file in folder.iterdir() if file.suffix in ('.mcap', '.db3')]
-    if not found:
-        raise BagError(f'{folder} is not a bag: it has no {METADATA_NAME}, .mcap or .db3 file')
-
-    def number(file: Path) -> tuple[int, str]:
-        match = re.search(r'_(\d+)$', file.stem)
-        return (int(match[1]) if match else 0, file.name)
-
-    return sorted(found, key=number)
+    return Bag(path, [open_file(file) for file in there], metadata, problem)

@@ -3,7 +3,8 @@
 
 The .mcap files are never changed. If all of them are complete, metadata.yaml is rebuilt beside
 them, and an existing one that differs is kept as ``metadata.yaml.before``. If a file breaks off,
-everything before the break goes into a new, finished bag.
+everything before the break goes into a new, finished bag; so does, unpacked, what is compressed as
+files or messages.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from adaptive_blf_control.bags.mcap_file import ChannelDetails, MAGIC, McapFile
+from adaptive_blf_control.bags.compression import is_packed, PACKED_SUFFIXES, unpack_message
+from adaptive_blf_control.bags.mcap_file import ChannelDetails, McapFile
 from adaptive_blf_control.bags.metadata import (
     BagMetadata,
     EMPTY_START,
@@ -24,7 +26,12 @@ from adaptive_blf_control.bags.metadata import (
     save_metadata,
     TopicMetadata,
 )
-from adaptive_blf_control.bags.reader import storage_files
+from adaptive_blf_control.bags.storage_files import (
+    check_contiguous,
+    listed,
+    open_file,
+    storage_files,
+)
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.definitions import MessageDefinition
@@ -51,11 +58,21 @@ class Recovery(NamedTuple):
 
 
 class _Scan(NamedTuple):
-    """One file after a pass: its part of metadata.yaml, and the number of messages by topic."""
+    """One file after a pass.
+
+    Attributes:
+        file: The file.
+        information: Its part of metadata.yaml.
+        counts: Number of messages by topic.
+        packed: Whether the file or some of its messages are compressed.
+        ends: Times of reception of its first and last message [ns]; of one or none, as many.
+    """
 
     file: McapFile
     information: FileInformation
     counts: dict[str, int]
+    packed: bool
+    ends: tuple[int, ...]
 
 
 def recover_bag(bag: Path | str, output: Path | str | None = None) -> Recovery:
@@ -64,11 +81,13 @@ def recover_bag(bag: Path | str, output: Path | str | None = None) -> Recovery:
     Args:
         bag: A bag folder with or without metadata.yaml, or a single .mcap file.
         output: Folder of the new bag; if it is given, a complete bag is copied, too. By default
-            ``<bag>_recovered`` beside the bag, which is created only if it is needed.
+            ``<bag>_recovered`` beside the bag, which is created only if it is needed: where a
+            file breaks off or is compressed.
 
     Raises:
-        BagError: no .mcap file, no message before a break, messages that rosbag2 does not
-            write, the output exists, or the disk cannot be written.
+        BagError: no .mcap file or those of several recordings, no message before a break,
+            messages that rosbag2 does not write, the output exists, or the disk cannot be
+            written.
     """
     bag = Path(bag)
     paths = storage_files(bag) if bag.is_dir() else [bag]
@@ -77,8 +96,12 @@ def recover_bag(bag: Path | str, output: Path | str | None = None) -> Recovery:
     problem = problems[0] if problems else None
     if problem and not any(scan.counts for scan in scans):
         raise BagError(f'{problem} (no message before it)')
+    if bag.is_dir() and not listed(bag) >= {path.name for path in paths}:
+        check_contiguous((scan.file.path, scan.ends[0], scan.ends[-1])
+                         for scan in scans if scan.counts)
     metadata = _metadata_of(scans, bag if bag.is_dir() else bag.parent)
-    if bag.is_dir() and problem is None and output is None:
+    packed = any(scan.packed for scan in scans)
+    if bag.is_dir() and problem is None and output is None and not packed:
         return _rebuild(bag, metadata)
     target = Path(output) if output else bag.with_name(bag.stem + '_recovered')
     _copy(scans, metadata, target)
@@ -86,18 +109,16 @@ def recover_bag(bag: Path | str, output: Path | str | None = None) -> Recovery:
 
 
 def _scan(path: Path) -> _Scan:
-    try:
-        with path.open('rb') as stream:
-            start = stream.read(len(MAGIC))
-    except OSError as exc:
-        raise BagError(f'{path}: cannot be read: {exc.strerror}') from exc
-    if start != MAGIC:
+    file = open_file(path)
+    if not isinstance(file, McapFile):
         raise BagError(f'{path} is not an MCAP file: only bags with MCAP storage are recovered')
-    file = McapFile(path)
     counts: dict[int, int] = {}
-    first, last = EMPTY_START, 0
-    for channel, log_time, _ in file.messages():
+    first, last, packed = EMPTY_START, 0, path.suffix in PACKED_SUFFIXES
+    ends: tuple[int, ...] = ()
+    for channel, log_time, data in file.messages():
+        packed = packed or is_packed(data)
         counts[channel] = counts.get(channel, 0) + 1
+        ends = (*ends[:1], log_time)
         first, last = min(first, log_time), max(last, log_time)
     by_topic: dict[str, int] = {}
     for channel, count in counts.items():
@@ -105,7 +126,7 @@ def _scan(path: Path) -> _Scan:
         by_topic[topic] = by_topic.get(topic, 0) + count
     total = sum(by_topic.values())
     return _Scan(file, FileInformation(path.name, first, max(last - first, 0) if total else 0,
-                                       total), by_topic)
+                                       total), by_topic, packed, ends)
 
 
 def _metadata_of(scans: Sequence[_Scan], folder: Path) -> BagMetadata:
@@ -171,4 +192,5 @@ def _copy(scans: Sequence[_Scan], metadata: BagMetadata, target: Path) -> None:
                                                           topic.type_hash))
         for scan in scans:
             for channel, log_time, sent_time, data in scan.file.timed_messages():
-                writer.write(scan.file.details[channel].topic, data, log_time, sent_time)
+                writer.write(scan.file.details[channel].topic, unpack_message(data), log_time,
+                             sent_time)

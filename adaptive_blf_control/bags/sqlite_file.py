@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 import sqlite3
-from typing import Any
+from typing import Any, IO
 
 from adaptive_blf_control.bags.storage import Channel
 from adaptive_blf_control.errors import BagError
@@ -20,9 +20,16 @@ MAGIC = b'SQLite format 3\0'
 class SqliteFile:
     """One .db3 file; see `StorageFile`."""
 
-    def __init__(self, path: Path) -> None:
-        """Store the path; nothing is read before the first pass."""
+    def __init__(self, path: Path, unpacked: IO[bytes] | None = None) -> None:
+        """Store the path; nothing is read before the first pass.
+
+        Args:
+            path: The file.
+            unpacked: Temporary file with its content where it is compressed as a whole.
+        """
         self.path = path
+        self._unpacked = unpacked  # its end is the end of the temporary file
+        self._content = path if unpacked is None else Path(unpacked.name)
         self.channels: dict[int, Channel] = {}
         self.problem: str | None = None
 
@@ -43,9 +50,9 @@ class SqliteFile:
         self.problem = None
         with closing(self._connect()) as connection:
             try:
-                for number, topic, type_name in connection.execute(
-                        'SELECT id, name, type FROM topics'):
-                    self.channels[number] = Channel(str(topic), str(type_name))
+                for number, *channel in connection.execute(
+                        'SELECT id, name, type, serialization_format FROM topics'):
+                    self.channels[number] = Channel(*map(str, channel))
                 rows = connection.execute(
                     'SELECT topic_id, timestamp, data FROM messages ORDER BY id')
             except (sqlite3.Error, OverflowError) as exc:
@@ -63,7 +70,7 @@ class SqliteFile:
 
     def _connect(self) -> sqlite3.Connection:
         """Open read-only, with its write-ahead log if there is one that can be used."""
-        address = self.path.resolve().as_uri()
+        address = self._content.resolve().as_uri()
         connection = sqlite3.connect(f'{address}?mode=ro', uri=True)
         try:
             connection.execute('SELECT count(*) FROM sqlite_master').fetchone()

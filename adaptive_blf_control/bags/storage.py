@@ -11,10 +11,11 @@ __all__ = ['BagMessage', 'Channel', 'StorageFile']
 
 
 class Channel(NamedTuple):
-    """A topic as a storage file knows it."""
+    """A topic as a storage file knows it: name, full type name (may be empty), encoding."""
 
     topic: str
     type_name: str
+    encoding: str = 'cdr'
 
 
 class BagMessage(NamedTuple):

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bench import rates
+from adaptive_blf_control.bench import arms, coverage, identifier_steps, rates
+from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
@@ -28,7 +29,7 @@ __all__ = ['main']
 
 SCENARIOS = (('two_link_paper', 50.0), ('two_link_paper', 100.0), ('two_link', 20.0),
              ('two_link_payload_step', 100.0), ('three_link', 143.0), ('three_link_paper', 143.0),
-             ('three_link_encoder', 120.0), ('panda', 20.0))
+             ('three_link_encoder', 120.0), ('panda_ideal', 20.0))
 REPEATS = 3
 # Held-out RMSE [N·m] of batch least squares with the same torque filter (0.1 s), joint by joint.
 MEASURED = {
@@ -68,6 +69,27 @@ def _scenarios(options: argparse.Namespace) -> None:
               f'{converged} | {figures["theta_error_norm"]:.2g} | '
               f'{figures["theta_true_norm"]:.3g} | '
               f'{figures["history_rank"]} | {statistics.median(speeds):.1f} |', flush=True)
+
+
+def _against_c(options: argparse.Namespace) -> None:
+    print('\n## Against C (`two_link`, one thread)\n')
+    if not options.c_reference.is_file() or compiler() is None:
+        print('Skipped: there is no C compiler here.' if options.c_reference.is_file() else
+              f'Skipped: no program in C to compare with (--c-reference {options.c_reference}).')
+        return
+    _machine()
+    measured = against_c(options.c_reference, options.config / 'two_link.yaml')
+    print('| ours, us per step | the program in C, -O2 | ratio |')
+    print('|---|---|---|')
+    print(f'| {measured.ours:.2f} | {measured.c:.2f} | {measured.ratio:.2f} |', flush=True)
+
+
+def _steps(options: argparse.Namespace) -> None:
+    print('\n## Steps of the identifier\n')
+    _machine()
+    print('panda, 20 s: 50 parameters, 60 pairs; candidates after the history has full rank.\n')
+    times = identifier_steps.times_of(load_yaml(options.config / 'panda.yaml'), 20.0)
+    print(identifier_steps.table(times), flush=True)
 
 
 def _run_json(arguments: list[str]) -> dict[str, Any]:
@@ -124,14 +146,51 @@ def _measured(options: argparse.Namespace) -> None:
               f'{figures["us_per_sample"]:.0f} |', flush=True)
 
 
+def _models(options: argparse.Namespace) -> None:
+    print('\n## Models of measured robots (`identify`)\n')
+    if options.logs is None or not options.logs.is_dir():
+        print(f'Skipped: the folder of measured logs does not exist (--logs {options.logs}).')
+        return
+    _machine()
+    print('Learned on the first half, tested on the second: RMSE of the filtered torque [N·m].\n')
+    print('| robot | M > 0, θ̂ | M > 0, consistent | θ̂, mean | consistent, mean | ratio | '
+          'found in [ms] | 95 % intervals held | worst joint |')
+    print('|---|---|---|---|---|---|---|---|---|')
+    for robot, (log, urdf, _) in MEASURED.items():
+        with tempfile.TemporaryDirectory() as folder:
+            figures = _run_json([
+                'identify', str(options.logs / log), '--urdf', str(options.logs / urdf),
+                '--output', str(Path(folder) / 'theta_hat.yaml')])
+        positive, model = figures['positive_mass'], figures['consistent']
+        free, possible = (statistics.mean(each['test_rmse']) for each in (figures, model))
+        print(f'| {robot} | {positive["theta_hat"]} of {positive["postures"]} | '
+              f'{positive["consistent"]} | {free:.4f} | {possible:.4f} | {possible / free:.3f} | '
+              f'{model["ms"]:.0f} | {statistics.mean(figures["test_coverage"]):.1%} | '
+              f'{min(figures["test_coverage"]):.1%} |', flush=True)
+
+
+def _coverage(options: argparse.Namespace) -> None:
+    print('\n## Coverage of 95 % intervals (`bench coverage`)\n')
+    _machine()
+    coverage.run(options)
+
+
 def _rates(options: argparse.Namespace) -> None:
     print('\n## Rate and latency (`bench rates`)\n')
     _machine()
     rates.run(options)
 
 
+def _arms(options: argparse.Namespace) -> None:
+    print('\n## Arms as `configure` leaves them (`bench arms`)\n')
+    _machine()
+    arms.run(options)
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
-    'scenarios': _scenarios, 'processes': _processes, 'measured': _measured, 'rates': _rates}
+    'scenarios': _scenarios, 'steps': _steps, 'against_c': _against_c, 'processes': _processes,
+    'measured': _measured, 'models': _models, 'coverage': _coverage, 'arms': _arms,
+    'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -143,7 +202,12 @@ def main(args: list[str] | None = None) -> int:
                         help='folder of the scenarios')
     parser.add_argument('--logs', type=Path, default=Path('../shared/realdata'), metavar='DIR',
                         help='folder of the measured logs')
+    parser.add_argument('--c-reference', type=Path, metavar='FILE',
+                        default=Path('../shared/reference/two_link_closed_loop.c'),
+                        help='source of a program in C that does the work of two_link')
+    coverage.add_options(parser)
     rates.add_options(parser)
+    arms.add_options(parser)
     options = parser.parse_args(args)
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:

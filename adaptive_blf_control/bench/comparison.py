@@ -16,10 +16,11 @@ from adaptive_blf_control.configuration.parameter_file import apply_settings
 from adaptive_blf_control.control.laws.protocol import Law, own_estimate, uses_estimate
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.state_filter import LowPass
-from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample, Trace
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import known_truth
+from adaptive_blf_control.simulation.sample import Sample
 
-__all__ = ['FIXED', 'LAWS', 'LawRun', 'WRONG_MODEL', 'run_law', 'window_samples']
+__all__ = ['FIXED', 'LAWS', 'Compared', 'WRONG_MODEL', 'run_law', 'window_samples']
 
 Data = Mapping[str, Any]
 WRONG_MODEL = 0.7
@@ -33,7 +34,7 @@ WINDOW_LEAST = 0.1
 """Shortest window that integral CL integrates over [s]."""
 
 
-class LawRun(NamedTuple):
+class Compared(NamedTuple):
     """A run under one law.
 
     Attributes:
@@ -62,7 +63,7 @@ def _integral_cl(loop: ClosedLoop, filtered: bool = False) -> Law:
                          settings.history.minimum_growth)
     state_filter = None
     if filtered and settings.filter.state_order:
-        state_filter = LowPass(settings.filter.state_order,
+        state_filter = LowPass(arm.n, settings.filter.state_order,
                                settings.filter.state_time_constant)
     return IntegralConcurrentLearning(arm, loop.controller.settings, settings.kh / ERROR_GAMMA,
                                       stack, window_samples(loop), state_filter)
@@ -130,14 +131,14 @@ def _loop_of(data: Data, variant: _Variant) -> ClosedLoop:
     if variant.from_error:
         learning = plain.identifier.settings
         settings += [f'controller.slotine_li.gamma={(ERROR_GAMMA * learning.gamma).tolist()}',
-                     f'controller.initial_estimate={learning.initial_estimate.tolist()}']
+                     f'controller.initial_estimate={learning.values()["initial_estimate"]}']
     data = apply_settings(copy.deepcopy(dict(data)), settings)
     if variant.law is None:
         return build_closed_loop(data)
     return build_closed_loop(data, OwnParts(law=variant.law(build_closed_loop(data))))
 
 
-def run_law(data: Data, name: str, duration: float) -> LawRun:
+def run_law(data: Data, name: str, duration: float) -> Compared:
     """Run one law of `LAWS`.
 
     Args:
@@ -157,4 +158,4 @@ def run_law(data: Data, name: str, duration: float) -> LawRun:
     theta: np.ndarray | None = np.array(own) if own else None
     if uses_estimate(law):
         theta = trace.theta_hat if loop.known is None else np.tile(loop.known, (trace.t.size, 1))
-    return LawRun(loop, trace, theta)
+    return Compared(loop, trace, theta)

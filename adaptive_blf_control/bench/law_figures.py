@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bench.comparison import LawRun
+from adaptive_blf_control.bench.comparison import Compared
 from adaptive_blf_control.runs.margins import violated_at
 from adaptive_blf_control.runs.summary import (
     CONVERGED,
@@ -22,19 +22,20 @@ from adaptive_blf_control.simulation.plant import known_truth
 __all__ = ['COLUMNS', 'law_figures', 'markdown_row']
 
 EVERY = 20
-"""The estimate is looked at every this many samples."""
+"""Samples between two estimates that are compared."""
 
 
 def _rms(values: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.mean(values ** 2, axis=0)))
 
 
-def law_figures(run: LawRun) -> dict[str, Any]:
+def law_figures(run: Compared) -> dict[str, Any]:
     """Return the figures of a run, per joint in the order of the joints, and overall.
 
-    Overall is the RMS over all joints for RMS values, the worst joint otherwise. Settling times
-    are None where the law has no estimate or never settles: of θ̃ (1 % in norm) and of the torque
-    predicted along the reference (1 %, every joint).
+    Overall is the RMS over all joints for RMS values, the worst joint otherwise. Convergence
+    times, whose keys say ``settling``, are None if the law has no estimate or it does not
+    converge: of θ̃ (1 % in norm) and of the torque predicted along the reference (1 %, every
+    joint).
     """
     trace = run.trace
     margins = margins_of_run(run_of_trace(run.loop, trace))
@@ -52,7 +53,7 @@ def law_figures(run: LawRun) -> dict[str, Any]:
     return figures
 
 
-def _learning(run: LawRun) -> dict[str, Any]:
+def _learning(run: Compared) -> dict[str, Any]:
     figures: dict[str, Any] = {'theta_error': None, 'theta_settling_time_s': None,
                                'predicted_torque_error': None, 'torque_settling_time_s': None}
     if run.theta is None:

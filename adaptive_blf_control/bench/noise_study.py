@@ -202,7 +202,8 @@ def _alarms(folder: Path) -> None:
         loop = _loop(folder, ENCODER, [f'arm_driver.payload={payload}'])
         settings, largest, left = loop.identifier.settings, 0.0, 0
         change = settings.change
-        monitor = ResidualMonitor(loop.arm.n, change.window, change.threshold, change.resolution)
+        monitor = ResidualMonitor(loop.arm.n, loop.arm.m, change.window, change.threshold,
+                                  change.resolution)
         loop.identifier = Identifier(loop.arm, settings, change_monitor=monitor)
         for sample in loop.samples(1800.0):
             largest = max(largest, float(monitor.statistic.max()))
@@ -211,7 +212,7 @@ def _alarms(folder: Path) -> None:
         error = measure.error(sample.theta_hat,
                               known_truth(loop.plant, loop.arm.parameters)[0][1])
         print(f'| {payload:g} | {loop.identifier.changes} | {largest:.2f} | '
-              f'{monitor.threshold:g} | {left} | {_percent(error)} |\n', flush=True)
+              f'{change.threshold:g} | {left} | {_percent(error)} |\n', flush=True)
 
 
 def _detection(folder: Path) -> None:

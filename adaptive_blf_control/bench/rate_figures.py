@@ -12,11 +12,11 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from adaptive_blf_control.bags.mcap_file import McapFile
-from adaptive_blf_control.bags.reader import storage_files
-from adaptive_blf_control.bench.soak_bag import stamp_of
+from adaptive_blf_control.bags.storage_files import storage_files
 from adaptive_blf_control.bench.soak_figures import account_of
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.diagnostics_reader import decode_diagnostics
+from adaptive_blf_control.messages.diagnostics import decode_diagnostics
+from adaptive_blf_control.messages.stamp import stamp_of
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
 
 __all__ = ['Loop', 'RateFigures', 'Row', 'Usage', 'median', 'of_bag', 'of_bare', 'stolen_time',
@@ -216,7 +216,7 @@ class _Content:
                 received.append(received_ns)
                 name = topic.lstrip('/')
                 if name in stamps:
-                    stamps[name].append(stamp_of(data))
+                    stamps[name].append(stamp_of(data) or 0)
                 elif name == 'diagnostics':
                     self.diagnostics.update(
                         {status.partition(':')[0]: values

@@ -24,7 +24,7 @@ from adaptive_blf_control.bench.rate_figures import (
     usage_of,
 )
 from adaptive_blf_control.errors import BlfError, MissingExtra, ParameterError
-from adaptive_blf_control.runtime.loop_statistics import SETTLE as START_UP
+from adaptive_blf_control.runtime.loop_statistics import START_UP
 from adaptive_blf_control.runtime.processes import NodeProcesses, Processes
 
 __all__ = ['add_options', 'run']

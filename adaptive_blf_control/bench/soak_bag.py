@@ -9,26 +9,20 @@ from __future__ import annotations
 
 from array import array
 from pathlib import Path
-import struct
 from typing import NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.bags.mcap_file import McapFile
-from adaptive_blf_control.bags.reader import storage_files
+from adaptive_blf_control.bags.storage_files import storage_files
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.diagnostics_reader import decode_diagnostics
+from adaptive_blf_control.messages.diagnostics import decode_diagnostics
+from adaptive_blf_control.messages.stamp import stamp_of
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES
 
-__all__ = ['RunFigures', 'read_run', 'stamp_of']
+__all__ = ['RunFigures', 'read_run']
 
 _KEPT = 20_000  # unanswered states that are kept
-
-
-def stamp_of(data: bytes) -> int:
-    """Return ``header.stamp`` [ns]; it follows the four bytes of the CDR encapsulation."""
-    seconds, nanoseconds = struct.unpack_from('<iI', data, 4)
-    return int(seconds) * 10**9 + int(nanoseconds)
 
 
 class RunFigures(NamedTuple):
@@ -87,7 +81,7 @@ class _Matcher:
         self._answers: dict[int, int] = {}
 
     def state(self, data: bytes, sent_ns: int) -> None:
-        stamp = stamp_of(data)
+        stamp = stamp_of(data) or 0
         answered = self._answers.pop(stamp, None)
         if answered is not None:
             self._add(sent_ns, answered)
@@ -97,7 +91,7 @@ class _Matcher:
             del self._states[next(iter(self._states))]
 
     def answer(self, data: bytes, sent_ns: int) -> None:
-        stamp = stamp_of(data)
+        stamp = stamp_of(data) or 0
         state = self._states.pop(stamp, None)
         if state is not None:
             self._add(state, sent_ns)

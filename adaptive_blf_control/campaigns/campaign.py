@@ -13,7 +13,6 @@ from typing import Any
 
 from adaptive_blf_control.campaigns.variations import draw, variations
 from adaptive_blf_control.configuration.build import build_closed_loop
-from adaptive_blf_control.configuration.parameter_file import apply_changes
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['Campaign', 'LARGEST', 'setting_text']
@@ -64,12 +63,13 @@ class Campaign:
                     self.given.get('sampling', 'independent'))
 
     def check(self) -> None:
-        """Draw everything and build the first run.
+        """Draw everything and build the scenario as it is without variations.
 
         Raises:
             BlfError: the scenario cannot be run, or what varies does not fit it.
         """
-        build_closed_loop(apply_changes(self.data, self.changes[0])).warm_up()
+        build_closed_loop(self.data).warm_up()
+        _ = self.changes
 
     @property
     def chunks(self) -> list[range]:

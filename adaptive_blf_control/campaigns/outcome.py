@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build import ArmStore, build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_changes
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runs.margins import violated_at
@@ -72,14 +72,15 @@ def run_chunk(data: Mapping[str, Any], duration: float,
         duration: Length of each run [s].
         changes: Number of the run, and the parameters that differ from the scenario, by name.
     """
-    return [run_one(data, duration, number, change) for number, change in changes]
+    arms = ArmStore()
+    return [run_one(data, duration, number, change, arms) for number, change in changes]
 
 
 def run_one(data: Mapping[str, Any], duration: float, number: int,
-            change: Mapping[str, Any]) -> Outcome:
+            change: Mapping[str, Any], arms: ArmStore | None = None) -> Outcome:
     """Run one run; a scenario that is refused, e.g. a start outside a set, is an outcome, too."""
     try:
-        loop = build_closed_loop(apply_changes(data, change))
+        loop = build_closed_loop(apply_changes(data, change), arms=arms)
         trace = loop.run(duration)
     except BlfError as error:
         return Outcome(number, problem=str(error))
@@ -93,7 +94,7 @@ def _outcome(number: int, loop: ClosedLoop, trace: Trace) -> Outcome:
     last = run.t >= run.t[0] + 0.75 * (run.t[-1] - run.t[0])
     figures: dict[str, Any] = {}
     if run.truth:
-        start, true = run.truth[-1]
+        start, true = [epoch for epoch in run.truth if epoch[0] <= run.t_theta[-1] + 1e-9][-1]
         since = run.t_theta >= start - 1e-9
         error = np.linalg.norm(run.theta_hat[since] - true, axis=1)
         norm = float(np.linalg.norm(true))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ from adaptive_blf_control.control.constraints import Constraint
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.laws.protocol import Law
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.identification.given_parameters import given_parameters, read_estimate
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.plugin import load_plugin, made
@@ -33,8 +33,8 @@ from adaptive_blf_control.simulation.plant import Plant, REQUIRED, SimulatedArm
 from adaptive_blf_control.simulation.rotation import rotation
 from adaptive_blf_control.simulation.sensors import Sensor
 
-__all__ = ['OwnParts', 'build_arm', 'build_closed_loop', 'build_identifier', 'build_plant',
-           'initial_estimate', 'initial_theta']
+__all__ = ['ArmStore', 'OwnParts', 'build_arm', 'build_closed_loop', 'build_identifier',
+           'build_plant', 'initial_estimate', 'initial_theta']
 
 FRICTION = {'viscous': 'friction_viscous', 'coulomb': 'friction_coulomb',
             'offset': 'friction_offset', 'square_root': 'friction_square_root',
@@ -68,6 +68,27 @@ def build_arm(settings: ArmSettings, robot_description: str | None = None) -> Ar
     return UrdfArm(source, joints, **learned,
                    coulomb_velocity=settings.friction.coulomb_velocity,
                    gravity=_gravity(settings), **true)
+
+
+class ArmStore:
+    """Arms that were built, to be used again where the same one is asked for.
+
+    Reading a URDF and finding its base parameters takes longer than a second of simulation. The
+    arms share what they compute with: all of them belong to one thread.
+    """
+
+    def __init__(self) -> None:
+        """Begin without arms."""
+        self._arms: dict[Hashable, Arm] = {}
+
+    def arm(self, settings: ArmSettings) -> Arm:
+        """Return the arm of ``settings``, see `build_arm`."""
+        true = tuple((name, tuple(values)) for name, values in _true_friction(settings).items())
+        key = (settings.arm, settings.joints, settings.urdf, settings.friction,
+               tuple(_gravity(settings)), true)
+        if key not in self._arms:
+            self._arms[key] = build_arm(settings)
+        return self._arms[key]
 
 
 def _gravity(settings: ArmSettings) -> np.ndarray:
@@ -125,16 +146,10 @@ def initial_theta(settings: ControllerNodeSettings, arm: Arm) -> np.ndarray:
     """Return what the controller uses before the first θ̂, or for good (``model: known``), (m,).
 
     Raises:
-        ParameterError: it has neither one element nor m, or the file that is named cannot be
-            used.
+        ParameterError: it has neither one element nor m, or its file cannot be used.
     """
-    kind = 'known_parameters' if settings.model == 'known' else 'initial_estimate'
-    file = getattr(settings, f'{kind}_file')
-    if file:
-        return read_estimate(Path(file), arm.parameters, f'controller.{kind}_file')
-    full = settings.resolved(parameters=arm.m)
-    theta: np.ndarray = getattr(full, kind)
-    return theta.copy()
+    name = 'known_parameters' if settings.model == 'known' else 'initial_estimate'
+    return given_parameters(f'controller.{name}', getattr(settings, name), arm)
 
 
 def initial_estimate(settings: IdentifierNodeSettings, arm: Arm) -> IdentifierNodeSettings:
@@ -176,26 +191,29 @@ class OwnParts(NamedTuple):
 _NONE_OWN = OwnParts()
 
 
-def build_closed_loop(data: Mapping[str, Any], own: OwnParts = _NONE_OWN) -> ClosedLoop:
+def build_closed_loop(data: Mapping[str, Any], own: OwnParts = _NONE_OWN,
+                      arms: ArmStore | None = None) -> ClosedLoop:
     """Build the loop from a parameter file's data, as the nodes would from the same file.
 
     Args:
         data: The parameter file's data.
         own: Parts in place of those that it names.
+        arms: Where arms are kept between loops of one thread.
     """
     arm, plant = own.arm, own.plant
+    arms = ArmStore() if arms is None else arms
     driver = node_settings(data, DriverSettings)
     controller = node_settings(data, ControllerNodeSettings)
     identifier = node_settings(data, IdentifierNodeSettings)
     if plant is None:
-        plant = build_plant(driver, arm or build_arm(driver), own.sensor)
+        plant = build_plant(driver, arm or arms.arm(driver), own.sensor)
     elif own.sensor is not None:
         raise ParameterError('sensor', own.sensor, 'nothing: the plant that is given has its own')
-    known = arm or build_arm(controller)
+    known = arm or arms.arm(controller)
     begun = Controller(known, controller, law=own.law, constraints=own.constraints,
                        start=plant.measured_position(), velocity=plant.qd)
     return ClosedLoop(plant, begun,
-                      build_identifier(identifier, arm or build_arm(identifier),
+                      build_identifier(identifier, arm or arms.arm(identifier),
                                        update_law=own.update_law),
                       1.0 / driver.rate, initial_theta(controller, known),
                       controller.model == 'known')

@@ -10,13 +10,14 @@ import numpy as np
 from adaptive_blf_control.arms.settings import ArmSettings
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.identification.settings import IdentifierSettings
-from adaptive_blf_control.messages.topics import TOPICS
+from adaptive_blf_control.messages.topics import RECORDED
 from adaptive_blf_control.parameters.settings import group, parameter, Settings
 from adaptive_blf_control.parameters.table import Table
 from adaptive_blf_control.simulation.settings import PlantSettings, WatchdogSettings
 
 __all__ = ['ControllerNodeSettings', 'DriverSettings', 'GuaranteeSettings',
-           'IdentifierNodeSettings', 'LifecycleSettings', 'LockstepSettings', 'NODE_SETTINGS',
+           'IdentifierNodeSettings', 'LifecycleSettings', 'LockstepSettings', 'LoopSettings',
+           'NODE_SETTINGS',
            'RealtimeSettings', 'RecorderSettings', 'RuntimeSettings', 'TABLES']
 
 
@@ -110,6 +111,14 @@ class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, w
         5.0,
         'The estimate is written to estimate_file this often while learning; 0 only on '
         '~/save_estimate.', 's', 0.0, 3600.0, live=True)
+    model_file: str = parameter(
+        '',
+        'Where ~/save_model writes the physically consistent model; the URDF with its values '
+        'goes beside it, with the suffix .urdf. Empty: model.yaml where theta_hat.yaml goes.')
+    model_period: float = parameter(
+        5.0,
+        'The consistent model and the standard deviations of theta_hat are published this often, '
+        'but not in lockstep; 0: never.', 's', 0.0, 3600.0, live=True)
     resume_within: float = parameter(
         0.0,
         'Start from estimate_file if it was written less than this long ago, so that an '
@@ -137,6 +146,23 @@ class GuaranteeSettings(Settings, where='controller.guarantee'):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class LoopSettings(Settings, where='controller.loop'):
+    """What is known of the loop; the gains are checked against it."""
+
+    rate: float = parameter(
+        1000.0, 'Rate of the joint states.', 'Hz', 0.0, exclusive=True)
+    delay: float = parameter(
+        0.0, 'From the sample of a state until the command that answers it acts.', 's', 0.0, 1.0)
+    velocity_lag: float = parameter(
+        0.0, 'By which the measured velocity is late: the time constant of its filter, and half a '
+        'period where it is a difference of positions.', 's', 0.0, 1.0)
+    unstable: str = parameter(
+        'warn', 'What follows from gains that are unstable in this loop: warn: a warning; refuse: '
+        'the controller is not configured, live changes to such gains are refused.',
+        choices=('warn', 'refuse'))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
                              where='controller'):
     """The parameters of ``controller``."""
@@ -145,15 +171,10 @@ class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
         'estimated',
         'estimated: theta_hat from the identifier (38); known: known_parameters (34).',
         choices=('estimated', 'known'))
-    known_parameters: np.ndarray = parameter(
-        [0.0], 'theta* for model: known.', length='parameters')
-    known_parameters_file: str = parameter(
-        '', 'YAML of parameters by name, as identify or ~/save_estimate writes it, in place of '
-        'known_parameters.')
-    initial_estimate: np.ndarray = parameter(
-        [0.0], 'theta_hat until the identifier publishes one.', length='parameters')
-    initial_estimate_file: str = parameter(
-        '', 'YAML of parameters by name in place of initial_estimate.')
+    known_parameters: np.ndarray | str = parameter(
+        [0.0], 'theta* for model: known.', length='parameters', source=True)
+    initial_estimate: np.ndarray | str = parameter(
+        [0.0], 'theta_hat until the identifier publishes one.', length='parameters', source=True)
     estimate_limit: np.ndarray = parameter(
         [1000.0],
         'Largest accepted absolute value of an element of theta_hat; an estimate beyond it is '
@@ -171,6 +192,7 @@ class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
         'Publish reference and margins every this many samples, the margins as the smallest '
         'since the last time; the tracking error is published with every sample.', '', 1,
         live=True)
+    loop: LoopSettings = group(LoopSettings)
     guarantee: GuaranteeSettings = group(GuaranteeSettings)
 
 
@@ -184,7 +206,7 @@ class RecorderSettings(RuntimeSettings, where='recorder'):
     bag: str = parameter(
         'bag', 'Folder of the bag; must not exist.')
     topics: tuple[str, ...] = parameter(
-        list(TOPICS), 'Topics to record.')
+        list(RECORDED), 'Topics to record.')
     flush_period: float = parameter(
         0.5, 'A chunk reaches the disk at least this often.', 's', 0.01, 1.0)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 import copy
 from pathlib import Path
+import re
 from typing import Any, TypeVar
 
 import yaml
@@ -38,11 +39,24 @@ PARAMETERS_KEY = 'ros__parameters'  # a run's parameter file in a bag's custom_d
 ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
+class _Loader(yaml.SafeLoader):
+    """Takes ``1e-5`` for a number, as YAML 1.2 and the parameter files of ROS do."""
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float', re.compile(r'[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+$'),
+    list('-+.0123456789'))
+
+
+def _loaded(text: str) -> Any:
+    return yaml.load(text, _Loader)  # a SafeLoader
+
+
 def load_yaml(path: str | Path) -> dict[str, Any]:
     """Read a parameter file; ParameterError names the file and line where it is malformed."""
     path = Path(path)
     try:
-        data = yaml.safe_load(path.read_text(encoding='utf-8'))
+        data = _loaded(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise ParameterError('params-file', str(path),
                              f'a readable YAML file ({error.strerror})') from None
@@ -163,7 +177,7 @@ def apply_settings(data: Mapping[str, Any], settings: Iterable[str]) -> dict[str
         if not equals or not name:
             raise ParameterError('--set', setting, 'NODE.NAME=VALUE')
         try:
-            value = yaml.safe_load(text)
+            value = _loaded(text)
         except yaml.YAMLError:
             raise ParameterError('--set', setting, 'a YAML value after =') from None
         _put(changed, *_addressed(name), value)

@@ -9,15 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm
+from adaptive_blf_control.arms.regressors import arrays_of
 from adaptive_blf_control.arrays import (
     are_vectors,
     checked_array,
     checked_number,
     checked_vectors,
 )
+from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.constraints import Constraint, Constraints, MotionState
 from adaptive_blf_control.control.law import limited_answer
+from adaptive_blf_control.control.laws.ablf import AblfLaw
 from adaptive_blf_control.control.laws.choice import checked_law, make_law, retuned_law
 from adaptive_blf_control.control.laws.protocol import Law, LawSample
 from adaptive_blf_control.control.parts import controller_parts
@@ -42,17 +45,22 @@ from adaptive_blf_control.control.sets import (
     JointInterval,
 )
 from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.control.step import (
+    answer_sample,
+    ControllerArrays,
+    FIRST_INTERVAL,
+    Memory,
+    new_memory,
+)
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.parameters.settings import Settings
 
-__all__ = ['Controller', 'ControlOutput', 'sampling_model',
-           'sampling_number']
+__all__ = ['Controller', 'ControlOutput']
 
 _Group = Mapping[str, Any] | Settings
 _ASKED = {'safety': ('lower', 'upper', 'margin'), 'performance': ('lower', 'upper', 'margin'),
           'reference': ('at', 'range')}  # of a part that is given as an object
-FIRST_INTERVAL = 1e-3  # s that the first torque of a motion may have taken to rise from zero
 
 
 class ControlOutput(NamedTuple):
@@ -109,6 +117,7 @@ class _Tuning(NamedTuple):
     settings: ControllerSettings
     law: Law
     constraints: tuple[Constraint, ...]
+    barrier_weight: np.ndarray
     torque_limit: np.ndarray
     torque_rate_limit: np.ndarray
 
@@ -180,8 +189,7 @@ class Controller:
         self._no_regressor = np.zeros((arm.n, arm.m))
         self._not_measured = np.full(arm.n, np.nan)
         self._n, self._m = (arm.n,), (arm.m,)
-        self._last_torque = np.zeros(arm.n)
-        self._last_t: float | None = None
+        self._memory = new_memory(arm.n)
         self._smooth_start = follow if isinstance(follow, SmoothStart) else None
         self._take(self._tuned(settings),
                    self._checked(0.0, parts['safety'], parts['performance'], follow))
@@ -194,6 +202,15 @@ class Controller:
         return (f'<Controller of {self.arm!r}: safety {self.safety.lower.tolist()} to '
                 f'{self.safety.upper.tolist()} rad>')
 
+    def __copy__(self) -> Controller:
+        """Return a controller that goes on from here without a trace in this one."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other._memory = Memory(*(array.copy() for array in self._memory))
+        if self._arrays is not None:
+            other._arrays, other._handle = self._arrays._replace(memory=other._memory), None
+        return other
+
     def _tuned(self, settings: ControllerSettings, before: Law | None = None) -> _Tuning:
         full, given = settings.resolved(joints=self.arm.n), self._given_law
         law = None if before is None else retuned_law(before, full)
@@ -201,10 +218,11 @@ class Controller:
             law = (make_law(self.arm, full) if given is None else
                    checked_law('law', given, given, self.arm, full))
         names = (name for name in full.constraints if name)
-        # Copies that may be written to: the limits are compiled for those.
+        # Copies that may be written to: the compiled functions take those.
         return _Tuning(full, law, tuple(made_constraint(self.arm, full, each)
                                         for each in (*names, *self._given_constraints)),
-                       full.torque_limit.copy(), full.torque_rate_limit.copy())
+                       full.barrier_weight.copy(), full.torque_limit.copy(),
+                       full.torque_rate_limit.copy())
 
     def _checked(self, t: float, safety: JointInterval, performance: JointInterval,
                  reference: Reference) -> _Sets:
@@ -219,9 +237,14 @@ class Controller:
                      GrowingBounds(performance, safety, begun.start, begun.duration))
 
     def _take(self, tuning: _Tuning, sets: _Sets) -> None:
-        self.settings, self._law, _, self._limit, self._rate_limit = self._tuning = tuning
+        (self.settings, self._law, _, self._weight, self._limit,
+         self._rate_limit) = self._tuning = tuning
         self.safety, self.performance, self.reference, self._bounds = sets
         joints = self.arm.joints
+        arm = arrays_of(self.arm)
+        self._handle: Any = None  # of the arrays, made with the first sample
+        self._arrays = None if arm is None or type(self._law) is not AblfLaw else (
+            ControllerArrays(arm, self._law.gains, self._limit, self._rate_limit, self._memory))
         self.constraints = Constraints(
             [SafetyConstraint(joints, self.safety), PerformanceConstraint(joints),
              *tuning.constraints], joints)
@@ -253,9 +276,21 @@ class Controller:
         """The law in use."""
         return self._law
 
+    @property
+    def arrays(self) -> ControllerArrays | None:
+        """The controller as `controller_step` takes it; None where it has to be asked itself.
+
+        That is for another law than (38), or for an arm that only its methods know.
+        """
+        return self._arrays
+
     def bounds(self, t: float) -> Bounds:
         """Return the performance bounds in use at ``t`` [s], with their rates."""
         return self._bounds.at(t)
+
+    def bounds_along(self, times: np.ndarray) -> Bounds:
+        """Return the bounds in use at N times, (N,) [s]; the arrays have shape (N, n)."""
+        return self._bounds.along(times)
 
     def retune(self, t: float, q: np.ndarray, *, settings: ControllerSettings | None = None,
                safety: JointInterval | None = None, performance: JointInterval | None = None,
@@ -319,14 +354,26 @@ class Controller:
             q, qd, torque = checked_vectors(self.arm.joints, q=q, qd=qd, torque=torque)
         theta = checked_array('theta', theta, self._m, self.arm.parameters)
         point, bounds = self.reference.at(t), self._bounds.at(t)
-        answer = self._law.answer(LawSample(t, q, qd, torque, point, bounds, theta))
-        dt = FIRST_INTERVAL if self._last_t is None else t - self._last_t
+        if self._arrays is None:
+            return self._asked(LawSample(t, q, qd, torque, point, bounds, theta))
+        if self._handle is None:
+            self._handle = handle(self._arrays)
+        answer, x = answer_sample(self._handle, t, q, qd, theta, point, bounds)
+        return ControlOutput(answer.torque, answer.term,
+                             MotionState(t, q, qd, answer.e1, bounds), answer.e2, point, x,
+                             answer.bound, answer.wanted)
+
+    def _asked(self, sample: LawSample) -> ControlOutput:
+        """Answer a sample by asking the law in Python: a plug-in, or for an arm without arrays."""
+        t, q, qd, _, point, bounds, _ = sample
+        answer, memory = self._law.answer(sample), self._memory
+        dt = FIRST_INTERVAL if np.isnan(memory.time[0]) else t - memory.time[0]
         e1 = q - point.position
         x = self._no_regressor if answer.regressor is None else answer.regressor
         tau, term, bound = limited_answer(
-            answer.torque, x, answer.e2, self._limit, self._last_torque, self._rate_limit, dt, e1,
+            answer.torque, x, answer.e2, self._limit, memory.torque, self._rate_limit, dt, e1,
             bounds.lower, bounds.upper)
-        self._last_torque, self._last_t = tau, t
+        memory.torque[:], memory.time[0] = tau, t
         return ControlOutput(tau, term, MotionState(t, q, qd, e1, bounds), answer.e2, point, x,
                              bound, answer.torque)
 
@@ -337,7 +384,7 @@ class Controller:
     def lyapunov(self, output: ControlOutput, theta: np.ndarray) -> float:
         """V = V1 + ½ e2ᵀ M(q) e2 (30), M from ``theta``; a monitor, not part of the law."""
         kinetic = 0.5 * output.e2 @ self.arm.Y1(output.state.q, output.e2) @ theta
-        return barrier(output.e1, output.bound) + float(kinetic)
+        return barrier(output.e1, output.bound, self._weight) + float(kinetic)
 
     def warm_up(self, theta: np.ndarray) -> None:
         """Compile all that a motion calls, without a trace in this controller.
@@ -361,36 +408,3 @@ def _check_reference(reference: Reference, arm: Arm) -> None:
         raise ParameterError('reference.at(0.0)', point, 'a ReferencePoint')
     for name, value in (*point._asdict().items(), *zip(('lower', 'upper'), reference.range())):
         checked_array(f'reference.{name}', value, (arm.n,), arm.joints)
-
-
-def sampling_model(arm: Arm, q: np.ndarray, theta: np.ndarray) -> str:
-    """Return the model that can say what M(q) is: ``estimate``, ``nominal`` or ``none``.
-
-    That is ``theta`` where its M(q) is positive definite, else the nominal parameters of the arm.
-    """
-    for name, model in (('estimate', theta), ('nominal', arm.nominal)):
-        mass = _mass(arm, q, model)
-        if np.isfinite(mass).all() and np.linalg.eigvalsh(mass)[0] > 0.0:
-            return name
-    return 'none'
-
-
-def sampling_number(arm: Arm, k2: np.ndarray, q: np.ndarray, theta: np.ndarray,
-                    dt: float) -> float:
-    """Return dt λ_max(M⁻¹ diag(k2)); a loop sampled every ``dt`` [s] needs it below 2.
-
-    M(q) is that of `sampling_model`; where there is none nothing can be said: NaN.
-    """
-    model = sampling_model(arm, q, theta)
-    if model == 'none':
-        return float('nan')
-    mass = _mass(arm, q, theta if model == 'estimate' else arm.nominal)
-    matrix = np.linalg.solve(mass, np.diag(k2))
-    if not np.isfinite(matrix).all():
-        return float('inf')
-    return float(dt * np.max(np.abs(np.linalg.eigvals(matrix))))
-
-
-def _mass(arm: Arm, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    mass = np.column_stack([arm.Y1(q, unit) @ theta for unit in np.eye(arm.n)])
-    return np.asarray(0.5 * (mass + mass.T))

@@ -9,17 +9,23 @@ from __future__ import annotations
 import numpy as np
 
 from adaptive_blf_control.compiled import jit
-from adaptive_blf_control.control.barrier import active_bound, barrier_gradient, interior
+from adaptive_blf_control.control.barrier import (
+    active_bound,
+    barrier_gradient,
+    bound_towards,
+    Each,
+    interior,
+)
 
-__all__ = ['errors', 'growing_errors', 'limited', 'limited_answer', 'per_joint_coupling',
-           'pseudoinverse_coupling', 'rate_limited', 'stabilising_function', 'torque',
-           'unwound_term']
+__all__ = ['add_unwound', 'errors', 'growing_errors', 'joint_errors', 'limited',
+           'limited_answer', 'limited_joint', 'per_joint_coupling', 'pseudoinverse_coupling',
+           'rate_limited', 'rate_limited_joint', 'stabilising_function', 'torque', 'unwound_term',
+           'write_torque']
 
 
 @jit
-def stabilising_function(e1: np.ndarray, e1_dot: np.ndarray, yd_dot: np.ndarray,
-                         yd_ddot: np.ndarray, b: np.ndarray, k1: np.ndarray,
-                         ) -> tuple[np.ndarray, np.ndarray]:
+def stabilising_function(e1: Each, e1_dot: Each, yd_dot: Each, yd_ddot: Each, b: Each,
+                         k1: Each) -> tuple[Each, Each]:
     """Equation (27) per joint and its derivative, which needs no acceleration.
 
     α = ẏ_d − k1 w² e1 and α̇ = ÿ_d − k1 (w² − 4 e1² w) ė1 with w = b² − e1².
@@ -43,23 +49,24 @@ def stabilising_function(e1: np.ndarray, e1_dot: np.ndarray, yd_dot: np.ndarray,
 
 
 @jit
-def per_joint_coupling(e1: np.ndarray, e2: np.ndarray, b: np.ndarray) -> np.ndarray:
+def per_joint_coupling(e1: Each, e2: Each, b: Each, weight: Each) -> Each:
     """Cancel L joint by joint: the gradient g itself, smooth, same V̇ as the paper's; [N·m]."""
-    return barrier_gradient(e1, b)
+    return barrier_gradient(e1, b, weight)
 
 
 @jit
-def pseudoinverse_coupling(e1: np.ndarray, e2: np.ndarray, b: np.ndarray) -> np.ndarray:
+def pseudoinverse_coupling(e1: np.ndarray, e2: np.ndarray, b: np.ndarray,
+                           weight: np.ndarray) -> np.ndarray:
     """The paper's (e2ᵀ)⁺ L with L = gᵀ e2 (28), (34): discontinuous at e2 = 0; [N·m]."""
     square = np.dot(e2, e2)
     if square <= 0.0:
         return np.zeros_like(e2)
-    return e2 * (np.dot(barrier_gradient(e1, b), e2) / square)
+    return e2 * (np.dot(barrier_gradient(e1, b, weight), e2) / square)
 
 
 @jit
 def torque(x: np.ndarray, theta: np.ndarray, k2: np.ndarray, e1: np.ndarray, e2: np.ndarray,
-           b: np.ndarray, smooth: bool) -> np.ndarray:
+           b: np.ndarray, weight: np.ndarray, smooth: bool) -> np.ndarray:
     """Equation (38), and (34) with θ* in place of θ̂: τ = X θ̂ − k2 e2 − coupling, (n,) [N·m].
 
     Args:
@@ -69,16 +76,45 @@ def torque(x: np.ndarray, theta: np.ndarray, k2: np.ndarray, e1: np.ndarray, e2:
         e1: Tracking error, shape (n,) [rad].
         e2: q̇ − α, shape (n,) [rad/s].
         b: Active bound (11), shape (n,) [rad].
+        weight: Weights of the barrier, shape (n,) [J].
         smooth: Coupling per joint (True) or by the paper's pseudoinverse (False).
     """
-    coupling = per_joint_coupling(e1, e2, b) if smooth else pseudoinverse_coupling(e1, e2, b)
-    return np.dot(x, theta) - k2 * e2 - coupling
+    wanted = np.empty_like(e2)
+    write_torque(wanted, x, theta, k2, e1, e2, b, weight, smooth)
+    return wanted
+
+
+@jit
+def write_torque(wanted: np.ndarray, x: np.ndarray, theta: np.ndarray, k2: np.ndarray,
+                 e1: np.ndarray, e2: np.ndarray, b: np.ndarray, weight: np.ndarray,
+                 smooth: bool) -> None:
+    """Write `torque` into ``wanted``, shape (n,) [N·m]."""
+    for i in range(wanted.size):
+        modelled = 0.0
+        for j in range(theta.size):
+            modelled += x[i, j] * theta[j]
+        wanted[i] = modelled - k2[i] * e2[i]
+        if smooth:
+            wanted[i] -= per_joint_coupling(e1[i], e2[i], b[i], weight[i])
+    if not smooth:
+        wanted -= pseudoinverse_coupling(e1, e2, b, weight)
 
 
 @jit
 def limited(wanted: np.ndarray, limit: np.ndarray) -> np.ndarray:
     """Clip a torque to ±limit [N·m]; a NaN becomes 0, so that no torque is ever non-finite."""
-    return np.where(np.isnan(wanted), 0.0, np.minimum(np.maximum(wanted, -limit), limit))
+    given = np.empty_like(wanted)
+    for i in range(given.size):
+        given[i] = limited_joint(wanted[i], limit[i])
+    return given
+
+
+@jit
+def limited_joint(wanted: float, limit: float) -> float:
+    """`limited` for one joint [N·m]."""
+    if wanted != wanted:
+        return 0.0
+    return min(max(wanted, -limit), limit)
 
 
 @jit
@@ -96,9 +132,19 @@ def rate_limited(wanted: np.ndarray, limit: np.ndarray, last: np.ndarray, rate: 
         rate: Largest rate of change, shape (n,) [N·m/s].
         dt: Time since then [s]; below 0 counts as 0.
     """
+    given = np.empty_like(wanted)
+    for i in range(given.size):
+        given[i] = rate_limited_joint(wanted[i], limit[i], last[i], rate[i], dt)
+    return given
+
+
+@jit
+def rate_limited_joint(wanted: float, limit: float, last: float, rate: float,
+                       dt: float) -> float:
+    """`rate_limited` for one joint [N·m]."""
     reach = rate * max(0.0, dt)
-    near = np.minimum(np.maximum(limited(wanted, limit), last - reach), last + reach)
-    return limited(near, limit)
+    near = min(max(limited_joint(wanted, limit), last - reach), last + reach)
+    return limited_joint(near, limit)
 
 
 @jit
@@ -114,7 +160,19 @@ def unwound_term(x: np.ndarray, e2: np.ndarray, wanted: np.ndarray,
         wanted: Torque before the limits, shape (n,) [N·m].
         given: Torque after them, shape (n,) [N·m].
     """
-    return np.dot(np.where((given - wanted) * e2 > 0.0, 0.0, e2), x)
+    term = np.zeros(x.shape[1])
+    add_unwound(term, x, e2, wanted, given)
+    return term
+
+
+@jit
+def add_unwound(term: np.ndarray, x: np.ndarray, e2: np.ndarray, wanted: np.ndarray,
+                given: np.ndarray) -> None:
+    """Add `unwound_term` to ``term``, shape (m,)."""
+    for i in range(e2.size):
+        if not (given[i] - wanted[i]) * e2[i] > 0.0:
+            for j in range(term.size):
+                term[j] += e2[i] * x[i, j]
 
 
 @jit
@@ -139,9 +197,23 @@ def growing_errors(q: np.ndarray, qd: np.ndarray, yd: np.ndarray, yd_dot: np.nda
 
     A bound that moves adds ∂α/∂b ḃ = −4 k1 b w e1 ḃ to α̇.
     """
+    e1, e2 = np.empty_like(q), np.empty_like(q)
+    alpha, alpha_dot, b = np.empty_like(q), np.empty_like(q), np.empty_like(q)
+    for i in range(q.size):
+        e1[i], e2[i], alpha[i], alpha_dot[i], b[i] = joint_errors(
+            q[i], qd[i], yd[i], yd_dot[i], yd_ddot[i], lower[i], upper[i], lower_dot[i],
+            upper_dot[i], k1[i])
+    return e1, e2, alpha, alpha_dot, b
+
+
+@jit
+def joint_errors(q: float, qd: float, yd: float, yd_dot: float, yd_ddot: float, lower: float,
+                 upper: float, lower_dot: float, upper_dot: float, k1: float,
+                 ) -> tuple[float, float, float, float, float]:
+    """`growing_errors` of one joint."""
     e1 = q - yd
-    b = active_bound(e1, lower, upper)
-    b_dot = active_bound(e1, lower_dot, upper_dot)
+    b = bound_towards(e1, lower, upper)
+    b_dot = bound_towards(e1, lower_dot, upper_dot)
     alpha, alpha_dot = stabilising_function(e1, qd - yd_dot, yd_dot, yd_ddot, b, k1)
     e = interior(e1, b)
     alpha_dot = alpha_dot - 4.0 * k1 * b * (b * b - e * e) * e * b_dot

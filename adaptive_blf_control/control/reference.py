@@ -3,16 +3,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from adaptive_blf_control.arrays import checked_array
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import jit, uncompiled
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['Crossfade', 'Posture', 'Reference', 'ReferencePoint', 'SmoothStart', 'SumOfSinusoids',
-           'full_range', 'hull', 'quintic', 'from_time']
+           'along', 'from_time', 'full_range', 'hull', 'quintic']
 
 Range = tuple[np.ndarray, np.ndarray]
 DEEPEST = 16  # crossfades that may be under way at once
@@ -41,11 +42,36 @@ class Reference(Protocol):
 @jit
 def _sinusoids(t: float, offset: np.ndarray, amplitude: np.ndarray, frequency: np.ndarray,
                phase: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    angle = frequency * t + phase
-    s = amplitude * np.sin(angle)
-    c = amplitude * np.cos(angle) * frequency
-    return (offset + np.sum(s, axis=1), np.sum(c, axis=1),
-            -np.sum(s * frequency * frequency, axis=1))
+    y, yd, ydd = np.empty_like(offset), np.empty_like(offset), np.empty_like(offset)
+    _write_sinusoids(y, yd, ydd, t, offset, amplitude, frequency, phase)
+    return y, yd, ydd
+
+
+@jit
+def _sinusoids_along(times: np.ndarray, offset: np.ndarray, amplitude: np.ndarray,
+                     frequency: np.ndarray, phase: np.ndarray,
+                     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    shape = (times.size, offset.size)
+    y, yd, ydd = np.empty(shape), np.empty(shape), np.empty(shape)
+    for k in range(times.size):
+        _write_sinusoids(y[k], yd[k], ydd[k], times[k], offset, amplitude, frequency, phase)
+    return y, yd, ydd
+
+
+@jit
+def _write_sinusoids(position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray,
+                     t: float, offset: np.ndarray, amplitude: np.ndarray, frequency: np.ndarray,
+                     phase: np.ndarray) -> None:
+    for i in range(offset.size):
+        y, yd, ydd = 0.0, 0.0, 0.0
+        for j in range(amplitude.shape[1]):
+            w = frequency[i, j]
+            angle = w * t + phase[i, j]
+            s = amplitude[i, j] * math.sin(angle)
+            y += s
+            yd += amplitude[i, j] * math.cos(angle) * w
+            ydd -= s * w * w
+        position[i], velocity[i], acceleration[i] = offset[i] + y, yd, ydd
 
 
 @jit
@@ -91,6 +117,11 @@ class SumOfSinusoids:
         return ReferencePoint(
             *_sinusoids(t, self._offset, self._amplitude, self._frequency, self._phase))
 
+    def along(self, times: np.ndarray) -> ReferencePoint:
+        """See `along`."""
+        return ReferencePoint(*_sinusoids_along(times, self._offset, self._amplitude,
+                                                self._frequency, self._phase))
+
     def range(self) -> tuple[np.ndarray, np.ndarray]:
         """Return offset ∓ Σ |amplitude|: never left, and approached with several frequencies."""
         # A term of zero frequency is a constant; it is counted like the others.
@@ -109,6 +140,10 @@ class Posture:
     def at(self, t: float) -> ReferencePoint:
         """Return the posture at rest."""
         return self._point
+
+    def along(self, times: np.ndarray) -> ReferencePoint:
+        """See `along`."""
+        return ReferencePoint(*(np.tile(each, (times.size, 1)) for each in self._point))
 
     def range(self) -> Range:
         """Return the posture twice."""
@@ -152,6 +187,21 @@ class Crossfade:
         return ReferencePoint(
             *_blend(since, self.duration, *self.before.at(t), *self.after.at(t)))
 
+    def along(self, times: np.ndarray) -> ReferencePoint:
+        """See `along`."""
+        since = times - self.begin
+        first, last = since <= 0.0, since >= self.duration
+        rows = ReferencePoint(*np.where(
+            last[:, None], along(self.after, times), along(self.before, times)))
+        between = ~(first | last)
+        if between.any():
+            blend = uncompiled(_blend)(
+                since[between, None], self.duration,  # type: ignore[arg-type]
+                *along(self.before, times[between]), *along(self.after, times[between]))
+            for row, part in zip(rows, blend):
+                row[between] = part
+        return rows
+
     def range(self) -> Range:
         """Return the hull of both ranges."""
         return hull(self.before.range(), self.after.range())
@@ -189,6 +239,15 @@ class SmoothStart(Crossfade):
     def from_time(self, t: float) -> Reference:
         """See `from_time`."""
         return from_time(self.after, t) if t >= self.duration else self
+
+
+def along(reference: Reference, times: np.ndarray) -> ReferencePoint:
+    """Evaluate a reference at N ascending times, (N,) [s]; its arrays have shape (N, n)."""
+    own = getattr(reference, 'along', None)
+    if own is not None:
+        return own(times)  # type: ignore[no-any-return]
+    points = [reference.at(float(t)) for t in times]
+    return ReferencePoint(*(np.array(rows, dtype=float) for rows in zip(*points)))
 
 
 def hull(first: Range, second: Range) -> Range:

@@ -121,3 +121,11 @@ class GrowingBounds:
         if t >= self._duration:  # always, where there is no smooth start
             return self._end
         return Bounds(*_grown(t, self._duration, *self._start, *self._end[:2]))
+
+    def along(self, times: np.ndarray) -> Bounds:
+        """Evaluate at N times, (N,) [s]; the arrays have shape (N, n)."""
+        rows = Bounds(*(np.tile(each, (times.size, 1)) for each in self._end))
+        for k in np.flatnonzero(times < self._duration):
+            for row, each in zip(rows, self.at(float(times[k]))):
+                row[k] = each
+        return rows

@@ -128,6 +128,10 @@ class ControllerSettings(Settings, where='controller'):
     k2: np.ndarray = parameter(
         [30.0], 'Gains on e2 in (38).',
         'N*m*s/rad', 0.0, exclusive=True, length='joints', live=True)
+    barrier_weight: np.ndarray = parameter(
+        [1.0], 'Weight of the barrier (23) against the kinetic energy in V (30): its stiffness at '
+        'e1 = 0 is barrier_weight / bound^2. 1 J in the paper.',
+        'J', 0.0, exclusive=True, length='joints', live=True)
     coupling: str = parameter(
         'per_joint',
         'How the barrier acts on the torque: per_joint (smooth) or the pseudoinverse of the '

@@ -16,15 +16,16 @@ from __future__ import annotations
 
 from abc import abstractmethod
 import math
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, by_type, jit, uncompiled
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.history import History
+from adaptive_blf_control.identification.history import facts, History, pairs, sums
 
-__all__ = ['ChangeMonitor', 'MONITORS', 'ResidualMonitor', 'normalised_residual', 'windowed_step']
+__all__ = ['ChangeMonitor', 'MONITORS', 'ResidualArrays', 'ResidualMonitor', 'contradicted',
+           'forget_residuals', 'normalised_residual', 'windowed_step']
 
 MONITORS = ('residual',)
 """The names of our change monitors."""
@@ -93,30 +94,119 @@ class ChangeMonitor(Protocol):
         ...
 
 
+@by_type
+def contradicted(monitor: ChangeMonitor, dt: float, regressor: np.ndarray, torque: np.ndarray,
+                 history: History) -> bool:
+    """Compare a pair with the recorded ones, see `ChangeMonitor.watch`."""
+    return bool(monitor.watch(dt, regressor, torque, history))
+
+
+@by_type
+def forget_residuals(monitor: ChangeMonitor) -> None:
+    """Forget what was seen, see `ChangeMonitor.reset`."""
+    monitor.reset()
+
+
+class ResidualArrays(NamedTuple):
+    """The residual monitor as compiled functions take it; arrays are changed in place.
+
+    Attributes:
+        statistic: Windowed mean of d² per joint, shape (n,).
+        theta: θ_s, shape (m,).
+        inverse: Q⁻¹, widened, shape (m, m).
+        variance: Mean square residual of the stack per joint, shape (n,) [N²·m²].
+        square: Mean square torque of the stack per joint, t_i², shape (n,) [N²·m²].
+        revision: That of the history these belong to, −1 for none, shape (1,).
+        window: Time constant of the mean [s]; 0 is off.
+        threshold: Mean of d² that counts as a change.
+        resolution: ρ.
+    """
+
+    statistic: np.ndarray
+    theta: np.ndarray
+    inverse: np.ndarray
+    variance: np.ndarray
+    square: np.ndarray
+    revision: np.ndarray
+    window: float
+    threshold: float
+    resolution: float
+
+
+@jit
+def take_over(monitor: ResidualArrays, regressors: np.ndarray, torques: np.ndarray,
+              gram: np.ndarray, moment: np.ndarray) -> None:
+    """Take θ_s and the residuals of the recorded pairs, (P, n, m) and (P, n), from their sums."""
+    monitor = borrowed(monitor)
+    slots, n, m = regressors.shape
+    inverse = np.linalg.inv(gram)
+    monitor.theta[:] = np.dot(inverse, moment)
+    # Noise of neighbouring pairs is alike, as the filters remember both: P n equations say no
+    # more about θ_s than the m it takes, in the worst case.
+    monitor.inverse[:, :] = (slots * n / m) * inverse
+    predicted = np.dot(regressors.reshape(slots * n, m), monitor.theta).reshape(slots, n)
+    residuals = predicted - torques
+    # P n equations fix m unknowns: the fit absorbs that part of the noise.
+    freedom = max(1.0 - m / (slots * n), 0.1)
+    monitor.variance[:] = np.sum(residuals * residuals, axis=0) / (slots * freedom)
+    monitor.square[:] = np.sum(torques * torques, axis=0) / slots
+
+
+@jit
+def residuals_contradicted(monitor: ResidualArrays, dt: float, regressor: np.ndarray,
+                           torque: np.ndarray, history: History) -> bool:
+    """Compare a pair with the recorded ones, see `ChangeMonitor.watch`."""
+    monitor = borrowed(monitor)
+    count, size, rank, revision = facts(history)
+    if monitor.window <= 0.0 or count != size or rank != regressor.shape[1]:
+        return False
+    if revision != monitor.revision[0]:
+        regressors, torques = pairs(history)
+        gram, moment = sums(history)
+        take_over(monitor, regressors, torques, gram, moment)
+        monitor.revision[0] = revision
+    floor = monitor.resolution ** 2 * monitor.square + 1e-300
+    mean, top = windowed_step(
+        monitor.statistic, -math.expm1(-dt / monitor.window), 20.0 * monitor.threshold,
+        regressor, torque, monitor.theta, monitor.inverse, monitor.variance, floor)
+    monitor.statistic[:] = mean
+    return bool(top >= monitor.threshold)
+
+
+@jit
+def forget_statistic(monitor: ResidualArrays) -> None:
+    """Begin with an empty mean and without residuals."""
+    monitor = borrowed(monitor)
+    monitor.statistic[:] = 0.0
+    monitor.revision[0] = -1
+
+
+contradicted.register(ResidualArrays, residuals_contradicted)
+forget_residuals.register(ResidualArrays, forget_statistic)
+
+
 class ResidualMonitor(ChangeMonitor):
     """Sequential test on the normalised residual; silent until the stack is full, of full rank.
 
     Attributes:
-        statistic: Windowed mean of d² per joint, shape (n,).
+        arrays: Its state.
     """
 
-    def __init__(self, n: int, window: float, threshold: float, resolution: float) -> None:
+    def __init__(self, n: int, m: int, window: float, threshold: float,
+                 resolution: float) -> None:
         """Set up the monitor.
 
         Args:
             n: Number of joints.
+            m: Number of parameters.
             window: Time constant of the mean [s]; 0 switches the monitor off.
             threshold: Mean of d² that counts as a change, > 1.
             resolution: ρ, part of the torque that does not matter.
         """
         self._check(window, threshold, resolution)
-        self.window = window
-        self.threshold = threshold
-        self.resolution = resolution
-        self.statistic = np.zeros(n)
-        self._revision = -1
-        self._theta = self._variance = self._square = self._floor = np.zeros(0)
-        self._inverse = np.zeros((0, 0))
+        self.arrays = ResidualArrays(
+            np.zeros(n), np.zeros(m), np.zeros((m, m)), np.zeros(n), np.zeros(n),
+            np.full(1, -1, dtype=np.int64), float(window), float(threshold), float(resolution))
 
     @staticmethod
     def _check(window: float, threshold: float, resolution: float) -> None:
@@ -127,47 +217,24 @@ class ResidualMonitor(ChangeMonitor):
         if not (math.isfinite(resolution) and resolution >= 0.0):
             raise ParameterError('identifier.change.resolution', resolution, 'a finite value >= 0')
 
+    @property
+    def statistic(self) -> np.ndarray:
+        """Windowed mean of d² per joint, shape (n,)."""
+        return self.arrays.statistic.copy()
+
     def retune(self, window: float, threshold: float, resolution: float) -> None:
         """Change the settings, all or none; another window begins with an empty mean."""
         self._check(window, threshold, resolution)
-        if window != self.window:
+        if window != self.arrays.window:
             self.reset()
-        self.window, self.threshold, self.resolution = window, threshold, resolution
-        self._set_floor()
-
-    def _set_floor(self) -> None:
-        self._floor = self.resolution ** 2 * self._square + 1e-300
+        self.arrays = self.arrays._replace(
+            window=float(window), threshold=float(threshold), resolution=float(resolution))
 
     def reset(self) -> None:
         """See `ChangeMonitor`."""
-        self.statistic = np.zeros_like(self.statistic)
-        self._revision = -1
+        forget_statistic(self.arrays)
 
     def watch(self, dt: float, regressor: np.ndarray, torque: np.ndarray,
               history: History) -> bool:
         """See `ChangeMonitor`."""
-        whole = history.count == history.size and history.rank == regressor.shape[1]
-        if self.window <= 0.0 or not whole:
-            return False
-        if history.revision != self._revision:
-            self._learn(history)
-        self.statistic, top = windowed_step(
-            self.statistic, -math.expm1(-dt / self.window), 20.0 * self.threshold, regressor,
-            torque, self._theta, self._inverse, self._variance, self._floor)
-        return bool(top >= self.threshold)
-
-    def _learn(self, history: History) -> None:
-        """Take θ_s and the residuals of the recorded pairs over from a full history."""
-        regressors, torques, gram = history.regressors, history.torques, history.gram
-        inverse = np.linalg.inv(gram)
-        self._theta = inverse @ history.moment
-        # Noise of neighbouring pairs is alike, as the filters remember both: P n equations say no
-        # more about θ_s than the m it takes, in the worst case.
-        self._inverse = torques.size / gram.shape[0] * inverse
-        residuals = np.einsum('pnm,m->pn', regressors, self._theta) - torques
-        # P n equations fix m unknowns: the fit absorbs that part of the noise.
-        freedom = max(1.0 - gram.shape[0] / torques.size, 0.1)
-        self._variance = np.mean(residuals ** 2, axis=0) / freedom
-        self._square = np.mean(torques ** 2, axis=0)
-        self._set_floor()
-        self._revision = history.revision
+        return uncompiled(residuals_contradicted)(self.arrays, dt, regressor, torque, history)

@@ -33,19 +33,23 @@ class Motion(NamedTuple):
     kind: str
 
 
-def confidence(theta: np.ndarray, judged: Uncertainty, regressors: np.ndarray) -> tuple[str, ...]:
+def confidence(arm: Arm, theta: np.ndarray, judged: Uncertainty,
+               regressors: np.ndarray) -> tuple[str, ...]:
     """Tell for each parameter whether the data determine it.
 
     ``determined``: its 95 % interval leaves out zero, or is so narrow that all of it makes no more
-    torque than the residual; ``weakly``: neither; ``not``: it can be anything.
+    torque than the residual, in the recorded motion and in one that moves every joint; ``weakly``:
+    neither; ``not``: it can be anything.
 
     Args:
+        arm: The arm.
         theta: θ̂, shape (m,).
         judged: How sure it is.
         regressors: Y_f of the recorded pairs, shape (P, n, m).
     """
     half = NORMAL * judged.std
-    torque = np.sqrt(np.mean(regressors ** 2, axis=0)) / _floored(judged.residual)[:, None]
+    torque = np.maximum(np.sqrt(np.mean(regressors ** 2, axis=0)), _moving(arm))
+    torque = torque / _floored(judged.residual)[:, None]
     finite = np.isfinite(half)
     matters = np.where(finite, half, 0.0) * torque.max(axis=0) > 1.0
     return tuple(NOT if not known else WEAKLY if unsure else DETERMINED
@@ -76,6 +80,18 @@ def helpful_motion(arm: Arm, judged: Uncertainty, names: Sequence[str]) -> dict[
     for name, best in zip(names, np.argmax(removed, axis=0), strict=True):
         result.setdefault(motions[int(best)], []).append(name)
     return result
+
+
+def _moving(arm: Arm) -> np.ndarray:
+    """Return the RMS of each element of Y while every joint moves, shape (n, m)."""
+    random = np.random.default_rng(1)
+    lower, upper = _range(arm)
+    squares = np.zeros((arm.n, arm.m))
+    for _ in range(_STATES):
+        q = random.uniform(lower, upper)
+        qd, qdd = random.uniform(-_SPEED, _SPEED, (2, arm.n))
+        squares += arm.X(q, qd, qd, qdd) ** 2 / _STATES
+    return np.sqrt(squares)
 
 
 def _floored(residual: np.ndarray) -> np.ndarray:

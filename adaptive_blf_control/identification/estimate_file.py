@@ -14,44 +14,47 @@ import threading
 from typing import Any
 
 import numpy as np
-import yaml
 
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.given_parameters import load_estimate, theta_of
 from adaptive_blf_control.identification.identifier import Snapshot
 
-__all__ = ['estimate_path', 'read_estimate', 'recent_estimate', 'write_estimate']
+__all__ = ['estimate_path', 'recent_estimate', 'write_estimate', 'write_text']
 
 FOLDER = 'adaptive_blf_control'
 FILE = 'theta_hat.yaml'
 PLAIN = re.compile(r'(?!(?i:y|yes|n|no|on|off|true|false|null)$)[A-Za-z][A-Za-z0-9_]*$')
 
 
-def estimate_path(text: str, namespace: str, environment: Mapping[str, str]) -> Path:
-    """Return the file that the parameter ``estimate_file`` stands for.
+def estimate_path(text: str, namespace: str, environment: Mapping[str, str],
+                  name: str = 'identifier.estimate_file', file: str = FILE) -> Path:
+    """Return the file that a parameter as ``estimate_file`` stands for.
 
     Args:
-        text: The parameter; a leading ``~`` is the home folder. Empty: ``theta_hat.yaml`` in
+        text: The parameter; a leading ``~`` is the home folder. Empty: ``file`` in
             ``adaptive_blf_control/NAMESPACE`` below ``ROS_HOME``, ``~/.ros`` where that is not
             set, so that neither the present folder is littered nor an estimate lost.
         namespace: Of the node, e.g. ``/left``.
         environment: ``ROS_HOME`` and ``HOME`` are looked at.
+        name: Of the parameter, for messages.
+        file: Name of the file where the parameter is empty.
 
     Raises:
         ParameterError: a home folder is needed and not known.
     """
     ros_home = environment.get('ROS_HOME', '')
     if not text:
-        folder = _at_home(ros_home or '~/.ros', environment)
-        return folder.joinpath(FOLDER, *filter(None, namespace.split('/')), FILE)
-    return _at_home(text, environment)
+        folder = _at_home(ros_home or '~/.ros', environment, name)
+        return folder.joinpath(FOLDER, *filter(None, namespace.split('/')), file)
+    return _at_home(text, environment, name)
 
 
-def _at_home(text: str, environment: Mapping[str, str]) -> Path:
+def _at_home(text: str, environment: Mapping[str, str], name: str) -> Path:
     if text != '~' and not text.startswith('~/'):
         return Path(text)
     home = environment.get('HOME', '')
     if not home:
-        raise ParameterError('identifier.estimate_file', text,
+        raise ParameterError(name, text,
                              'a path without ~ where HOME is not set')
     return Path(home, text[2:])
 
@@ -101,10 +104,15 @@ def write_estimate(path: Path, snapshot: Snapshot, written_at: str = '', *,
     """
     if make_folder:
         _make_folder(path.parent)
+    write_text(path, _content(snapshot, written_at, std))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file so that a reader sees all of it or that of before; otherwise as above."""
     temporary = path.with_name(f'.{path.name}.{os.getpid()}.{threading.get_ident()}')
     try:
         with temporary.open('w', encoding='utf-8') as file:
-            file.write(_content(snapshot, written_at, std))
+            file.write(text)
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
@@ -130,47 +138,6 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-def _load(path: Path, name: str) -> Any:
-    try:
-        return yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ParameterError(name, str(path), f'a readable file ({error.strerror})') from None
-    except (ValueError, yaml.YAMLError):
-        raise _no_mapping(name, path) from None
-
-
-def _no_mapping(name: str, path: Path) -> ParameterError:
-    return ParameterError(name, str(path), 'a mapping theta_hat of parameter names to numbers')
-
-
-def _theta(content: Any, path: Path, parameters: tuple[str, ...], name: str) -> np.ndarray:
-    try:
-        values = content['theta_hat']
-        theta = np.array([float(values[parameter]) for parameter in parameters])
-    except KeyError as error:
-        raise ParameterError(name, str(path), f'an entry {error.args[0]!r}') from None
-    except (TypeError, ValueError, OverflowError):
-        raise _no_mapping(name, path) from None
-    if not np.isfinite(theta).all():
-        raise ParameterError(name, str(path), 'finite values in theta_hat')
-    return theta
-
-
-def read_estimate(path: Path, parameters: tuple[str, ...],
-                  name: str = 'identifier.initial_estimate_file') -> np.ndarray:
-    """Read θ̂ that :func:`write_estimate` wrote, in the order of ``parameters``, shape (m,).
-
-    Args:
-        path: The file.
-        parameters: Names in the order wanted.
-        name: Of the parameter that names the file, for messages.
-
-    Raises:
-        ParameterError: the file cannot be read or lacks a parameter.
-    """
-    return _theta(_load(path, name), path, parameters, name)
-
-
 def recent_estimate(path: Path, parameters: tuple[str, ...], now: str,
                     within: float) -> np.ndarray | None:
     """Read θ̂ of an identifier that was killed a moment ago, to go on from there.
@@ -192,9 +159,9 @@ def recent_estimate(path: Path, parameters: tuple[str, ...], now: str,
     name = 'identifier.estimate_file'
     if within <= 0.0 or not os.path.exists(path):
         return None
-    content = _load(path, name)
+    content = load_estimate(path, name)
     age = _seconds(now) - _written_at(content, path, name)
-    return _theta(content, path, parameters, name) if abs(age) <= within else None
+    return theta_of(content, path, parameters, name) if abs(age) <= within else None
 
 
 def _written_at(content: Any, path: Path, name: str) -> float:

@@ -9,13 +9,14 @@ on a trajectory and the other does not.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['PARTS', 'Excitation', 'with_sample']
+__all__ = ['PARTS', 'Excitation', 'ExcitationArrays', 'accumulate', 'with_sample']
 
 PARTS = 20
 """Parts of the window: it slides in steps of one part."""
@@ -27,11 +28,50 @@ def with_sample(gram: np.ndarray, regressor: np.ndarray, dt: float) -> np.ndarra
     return gram + dt * np.dot(regressor.T, regressor)
 
 
+class ExcitationArrays(NamedTuple):
+    """The integral as compiled functions take it; arrays are changed in place.
+
+    Attributes:
+        parts: Integrals over the parts of the window, shape (PARTS, m, m); (0, m, m) for none.
+        present: Integral over the part that is not complete, shape (m, m).
+        elapsed: Time since that part began, shape (1,) [s].
+        completed: Number of parts completed so far, shape (1,).
+        length: Length of a part [s].
+    """
+
+    parts: np.ndarray
+    present: np.ndarray
+    elapsed: np.ndarray
+    completed: np.ndarray
+    length: float
+
+
+@jit
+def accumulate(arrays: ExcitationArrays, dt: float, regressor: np.ndarray) -> None:
+    """Add the filtered regressor Y_f, shape (n, m), held over ``dt`` [s]."""
+    arrays = borrowed(arrays)
+    count = arrays.parts.shape[0]
+    if count == 0:
+        return
+    arrays.present[:, :] = with_sample(arrays.present, regressor, dt)
+    arrays.elapsed[0] += dt
+    # Half a sample early rather than one late: sums of dt are never round.
+    if arrays.elapsed[0] + 0.5 * dt >= arrays.length:
+        arrays.parts[arrays.completed[0] % count] = arrays.present
+        arrays.present[:, :] = 0.0
+        arrays.elapsed[0] = 0.0
+        arrays.completed[0] += 1
+
+
 class Excitation:
     """The integral of (21) over the last ``window`` seconds of samples.
 
     A sample costs one small matrix product; the eigenvalues are computed when :attr:`index` is
     asked for, at most once per part of the window.
+
+    Attributes:
+        arrays: The integral.
+        window: T [s].
     """
 
     def __init__(self, m: int, window: float) -> None:
@@ -39,29 +79,14 @@ class Excitation:
         if not (math.isfinite(window) and window >= 0.0):
             raise ParameterError('identifier.excitation.window', window, 'a finite time >= 0 s')
         self.window = window
-        self._m = m
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all samples."""
-        self._parts = np.zeros((PARTS if self.window > 0.0 else 0, self._m, self._m))
-        self._present = np.zeros((self._m, self._m))
-        self._elapsed = 0.0
-        self._completed = 0
-        self._known: tuple[int, float] | None = None
+        self.arrays = ExcitationArrays(
+            np.zeros((PARTS if window > 0.0 else 0, m, m)), np.zeros((m, m)), np.zeros(1),
+            np.zeros(1, dtype=np.int64), window / PARTS)
+        self._known = 0, 0.0
 
     def update(self, dt: float, regressor: np.ndarray) -> None:
         """Add the filtered regressor Y_f, shape (n, m), held over ``dt`` [s]."""
-        if self.window == 0.0:
-            return
-        self._present = with_sample(self._present, regressor, dt)
-        self._elapsed += dt
-        # Half a sample early rather than one late: sums of dt are never round.
-        if self._elapsed + 0.5 * dt >= self.window / PARTS:
-            self._parts[self._completed % PARTS] = self._present
-            self._present = np.zeros_like(self._present)
-            self._elapsed = 0.0
-            self._completed += 1
+        accumulate(self.arrays, dt, regressor)
 
     @property
     def index(self) -> float | None:
@@ -71,7 +96,8 @@ class Excitation:
         """
         if self.window == 0.0:
             return None
-        if self._known is None or self._known[0] != self._completed:
-            smallest = float(np.linalg.eigvalsh(self._parts.sum(axis=0))[0])
-            self._known = (self._completed, max(smallest, 0.0))
+        completed = int(self.arrays.completed[0])
+        if self._known[0] != completed:
+            smallest = float(np.linalg.eigvalsh(self.arrays.parts.sum(axis=0))[0])
+            self._known = completed, max(smallest, 0.0)
         return self._known[1]

@@ -8,7 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
-__all__ = ['History', 'SELECTIONS']
+from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.compiled import by_type
+
+__all__ = ['History', 'SELECTIONS', 'UNJUDGED', 'facts', 'forget_pairs', 'offer', 'pairs', 'sums']
 
 SELECTIONS = ('algorithm_1',)
 """The names of our ways to select pairs."""
@@ -19,29 +22,68 @@ class History(Protocol):
 
     θ̂ converges once its rank is m (Theorem 1), the faster the larger σ_min.
 
-    Attributes:
-        regressors: Y_fj, shape (at least ``count``, n, m), zero where no pair is.
-        torques: τ_fj, shape (at least ``count``, n) [N·m], likewise.
-        gram: Q = Σ Y_fjᵀ Y_fj, shape (m, m).
-        moment: Σ Y_fjᵀ τ_fj, shape (m,).
-        size: Number of pairs that it holds when it is full.
-        count: Number of pairs that it holds.
-        insertions: Number of pairs taken since it was empty.
-        revision: Another number whenever the pairs are others.
-        rank: Rank of Q.
-        sigma_min: Smallest eigenvalue of Q, 0 where the rank is not full.
+    What follows may as well be attributes.
     """
 
-    regressors: np.ndarray
-    torques: np.ndarray
-    gram: np.ndarray
-    moment: np.ndarray
-    size: int
-    count: int
-    insertions: int
-    revision: int
-    rank: int
-    sigma_min: float
+    @property
+    @abstractmethod
+    def regressors(self) -> np.ndarray:
+        """Y_fj, shape (at least ``count``, n, m), zero where no pair is."""
+        ...
+
+    @property
+    @abstractmethod
+    def torques(self) -> np.ndarray:
+        """τ_fj, shape (at least ``count``, n) [N·m], likewise."""
+        ...
+
+    @property
+    @abstractmethod
+    def gram(self) -> np.ndarray:
+        """Q = Σ Y_fjᵀ Y_fj, shape (m, m)."""
+        ...
+
+    @property
+    @abstractmethod
+    def moment(self) -> np.ndarray:
+        """Σ Y_fjᵀ τ_fj, shape (m,)."""
+        ...
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of pairs that it holds when it is full."""
+        ...
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """Number of pairs that it holds."""
+        ...
+
+    @property
+    @abstractmethod
+    def insertions(self) -> int:
+        """Number of pairs taken since it was empty."""
+        ...
+
+    @property
+    @abstractmethod
+    def revision(self) -> int:
+        """Another number whenever the pairs are others."""
+        ...
+
+    @property
+    @abstractmethod
+    def rank(self) -> int:
+        """Rank of Q."""
+        ...
+
+    @property
+    @abstractmethod
+    def sigma_min(self) -> float:
+        """Smallest eigenvalue of Q, 0 where the rank is not full."""
+        ...
 
     @abstractmethod
     def offer(self, regressor: np.ndarray, torque: np.ndarray) -> int:
@@ -68,3 +110,47 @@ class History(Protocol):
         The recorded pairs stay. The values have been checked.
         """
         ...
+
+
+# What compiled functions ask of a history, by its type; here of one in Python.
+
+
+UNJUDGED = -2
+"""What `offer` returns for a pair that LAPACK could not judge."""
+
+
+@by_type
+def offer(history: History, regressor: np.ndarray, torque: np.ndarray) -> int:
+    """Offer a pair, see `History.offer`."""
+    try:
+        return history.offer(regressor, torque)
+    except np.linalg.LinAlgError:
+        return UNJUDGED
+
+
+@by_type
+def forget_pairs(history: History) -> None:
+    """Forget every pair."""
+    history.clear()
+
+
+@by_type
+def facts(history: History) -> tuple[int, int, int, int]:
+    """Return count, size, rank and revision."""
+    return history.count, history.size, history.rank, history.revision
+
+
+@by_type
+def pairs(history: History) -> tuple[np.ndarray, np.ndarray]:
+    """Return the regressors, shape (P, n, m), and torques, shape (P, n), of a full history."""
+    return history.regressors, history.torques
+
+
+@by_type
+def sums(history: History) -> tuple[np.ndarray, np.ndarray]:
+    """Return Q, shape (m, m), and Σ Y_fjᵀ τ_fj, shape (m,); ParameterError for other shapes."""
+    name = type(history).__name__
+    gram = checked_array(f'{name}.gram', history.gram, (-1, -1))
+    if gram.shape[0] != gram.shape[1]:
+        gram = checked_array(f'{name}.gram', gram, (gram.shape[1],) * 2)
+    return gram, checked_array(f'{name}.moment', history.moment, gram.shape[:1])

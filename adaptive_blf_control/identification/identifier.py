@@ -3,27 +3,45 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm
 from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
-from adaptive_blf_control.arrays import checked_array, checked_number
-from adaptive_blf_control.compiled import all_finite
+from adaptive_blf_control.arrays import (
+    are_vectors,
+    checked_array,
+    checked_number,
+    checked_vectors,
+)
+from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor
 from adaptive_blf_control.identification.determination import undetermined
-from adaptive_blf_control.identification.excitation import Excitation
-from adaptive_blf_control.identification.history import History
-from adaptive_blf_control.identification.pair_filter import PairFilter
-from adaptive_blf_control.identification.parts import named, PartMaker
-from adaptive_blf_control.identification.recorded_pairs import RecordedPairs
+from adaptive_blf_control.identification.given_parameters import given_parameters
+from adaptive_blf_control.identification.parts import AnyHistory, named, PartMaker
+from adaptive_blf_control.identification.running_parts import RunningParts
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.state_filter import StateFilter
-from adaptive_blf_control.identification.update_laws import Evidence, UpdateLaw
+from adaptive_blf_control.identification.step import (
+    AGE,
+    CHANGES,
+    IdentifierState,
+    NOT_FINITE,
+    REPEATED,
+    RESTARTS,
+    TOO_LARGE,
+    UPDATES,
+    WENT_BACK,
+)
+from adaptive_blf_control.identification.torque_filter import FilteredPair
+from adaptive_blf_control.identification.update_laws import UpdateLaw
 
-__all__ = ['Identifier', 'IdentifierSettings', 'Snapshot']
+__all__ = ['BLOCK', 'Identifier', 'IdentifierSettings', 'LearnedBlock', 'Snapshot']
+
+_DROPPED = {'not finite': NOT_FINITE, 'too large': TOO_LARGE, 'stamp repeated': REPEATED,
+            'stamp went back': WENT_BACK}
 
 
 class Snapshot(NamedTuple):
@@ -44,17 +62,33 @@ class Snapshot(NamedTuple):
     insertions: int
 
 
-class Identifier:
-    """Torque filter, history stack and update law joined: (12)-(18), Algorithm 1, (37).
+class LearnedBlock(NamedTuple):
+    """Samples of a log that were taken one after the other, B of them.
 
     Attributes:
-        theta: θ̂, shape (m,); replaced, never changed in place.
+        samples: Where they are in the log.
+        rows: [Y_f τ_f] after each of them, shape (B, n, m + 1).
+        usable: Whether the filters had advanced to that pair and were settled, shape (B,).
+        recorded: Whether the history was another one after it, shape (B,).
     """
+
+    samples: slice
+    rows: np.ndarray
+    usable: np.ndarray
+    recorded: np.ndarray
+
+
+BLOCK = 64
+"""Samples of a log that are taken between two returns to Python."""
+
+
+class Identifier:
+    """Torque filter, history stack and update law joined: (12)-(18), Algorithm 1, (37)."""
 
     def __init__(self, arm: Arm, settings: IdentifierSettings | None = None,
                  update_law: UpdateLaw | type[UpdateLaw] | str | None = None, *,
                  state_filter: StateFilter | type[StateFilter] | str | None = None,
-                 history_stack: History | type[History] | str | None = None,
+                 history_stack: AnyHistory | type[AnyHistory] | str | None = None,
                  change_monitor: ChangeMonitor | type[ChangeMonitor] | str | None = None,
                  **changes: Any) -> None:
         """Start from ``settings.initial_estimate`` with an empty stack.
@@ -85,18 +119,13 @@ class Identifier:
         given, names = named({'update_law': update_law, 'state_filter': state_filter,
                               'history_stack': history_stack, 'change_monitor': change_monitor})
         settings = IdentifierSettings.taken(settings, {**changes, **names})
-        self._start(settings.resolved(joints=arm.n, parameters=arm.m), PartMaker(arm, given))
-
-    def _start(self, settings: IdentifierSettings, make: PartMaker) -> None:
-        arm = self.arm
+        settings = settings.replace(initial_estimate=given_parameters(
+            'identifier.initial_estimate', settings.initial_estimate, arm))
+        self._settings = settings.resolved(joints=arm.n, parameters=arm.m)
+        self._given = given
+        self._parts = RunningParts(PartMaker(arm, given), self._settings)
+        self._theta, self._theta_updates = self._parts.state.learner.theta.copy(), 0
         self._n = (arm.n,)
-        self._make = make
-        self._settings = settings
-        self._law = make.update_law(settings)
-        self._filter = PairFilter(arm, settings.filter, make.state_filter(settings))
-        self._recorded = RecordedPairs(make, settings)
-        self._excitation = Excitation(arm.m, settings.excitation.window)
-        self.theta = settings.initial_estimate.copy()
         self._no_term = np.zeros(arm.m)
 
     @property
@@ -118,22 +147,11 @@ class Identifier:
         Raises:
             ParameterError: a value cannot be used; nothing has changed.
         """
-        old, make = self._settings, self._make
         settings = IdentifierSettings.taken(
-            settings, {'initial_estimate': old.initial_estimate})
+            settings, {'initial_estimate': self._settings.initial_estimate})
         settings = settings.resolved(joints=self.arm.n, parameters=self.arm.m)
-        # What may be refused comes first.
-        law = make.update_law(settings)
-        state_filter = (make.state_filter(settings)
-                        if _state_filter_of(settings) != _state_filter_of(old) else None)
-        stack = (make.history(settings)
-                 if settings.history.selection != old.history.selection else None)
-        monitor = make.monitor(settings) if settings.change.monitor != old.change.monitor else None
-        self._settings, self._law = settings, law
-        self._filter.retune(settings.filter, state_filter)
-        self._recorded.retune(settings, stack, monitor)
-        if settings.excitation.window != old.excitation.window:
-            self._excitation = Excitation(self.arm.m, settings.excitation.window)
+        self._parts.retune(settings)
+        self._settings = settings
 
     def snapshot(self) -> Snapshot:
         """Return what :func:`write_estimate` writes, to be used in any thread."""
@@ -141,30 +159,46 @@ class Identifier:
         return Snapshot(self.arm.parameters, self.theta, stack.rank, stack.sigma_min,
                         stack.insertions)
 
-    def warm_up(self) -> None:
-        """Compile everything that runs, or may be switched on, on throw-away identifiers.
+    def warm_up(self, log: bool = False) -> None:
+        """Compile everything that runs, or may be switched on, on a throw-away identifier.
 
         Parts that were given as objects are left alone.
+
+        Args:
+            log: What :meth:`learn` runs, in place of what :meth:`update` does.
         """
         settings = self.settings.replace(**{
             'history.size': self.arm.m, 'filter.settle': 0.0, 'filter.gap': 1.0,
             'change.window': max(self.settings.change.window, 1e-3),
             'excitation.window': max(self.settings.excitation.window, 1e-3)})
-        parts = self._make.given.reusable()._asdict()
+        parts = self._given.reusable()._asdict()
+        count, joints = settings.history.size + 5, self.arm.n
         random = np.random.default_rng(0)
-        for order in {0, 2, settings.filter.state_order}:
-            spare = Identifier(self.arm, settings.replace(**{'filter.state_order': order}),
-                               **parts)
-            for k in range(settings.history.size + 5):
-                q, qd, tau = random.normal(size=(3, self.arm.n))
-                spare.update(k * 1e-3, q, qd, tau)
+        t, samples = 1e-3 * np.arange(count), random.normal(size=(3, count, joints))
+        spare = Identifier(self.arm, settings, **parts)
+        if log:
+            spare.learn(t, *samples)
+            return
+        for k in range(count):
+            spare.update(t[k], *samples[:, k])
 
     def __repr__(self) -> str:
         """Show what has been learned."""
+        dropped = sum(self.dropped.values())
         return (f'<Identifier of {self.arm!r}: rank {self.rank} of {self.arm.m}, '
-                f'{self.stack.count} of {self.stack.size} pairs>')
+                f'{self.stack.count} of {self.stack.size} pairs'
+                + (f', {dropped} samples dropped' if dropped else '')
+                + (f', {self.restarts} restarts of the filter' if self.restarts > 1 else '') + '>')
 
     # -- what has been learned ------------------------------------------------------------------
+
+    @property
+    def theta(self) -> np.ndarray:
+        """θ̂, shape (m,); replaced by another array with every step, never changed in place."""
+        updates = int(self._parts.state.pair.counts[UPDATES])
+        if updates != self._theta_updates:
+            self._theta, self._theta_updates = self._parts.state.learner.theta.copy(), updates
+        return self._theta
 
     @property
     def estimate(self) -> dict[str, float]:
@@ -172,9 +206,9 @@ class Identifier:
         return dict(zip(self.arm.parameters, self.theta.tolist()))
 
     @property
-    def stack(self) -> History:
+    def stack(self) -> AnyHistory:
         """The recorded pairs, with ``rank`` and ``sigma_min``."""
-        return self._recorded.stack
+        return self._parts.history
 
     @property
     def rank(self) -> int:
@@ -184,7 +218,7 @@ class Identifier:
     @property
     def undetermined(self) -> tuple[str, ...]:
         """Names of the parameters that the recorded pairs do not determine; see `undetermined`."""
-        return undetermined(self.stack.gram, self.arm.parameters)
+        return undetermined(self.stack.gram, self.arm.parameters, rank=self.rank)
 
     def predict(self, q: Any, qd: Any, qdd: Any) -> np.ndarray:
         """Return the torque of a motion under θ̂, shape like ``q`` [N·m].
@@ -202,24 +236,26 @@ class Identifier:
     # -- how it is learned ----------------------------------------------------------------------
 
     @property
-    def pair(self) -> tuple[np.ndarray, np.ndarray]:
-        """Present filtered regressor (n, m) and torque (n,) [N·m]."""
-        return self._filter.pair
+    def pair(self) -> FilteredPair:
+        """A copy of the present filtered regressor (n, m) and torque (n,) [N·m]."""
+        present = self._parts.state.pair.filter
+        return FilteredPair(present.regressor.copy(), present.torque.copy())
 
     @property
     def memory(self) -> float:
         """How long the filters remember a sample [s]."""
-        return self._filter.memory
+        return self._parts.memory
 
     @property
     def settled(self) -> bool:
         """Whether the filters have forgotten their start (see ``settings.filter.settle``)."""
-        return self._filter.settled
+        pair = self._parts.state.pair
+        return bool(pair.clock[AGE] >= pair.settling)
 
     @property
     def restarts(self) -> int:
         """How often the filters restarted after a gap or a clock jump; the first start counts."""
-        return self._filter.restarts
+        return int(self._parts.state.pair.counts[RESTARTS])
 
     @property
     def dropped(self) -> dict[str, int]:
@@ -228,35 +264,45 @@ class Identifier:
         ``not finite``, ``too large`` (the filters then restart), ``stamp repeated`` and
         ``stamp went back``.
         """
-        return self._filter.dropped
+        counts = self._parts.state.pair.counts
+        return {reason: int(counts[index]) for reason, index in _DROPPED.items()}
 
     @property
     def monitor(self) -> ChangeMonitor:
         """What finds that the recorded pairs contradict present data."""
-        return self._recorded.monitor
+        return self._parts.monitor
 
     @property
     def changes(self) -> int:
         """How often the arm was found to have changed."""
-        return self._recorded.changes
+        return int(self._parts.state.pair.counts[CHANGES])
 
     @property
     def artificial_noise(self) -> bool:
         """Whether θ̂ is learned from pairs with artificial noise (Remark 3), which biases it."""
-        return self._recorded.artificial_noise
+        return self._parts.artificial_noise
 
     @property
     def excitation(self) -> float | None:
         """Persistence-of-excitation index γ of (21); None where switched off."""
-        return self._excitation.index
+        return self._parts.excitation.index
+
+    @property
+    def state(self) -> IdentifierState | None:
+        """What `identifier_step` takes beside `arm_arrays`; None where a part is in Python.
+
+        The identifier shares the arrays: it knows what a step has done. Another one is there
+        after a retune and after :meth:`reset_history`.
+        """
+        return self._parts.state if self._parts.compiled else None
 
     def restart(self) -> None:
         """Restart the filters with the next sample; θ̂ and the stack stay."""
-        self._filter.restart()
+        self._parts.restart()
 
     def reset_history(self) -> None:
         """Empty the history stack; θ̂ stays."""
-        self._recorded.clear()
+        self._parts.clear()
 
     # -- samples --------------------------------------------------------------------------------
 
@@ -273,11 +319,14 @@ class Identifier:
             The interval [s] the filters advanced by; 0 where they (re)started or the sample was
             dropped.
         """
-        joints = self.arm.joints
-        return self._filter.update(checked_number('t', t),
-                                   checked_array('q', q, self._n, joints),
-                                   checked_array('qd', qd, self._n, joints),
-                                   checked_array('tau', tau, self._n, joints))
+        return self._parts.observe(*self._checked(t, q, qd, tau))
+
+    def _checked(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
+                 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        t = checked_number('t', t)
+        if not are_vectors(self._n, q, qd, tau):
+            q, qd, tau = checked_vectors(self.arm.joints, q=q, qd=qd, tau=tau)
+        return t, q, qd, tau
 
     def update(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
                adaptation_term: np.ndarray | None = None) -> np.ndarray:
@@ -295,35 +344,9 @@ class Identifier:
             θ̂, shape (m,).
         """
         term = self._no_term if adaptation_term is None else checked_array(
-            'adaptation_term', adaptation_term, self.theta.shape, self.arm.parameters)
-        dt = self.observe(t, q, qd, tau)
-        if dt > 0.0:
-            self._record(dt)
-            self._excitation.update(dt, self._filter.pair.regressor)
-            self._step(dt, term)
+            'adaptation_term', adaptation_term, self._no_term.shape, self.arm.parameters)
+        self._parts.take(*self._checked(t, q, qd, tau), term)
         return self.theta
-
-    def _record(self, dt: float) -> None:
-        recorded, pair = self._recorded, self._filter.pair
-        try:
-            if self.settled and recorded.contradict(dt, pair):
-                self._filter.unsettle()
-            if self.settled:
-                recorded.offer(pair)
-        except np.linalg.LinAlgError:  # a pair that LAPACK cannot judge is not recorded
-            self.dropped['not finite'] += 1
-
-    def _step(self, dt: float, adaptation_term: np.ndarray) -> None:
-        evidence = Evidence(*self._filter.pair, self.settled, *self._recorded.sums(),
-                            adaptation_term)
-        try:
-            theta = self._law.step(self.theta, dt, evidence)
-        except np.linalg.LinAlgError:  # not finite (numba), or singular by overflow
-            theta = np.full_like(self.theta, math.nan)
-        if all_finite(theta):
-            self.theta = theta
-        else:  # overflow in data beyond reason: keep the last good estimate
-            self.dropped['not finite'] += 1
 
     def learn(self, t: Any, q: Any, qd: Any, tau: Any) -> np.ndarray:
         """Take a whole log, one sample after the other, as :meth:`update` does.
@@ -338,16 +361,49 @@ class Identifier:
             θ̂ after the last sample, shape (m,).
 
         Raises:
-            ParameterError: an array has another shape.
+            ParameterError: an array has another shape, or no two samples follow each other so
+                that the filter can take them.
         """
-        times = checked_array('t', t, (-1,))
-        rows = [checked_array(name, value, (len(times), self.arm.n), self.arm.joints)
-                for name, value in (('q', q), ('qd', qd), ('tau', tau))]
-        for sample in zip(times.tolist(), *rows):
-            self.update(*sample)
+        unused = self.restarts + sum(self.dropped.values())
+        for _ in self.learn_in_blocks(t, q, qd, tau):
+            pass
+        unused = self.restarts + sum(self.dropped.values()) - unused
+        times = np.asarray(t, dtype=float)
+        if times.size > 1 and unused >= times.size:
+            raise ParameterError('t', f'{times.size} times from {times[0]:g} to {times[-1]:g}',
+                                 'times in s that rise by less than filter.gap = '
+                                 f'{self.settings.filter.gap:g} s: no sample could be used')
         return self.theta
 
+    def learn_in_blocks(self, t: Any, q: Any, qd: Any, tau: Any, learning: Any = True,
+                        size: int = BLOCK) -> Iterator[LearnedBlock]:
+        """Take a whole log as :meth:`learn` does, and show what its samples gave.
 
-def _state_filter_of(settings: IdentifierSettings) -> tuple[object, ...]:
-    chosen = settings.filter
-    return chosen.state_filter, chosen.state_order, chosen.state_time_constant
+        Args:
+            t: Times, shape (N,) [s].
+            q: Positions, shape (N, n) [rad].
+            qd: Velocities, shape (N, n) [rad/s].
+            tau: Mean torques over the intervals that end at ``t``, shape (N, n) [N·m].
+            learning: Whether it is learned from a sample, which else is only filtered; one for
+                all, or shape (N,).
+            size: Samples in a block.
+
+        Yields:
+            The blocks in their order, each once its samples have been taken.
+
+        Raises:
+            ParameterError: an array has another shape.
+        """
+        n, m = self.arm.n, self.arm.m
+        times = checked_array('t', t, (-1,))
+        q, qd, tau = (checked_array(name, value, (len(times), n), self.arm.joints)
+                      for name, value in (('q', q), ('qd', qd), ('tau', tau)))
+        chosen = np.array(np.broadcast_to(np.asarray(learning, dtype=bool), times.shape))
+        for begin in range(0, len(times), size):
+            some = slice(begin, begin + size)
+            count = len(times[some])
+            block = LearnedBlock(some, np.empty((count, n, m + 1)), np.empty(count, dtype=bool),
+                                 np.empty(count, dtype=bool))
+            self._parts.take_all(times[some], q[some], qd[some], tau[some], self._no_term,
+                                 chosen[some], block.rows, block.usable, block.recorded)
+            yield block

@@ -1,132 +1,209 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which pair to take and which to give up: the searches of Algorithm 1, as pure functions."""
+"""Lines 9 to 15 of Algorithm 1: the replacement that gives the largest σ_min, exactly.
+
+The candidate Y in place of pair l makes Q + YᵀY − Y_lᵀY_l. Its smallest eigenvalue is bounded from
+above by what any direction sees of it, and better by its projection on several (Rayleigh and
+Ritz). Slots are visited in the order of their bounds, cheap ones first: the weakest direction of
+Q, then an eigenvalue problem of the kept `Directions`, and only then the one of m; each of the
+latter two gives a direction that sharpens the bounds of all other slots. The search ends when no
+bound exceeds the best σ_min found. How good the bounds are decides on the time, never on the
+answer.
+"""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.identification.squares import (
+    add_square,
+    assign,
+    dot,
+    energy,
+    project,
+    seen_square,
+)
+from adaptive_blf_control.identification.stack_arrays import COUNT, Pairs, trace
+from adaptive_blf_control.identification.tridiagonal import (
+    eigenvector,
+    EPSILON,
+    largest_eigenvalue,
+    reduce,
+    smallest_eigenvalue,
+    tridiagonal,
+)
+from adaptive_blf_control.identification.weak_directions import add_direction, Directions, SET
 
-__all__ = ['EPSILON', 'best_replacement', 'is_different', 'lost_ranks', 'rank_tolerance',
-           'squared_projections']
+__all__ = ['best_replacement', 'is_different']
 
-EPSILON = 2.220446049250313e-16
-# A leverage this close to 1 is 1: no other pair reaches that direction.
-ALONE = 1.0 - 1e-10
+# How the bound of a slot is known: from single directions, from all of them, or exactly.
+SINGLE, JOINT, EXACT = range(3)
 
 
 @jit
 def is_different(candidate: np.ndarray, last: np.ndarray, epsilon: float) -> bool:
     """Algorithm 1, lines 2 and 8: ‖Y_f − Y_last‖₂ ≥ ε ‖Y_f‖₂ in the spectral norm."""
-    difference = candidate - last
+    n, m = candidate.shape
+    d2, c2 = 0.0, 0.0
+    for k in range(n):
+        for i in range(m):
+            difference = candidate[k, i] - last[k, i]
+            d2 += difference * difference
+            c2 += candidate[k, i] * candidate[k, i]
     # ‖·‖_F / √n ≤ ‖·‖₂ ≤ ‖·‖_F settles most cases without an eigenvalue problem.
-    d2 = np.sum(difference * difference)
-    c2 = np.sum(candidate * candidate)
-    n = candidate.shape[0]
     if not 0.0 < c2 < np.inf or d2 < epsilon * epsilon * c2 / n:
         return False
     if d2 / n >= epsilon * epsilon * c2:
         return True
-    top = np.linalg.eigvalsh(np.dot(difference, difference.T))[-1]
-    return bool(top >= epsilon * epsilon * np.linalg.eigvalsh(np.dot(candidate, candidate.T))[-1])
+    square = epsilon * epsilon * _spectral_square(candidate)
+    return bool(_spectral_square(candidate - last) >= square)
 
 
 @jit
-def squared_projections(regressors: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Return ‖Y_l u‖² for every slot l of ``regressors``, shape (P, n, m) → (P,)."""
-    slots, n, m = regressors.shape
-    y = np.dot(regressors.reshape(slots * n, m), u).reshape(slots, n)
-    return np.sum(y * y, axis=1)
+def _spectral_square(matrix: np.ndarray) -> float:
+    """‖A‖₂² of a matrix with few rows."""
+    n, m = matrix.shape
+    form = tridiagonal(n)
+    for i in range(n):
+        for j in range(n):
+            form.matrix[i, j] = dot(matrix[i], matrix[j], m)
+    reduce(form, n)
+    return largest_eigenvalue(form, n)
 
 
 @jit
-def _inverse_iteration(matrix: np.ndarray, shift: float, v: np.ndarray,
-                       steps: int) -> np.ndarray:
-    """Turn the unit vector v, (m,), towards eigenvectors with eigenvalues near ``shift``."""
-    shifted = matrix - shift * np.eye(v.size)
-    for _ in range(steps):
-        v = np.linalg.solve(shifted, v)
-        v = v / np.sqrt(np.sum(v * v))
-    return v
+def best_replacement(pairs: Pairs, candidate: np.ndarray, wanted: float) -> tuple[int, float]:
+    """Return the slot whose replacement gives the largest σ_min, and that σ_min.
 
-
-@jit
-def best_replacement(candidate: np.ndarray, regressors: np.ndarray, gram: np.ndarray,
-                     sigma_min: float, bounds: np.ndarray) -> int:
-    """Lines 9-15 of Algorithm 1: the slot whose replacement gives the largest σ_min.
-
-    For any unit vector v, vᵀ(Q + YᵀY)v − ‖Y_l v‖² bounds the σ_min that slot l would give from
-    above. Slots are visited in the order of their bounds; the weakest direction of each trial
-    sharpens the bounds of all others that are still open, and the search ends when none can beat
-    the best found: the answer of the brute-force search after one or two eigenvalue problems
-    instead of P. A slot that only seemed good is recognised by an inverse iteration, which costs
-    a quarter of an eigenvalue problem; how well that converges decides on the time, never on the
-    answer.
-
-    With Y = 0 it is the search for the pair that is missed least.
+    With Y = 0 it is the search for the pair that is missed least. The weakest direction after
+    the replacement is left in ``pairs.directions.best``.
 
     Args:
+        pairs: A full stack of full rank whose weakest direction is known.
         candidate: Y, shape (n, m).
-        regressors: The full stack, shape (P, n, m).
-        gram: Q, shape (m, m).
-        sigma_min: What the smallest eigenvalue must reach at least, > 0.
-        bounds: Upper bounds to start from, shape (P,); overwritten.
+        wanted: What σ_min must reach at least, > 0.
 
     Returns:
-        The slot, or −1 where no replacement reaches ``sigma_min``.
+        Slot −1 where no replacement reaches ``wanted``.
     """
-    n, m = candidate.shape
-    best, best_slot = sigma_min, -1
-    grown = gram + np.dot(candidate.T, candidate)
-    margin = 1e-12 * np.trace(grown)  # keeps the shifted matrices from being exactly singular
-    v = np.full(m, 1.0 / np.sqrt(m))
+    pairs = borrowed(pairs)
+    directions, count = pairs.directions, pairs.counters[COUNT]
+    m = pairs.moment.size
+    gain = seen_square(candidate, directions.weakest, m)
+    # Far above the rounding of Q, far below what matters.
+    slack = 1e-14 * wanted + 2.0 * EPSILON * trace(pairs.gram)
+    if not _bound_by_weakest(directions, count, gain + slack, wanted):
+        return -1, 0.0
+    assign(pairs.grown, pairs.gram)
+    add_square(pairs.grown, candidate, candidate.shape[0], 1.0)
+    slack += 2.0 * EPSILON * (trace(pairs.grown) - trace(pairs.gram))
+    project(candidate, directions.basis, directions.counters[SET], directions.candidate)
+    best, best_slot = wanted, -1
     while True:
-        slot = int(np.argmax(bounds))
-        bound = bounds[slot]
-        if bound < best or (best_slot >= 0 and bound == best):
-            return best_slot
-        bounds[slot] = -np.inf
-        old = regressors[slot]
-        trial = grown - np.dot(old.T, old)
-        v = _inverse_iteration(trial, 0.99 * best - margin, v, 2)
-        if np.dot(v, np.dot(trial, v)) >= (1.0 - 1e-12) * best:  # v does not rule the slot out
-            value = np.linalg.eigvalsh(trial)[0]
+        slot = _most_promising(directions, count, best)
+        if slot < 0:
+            return best_slot, best
+        if directions.stages[slot] == SINGLE and directions.counters[SET] > 0:
+            bound = _joint_bound(directions, slot) + slack
+            directions.bounds[slot] = min(directions.bounds[slot], bound)
+            directions.stages[slot] = JOINT
+        else:
+            value = _sigma_min_with(pairs, slot)
+            directions.stages[slot] = EXACT
             if value > best or (value == best and best_slot < 0):
                 best, best_slot = value, slot
-            v = _inverse_iteration(trial, value - margin, v, 1)
-        still_open = np.flatnonzero(bounds >= best)
-        seen = squared_projections(regressors[still_open], v)
-        bounds[still_open] = np.minimum(bounds[still_open], np.dot(v, np.dot(grown, v)) - seen)
+                directions.best[:] = directions.vector
+            _take_in(pairs, candidate)
+        _sharpen(directions, count, best, slack)
 
 
 @jit
-def rank_tolerance(eigenvalues: np.ndarray, rows: int) -> float:
-    """Return the rounding of an eigenvalue of a sum over so many rows; ``eigenvalues`` ascend."""
-    return float(max(eigenvalues.size, rows) * EPSILON * max(eigenvalues[-1], 0.0))
+def _bound_by_weakest(directions: Directions, count: int, gain: float, wanted: float) -> bool:
+    """Set the bounds by the weakest direction of Q; whether one of them leaves a slot open."""
+    directions = borrowed(directions)
+    promising = False
+    for slot in range(count):
+        bound = directions.strength[0] + gain - directions.energies[slot]
+        directions.bounds[slot] = bound
+        directions.stages[slot] = SINGLE
+        promising = promising or bound >= wanted
+    return promising
 
 
-def lost_ranks(regressors: np.ndarray, values: np.ndarray, vectors: np.ndarray,
-               rank: int) -> np.ndarray:
-    """Return by how much the rank of a sum falls without each of its pairs, shape (P,).
+@jit
+def _most_promising(directions: Directions, count: int, best: float) -> int:
+    """Slot with the largest bound that reaches ``best``, −1 for none."""
+    directions = borrowed(directions)
+    found, largest = -1, best
+    for slot in range(count):
+        bound = directions.bounds[slot]
+        if directions.stages[slot] != EXACT and (bound > largest or (found < 0
+                                                                     and bound == largest)):
+            found, largest = slot, bound
+    return found
 
-    With Q = V Λ Vᵀ restricted to its range and W = Y_l V Λ^{−½}, Q − Y_lᵀY_l has lost one rank for
-    every eigenvalue 1 of W Wᵀ (a leverage: how much of a direction is this pair's alone). Its
-    trace, below 1 for all but ``rank`` pairs at most, settles the others without an eigenvalue
-    problem.
 
-    Args:
-        regressors: Pairs that are part of the sum, shape (P, n, m).
-        values: Eigenvalues of the sum Q, ascending, shape (m,).
-        vectors: Its eigenvectors, shape (m, m).
-        rank: Rank of Q, of which the largest eigenvalues are taken.
-    """
-    slots, n, m = regressors.shape
-    lost = np.zeros(slots, dtype=np.int64)
-    if rank == 0:
-        return lost
-    whitening = vectors[:, m - rank:] / np.sqrt(values[m - rank:])
-    rows = (regressors.reshape(slots * n, m) @ whitening).reshape(slots, n, rank)
-    suspects = np.einsum('pnr,pnr->p', rows, rows) > ALONE
-    leverages = np.linalg.eigvalsh(rows[suspects] @ rows[suspects].transpose(0, 2, 1))
-    lost[suspects] = np.count_nonzero(leverages > ALONE, axis=1)
-    return lost
+@jit
+def _joint_bound(directions: Directions, slot: int) -> float:
+    """Smallest eigenvalue of the trial's projection on W; ``weights`` become its direction."""
+    directions = borrowed(directions)
+    size, form = directions.counters[SET], directions.form
+    candidate, seen = directions.candidate, directions.seen[slot]
+    for i in range(size):
+        for j in range(i + 1):
+            total = directions.gram[i, j]
+            for k in range(candidate.shape[0]):
+                total += candidate[k, i] * candidate[k, j] - seen[k, i] * seen[k, j]
+            form.matrix[i, j] = form.matrix[j, i] = total
+    reduce(form, size)
+    value = smallest_eigenvalue(form, size)
+    eigenvector(form, size, value, directions.weights)
+    return value
+
+
+@jit
+def _sigma_min_with(pairs: Pairs, slot: int) -> float:
+    """σ_min with the candidate in a slot; ``vector`` becomes the direction."""
+    pairs = borrowed(pairs)
+    form, m = pairs.trial, pairs.moment.size
+    assign(form.matrix, pairs.grown)
+    add_square(form.matrix, pairs.regressors[slot], pairs.last.shape[0], -1.0)
+    reduce(form, m)
+    value = smallest_eigenvalue(form, m)
+    eigenvector(form, m, value, pairs.directions.vector)
+    return value
+
+
+@jit
+def _take_in(pairs: Pairs, candidate: np.ndarray) -> None:
+    """Take ``vector`` into W; ``weights`` become the part of it that is in W, as a unit vector."""
+    pairs = borrowed(pairs)
+    directions, m = pairs.directions, candidate.shape[1]
+    count = pairs.counters[COUNT]
+    add_direction(directions, directions.vector, pairs.regressors, pairs.gram, count)
+    size, square = directions.counters[SET], 0.0
+    for i in range(size):
+        weight = dot(directions.basis[i], directions.vector, m)
+        directions.weights[i] = weight
+        square += weight * weight
+    for i in range(size):
+        directions.weights[i] /= math.sqrt(square)
+    project(candidate, directions.basis, size, directions.candidate)
+    for slot in range(count):
+        if directions.stages[slot] == JOINT:
+            directions.stages[slot] = SINGLE  # W knows more than before
+
+
+@jit
+def _sharpen(directions: Directions, count: int, best: float, slack: float) -> None:
+    """Lower the bounds of all open slots by what the direction ``weights`` sees."""
+    directions = borrowed(directions)
+    size, weights = directions.counters[SET], directions.weights
+    strength = (energy(directions.gram, weights, size)
+                + seen_square(directions.candidate, weights, size) + slack)
+    for slot in range(count):
+        if directions.stages[slot] != EXACT and directions.bounds[slot] >= best:
+            bound = strength - seen_square(directions.seen[slot], weights, size)
+            directions.bounds[slot] = min(directions.bounds[slot], bound)

@@ -19,8 +19,10 @@ from adaptive_blf_control.identification.update_laws import (
 )
 from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made
 
-__all__ = ['Given', 'named', 'PartMaker']
+__all__ = ['AnyHistory', 'Given', 'named', 'PartMaker']
 
+AnyHistory = History | HistoryStack
+"""Ours has attributes that cannot be set."""
 _STATE_FILTER = ('update', 'reset', 'memory')
 _HISTORY = ('offer', 'clear', 'retune', 'regressors', 'torques', 'gram', 'moment', 'size',
             'count', 'insertions', 'revision', 'rank', 'sigma_min')
@@ -35,7 +37,7 @@ class Given(NamedTuple):
 
     update_law: UpdateLaw | type[UpdateLaw] | None = None
     state_filter: StateFilter | type[StateFilter] | None = None
-    history_stack: History | type[History] | None = None
+    history_stack: AnyHistory | type[AnyHistory] | None = None
     change_monitor: ChangeMonitor | type[ChangeMonitor] | None = None
 
     def reusable(self) -> Given:
@@ -84,12 +86,12 @@ class PartMaker(NamedTuple):
         chosen = settings.filter
         result: StateFilter = self._made(
             'state_filter', 'identifier.filter.state_filter', chosen.state_filter, _STATE_FILTER,
-            lambda: LowPass(chosen.state_order, chosen.state_time_constant), settings)
+            lambda: LowPass(self.arm.n, chosen.state_order, chosen.state_time_constant), settings)
         return result
 
-    def history(self, settings: IdentifierSettings) -> History:
+    def history(self, settings: IdentifierSettings) -> AnyHistory:
         """Make an empty history."""
-        result: History = self._made(
+        result: AnyHistory = self._made(
             'history_stack', 'identifier.history.selection', settings.history.selection, _HISTORY,
             lambda: self.algorithm_1(settings), settings)
         return result
@@ -105,7 +107,7 @@ class PartMaker(NamedTuple):
         chosen = settings.change
         result: ChangeMonitor = self._made(
             'change_monitor', 'identifier.change.monitor', chosen.monitor, _MONITOR,
-            lambda: ResidualMonitor(self.arm.n, chosen.window, chosen.threshold,
+            lambda: ResidualMonitor(self.arm.n, self.arm.m, chosen.window, chosen.threshold,
                                     chosen.resolution), settings)
         return result
 

@@ -113,8 +113,9 @@ class ExcitationSettings(Settings, where='identifier.excitation'):
 class IdentifierSettings(Settings, where='identifier'):
     """Gains of the update law (37), the filters, the history and the monitors."""
 
-    initial_estimate: np.ndarray = parameter(
-        [0.0], 'theta_hat at the start.', length='parameters')
+    initial_estimate: np.ndarray | str = parameter(
+        [0.0], 'theta_hat at the start: values, those of the nominal arm, or those that an '
+        'identifier has written.', length='parameters', source=True)
     gamma: np.ndarray = parameter(
         [1.0], 'Diagonal of the adaptation gain Gamma.',
         '', 0.0, exclusive=True, length='parameters', live=True)

@@ -17,14 +17,16 @@ from __future__ import annotations
 
 from abc import abstractmethod
 import math
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.compiled import borrowed, by_type, jit
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['LowPass', 'STATE_FILTERS', 'StateFilter', 'cascade_step']
+__all__ = ['LowPass', 'LowPassArrays', 'STATE_FILTERS', 'StateFilter', 'cascade_step',
+           'filtered', 'forget_states']
 
 STATE_FILTERS = ('low_pass',)
 """The names of our state filters."""
@@ -94,13 +96,84 @@ class StateFilter(Protocol):
         ...
 
 
-class LowPass(StateFilter):
-    """The cascade of the module's docstring; starts as if the arm had come from where it is."""
+@by_type
+def filtered(state_filter: StateFilter, dt: float, q: np.ndarray, qd: np.ndarray,
+             tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Filter one sample, see `StateFilter.update`; ParameterError where a shape is another."""
+    name = f'{type(state_filter).__name__}.update'
+    filtered_q, filtered_qd, filtered_tau = (
+        checked_array(name, value, q.shape) for value in state_filter.update(dt, q, qd, tau))
+    return filtered_q, filtered_qd, filtered_tau
 
-    def __init__(self, order: int, time_constant: float) -> None:
+
+@by_type
+def forget_states(state_filter: StateFilter) -> None:
+    """Begin with the next sample, see `StateFilter.reset`."""
+    state_filter.reset()
+
+
+class LowPassArrays(NamedTuple):
+    """The cascade as compiled functions take it; arrays are changed in place.
+
+    Attributes:
+        position: Stage outputs, shape (N, n) [rad]; N = 0 passes the measured state on.
+        torque: Stage outputs, shape (N, n) [N·m].
+        last: Position of the last sample, shape (n,) [rad].
+        begun: Whether there was one, shape (1,).
+        time_constant: T [s].
+    """
+
+    position: np.ndarray
+    torque: np.ndarray
+    last: np.ndarray
+    begun: np.ndarray
+    time_constant: float
+
+
+@jit
+def low_pass_filtered(low_pass: LowPassArrays, dt: float, q: np.ndarray, qd: np.ndarray,
+                      tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Filter one sample, see `StateFilter.update`."""
+    position, torque = low_pass.position, low_pass.torque
+    order = position.shape[0]
+    if order == 0:
+        return q, qd, tau
+    if low_pass.begun[0]:
+        ratio = dt / low_pass.time_constant
+        position[:, :] = cascade_step(position, low_pass.last, q, ratio)
+        torque[:, :] = cascade_step(torque, tau, tau, ratio)
+    else:
+        position[:, :] = q
+        torque[:, :] = tau
+        low_pass.begun[0] = True
+    low_pass.last[:] = q
+    velocity = (position[order - 2] - position[order - 1]) / low_pass.time_constant
+    return position[order - 1].copy(), velocity, torque[order - 1].copy()
+
+
+@jit
+def forget_low_passed(low_pass: LowPassArrays) -> None:
+    """Begin with the next sample as if the arm had come from where it is."""
+    low_pass = borrowed(low_pass)
+    low_pass.begun[0] = False
+
+
+filtered.register(LowPassArrays, low_pass_filtered)
+forget_states.register(LowPassArrays, forget_low_passed)
+
+
+class LowPass(StateFilter):
+    """The cascade of the module's docstring; starts as if the arm had come from where it is.
+
+    Attributes:
+        arrays: Its state.
+    """
+
+    def __init__(self, n: int, order: int, time_constant: float) -> None:
         """Set up 1/(T s + 1)^N.
 
         Args:
+            n: Number of joints.
             order: N, at least 2; 0 passes the measured state on.
             time_constant: T [s], > 0.
         """
@@ -109,28 +182,17 @@ class LowPass(StateFilter):
         if not (math.isfinite(time_constant) and time_constant > 0.0):
             raise ParameterError('identifier.filter.state_time_constant', time_constant,
                                  'a finite time > 0 s')
-        self.order = order
-        self.time_constant = time_constant
         self.memory = order * time_constant
-        self._q: np.ndarray | None = None
-        self._tau = self._last = np.zeros(0)
+        self.arrays = LowPassArrays(np.zeros((order, n)), np.zeros((order, n)), np.zeros(n),
+                                    np.zeros(1, dtype=bool), float(time_constant))
 
     def reset(self) -> None:
         """See `StateFilter`."""
-        self._q = None
+        forget_low_passed(self.arrays)
 
     def update(self, dt: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
                ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See `StateFilter`; ``qd`` is used where the order is 0 only."""
-        if self.order == 0:
-            return q, qd, tau
-        if self._q is None:
-            self._q = np.tile(q, (self.order, 1))
-            self._tau = np.tile(tau, (self.order, 1))
-        else:
-            ratio = dt / self.time_constant
-            self._q = cascade_step(self._q, self._last, q, ratio)
-            self._tau = cascade_step(self._tau, tau, tau, ratio)
-        self._last = q.copy()  # the caller may fill the same array again
-        velocity = (self._q[-2] - self._q[-1]) / self.time_constant
-        return self._q[-1], velocity, self._tau[-1]
+        result: tuple[np.ndarray, np.ndarray, np.ndarray] = low_pass_filtered(
+            self.arrays, dt, q, qd, tau)
+        return result

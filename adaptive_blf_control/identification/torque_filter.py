@@ -19,10 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['FilteredPair', 'TorqueFilter', 'filter_step']
+__all__ = ['FilteredPair', 'TorqueFilter', 'TorqueFilterArrays', 'filter_pair', 'filter_step',
+           'forget_pair']
 
 
 class FilteredPair(NamedTuple):
@@ -42,8 +43,60 @@ def filter_step(dt: float, a: float, yf: np.ndarray, tf: np.ndarray, y1: np.ndar
     return yf, a * tf + gain * tau
 
 
+class TorqueFilterArrays(NamedTuple):
+    """The filter as compiled functions take it; arrays are changed in place.
+
+    Attributes:
+        regressor: Y_f, shape (n, m).
+        torque: τ_f, shape (n,) [N·m].
+        y1: Y1 of the last sample, shape (n, m).
+        y2: Y2 of the last sample, shape (n, m).
+        begun: Whether there was one, shape (1,).
+        time_constant: k of (14) [s].
+    """
+
+    regressor: np.ndarray
+    torque: np.ndarray
+    y1: np.ndarray
+    y2: np.ndarray
+    begun: np.ndarray
+    time_constant: float
+
+
+@jit
+def filter_pair(arrays: TorqueFilterArrays, dt: float, y1: np.ndarray, y2: np.ndarray,
+                tau: np.ndarray) -> bool:
+    """Filter one sample, see `TorqueFilter.update`; False for the first one."""
+    arrays = borrowed(arrays)
+    advances = bool(arrays.begun[0])
+    if advances:
+        regressor, torque = filter_step(
+            dt, math.exp(-dt / arrays.time_constant), arrays.regressor, arrays.torque, y1,
+            arrays.y1, y2, arrays.y2, tau)
+        arrays.regressor[:, :] = regressor
+        arrays.torque[:] = torque
+    arrays.y1[:, :] = y1
+    arrays.y2[:, :] = y2
+    arrays.begun[0] = True
+    return advances
+
+
+@jit
+def forget_pair(arrays: TorqueFilterArrays) -> None:
+    """Begin with the next sample from Y_f = 0, τ_f = 0."""
+    arrays = borrowed(arrays)
+    arrays.regressor[:, :] = 0.0
+    arrays.torque[:] = 0.0
+    arrays.begun[0] = False
+
+
 class TorqueFilter:
-    """State of the filter: starts from Y_f = 0, τ_f = 0 and restarts after a gap."""
+    """State of the filter: starts from Y_f = 0, τ_f = 0 and restarts after a gap.
+
+    Attributes:
+        arrays: The state.
+        gap: Longest interval between samples that is filtered across [s].
+    """
 
     def __init__(self, n: int, m: int, time_constant: float, gap: float = math.inf) -> None:
         """Set up the filter.
@@ -54,9 +107,10 @@ class TorqueFilter:
             time_constant: k of (14) [s], > 0.
             gap: Longest interval between samples that is filtered across [s].
         """
+        self.arrays = TorqueFilterArrays(
+            np.zeros((n, m)), np.zeros(n), np.zeros((n, m)), np.zeros((n, m)),
+            np.zeros(1, dtype=bool), 0.0)
         self.retune(time_constant, gap)
-        self._zero = FilteredPair(np.zeros((n, m)), np.zeros(n))
-        self.reset()
 
     def retune(self, time_constant: float, gap: float) -> None:
         """Change k and the gap, both or none, without a restart.
@@ -68,14 +122,17 @@ class TorqueFilter:
                                  'a finite time > 0 s')
         if not gap > 0.0:
             raise ParameterError('identifier.filter.gap', gap, 'a time > 0 s')
-        self.time_constant = time_constant
+        self.arrays = self.arrays._replace(time_constant=float(time_constant))
         self.gap = gap
+
+    @property
+    def pair(self) -> FilteredPair:
+        """A copy of the present pair."""
+        return FilteredPair(self.arrays.regressor.copy(), self.arrays.torque.copy())
 
     def reset(self) -> None:
         """Forget everything; the next sample is the first one."""
-        self.pair = self._zero
-        self._y1: np.ndarray | None = None
-        self._y2: np.ndarray | None = None
+        forget_pair(self.arrays)
 
     def update(self, dt: float, y1: np.ndarray, y2: np.ndarray, tau: np.ndarray) -> bool:
         """Filter one sample.
@@ -89,12 +146,6 @@ class TorqueFilter:
         Returns:
             Whether :attr:`pair` advanced; False where the filter (re)started.
         """
-        y1_last, y2_last = self._y1, self._y2
-        self._y1, self._y2 = y1, y2
-        if y1_last is None or y2_last is None or dt > self.gap:
-            self.pair = self._zero
-            return False
-        self.pair = FilteredPair(*filter_step(
-            dt, math.exp(-dt / self.time_constant), self.pair.regressor, self.pair.torque,
-            y1, y1_last, y2, y2_last, tau))
-        return True
+        if dt > self.gap:
+            self.reset()
+        return bool(filter_pair(self.arrays, dt, y1, y2, tau))

@@ -19,16 +19,20 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.identification.determination import WEAKEST
-from adaptive_blf_control.identification.history import History
-from adaptive_blf_control.identification.residuals import Residuals
+from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.pair_times import PairTimes
 
-__all__ = ['LEVEL', 'NORMAL', 'Uncertainty', 'estimate_uncertainty', 'uncertainty']
+__all__ = ['LEVEL', 'NORMAL', 'Uncertainty', 'estimate_uncertainty',
+           'integral_correlation_time', 'uncertainty']
 
 LEVEL = 0.95
 """Probability with which an interval is to hold."""
 NORMAL = 1.959963984540054
 """Half width of the interval of probability `LEVEL` in standard deviations."""
 _BLOCKS = 5
+_BIN, _LONGEST = 0.25, 20.0  # times the filters' memory: resolution and longest time looked at
+_ALIKE = 0.05  # an autocorrelation that counts
+_MOST = 2000  # pairs that are looked at for it: the work grows with their square
 _ROUNDING = 1e-6
 _FREEDOM = 0.1  # least part of the equations that is taken not to have been fitted
 
@@ -44,6 +48,7 @@ class Uncertainty(NamedTuple):
         alike: How many pairs count as one: by how much the correlation of the residuals raises
             the variance that each joint's equations leave, averaged over what they determine
             (Kish's design effect), shape (n,).
+        correlation_time: T_j, shape (n,) [s].
         condition: Ratio of the largest to the smallest singular value of the stacked regressors
             with columns of length one; infinity where directions are open.
     """
@@ -53,6 +58,7 @@ class Uncertainty(NamedTuple):
     residual: np.ndarray
     unexplained: np.ndarray
     alike: np.ndarray
+    correlation_time: np.ndarray
     condition: float
 
     @property
@@ -81,24 +87,21 @@ class Uncertainty(NamedTuple):
         return np.where((along > _ROUNDING * most).any(axis=-1), np.inf, result)
 
 
-def estimate_uncertainty(stack: History, residuals: Residuals) -> Uncertainty | None:
-    """Judge what a history stack determines; None while it is empty."""
-    count = stack.count
-    if count == 0:
-        return None
-    return uncertainty(stack.regressors[:count], stack.torques[:count], residuals.times(stack),
-                       residuals.correlation_time)
+def estimate_uncertainty(identifier: Identifier, seen: PairTimes) -> Uncertainty | None:
+    """Judge what an identifier's history determines; None while it is empty."""
+    recorded = seen.recorded(identifier)
+    return uncertainty(*recorded) if len(recorded.times) else None
 
 
 def uncertainty(regressors: np.ndarray, torques: np.ndarray, times: np.ndarray,
-                correlation_time: np.ndarray) -> Uncertainty:
+                memory: float) -> Uncertainty:
     """Judge the least-squares estimate of recorded pairs.
 
     Args:
         regressors: Y_f, shape (P, n, m), P ≥ 1.
         torques: τ_f, shape (P, n) [N·m].
         times: When each pair was taken, shape (P,) [s]; NaN where that is not known.
-        correlation_time: T_j, shape (n,) [s].
+        memory: How long the filters remember [s]: the least correlation time.
     """
     order = np.argsort(times, kind='stable')  # NaN last
     regressors, torques, times = regressors[order], torques[order], times[order]
@@ -107,16 +110,18 @@ def uncertainty(regressors: np.ndarray, torques: np.ndarray, times: np.ndarray,
     residuals = torques - regressors @ theta
     freedom = max(1.0 - regressors.shape[2] / torques.size, _FREEDOM)
     variance = np.mean(residuals ** 2, axis=0) / freedom
+    correlation_time = integral_correlation_time(residuals, times, memory)
     decay = _decay(times, correlation_time)
     spread = _correlated_sum(regressors, decay)
     meat = np.einsum('pjm,j,pjk->mk', regressors, variance, spread, optimize=True)
     leverage = regressors @ inverse
-    alike = np.einsum('pjm,pjm->j', leverage, spread) / np.maximum(
-        np.einsum('pjm,pjm->j', leverage, regressors), 1e-300)
+    alike = np.sum(leverage * spread, axis=(0, 2)) / np.maximum(
+        np.sum(leverage * regressors, axis=(0, 2)), 1e-300)
     weights = 1.0 / np.sqrt(np.maximum(variance * alike, 1e-300))
     left_out = _left_out(regressors, residuals, times, weights, float(correlation_time.max()))
     return Uncertainty(inverse @ meat @ inverse, open_, np.sqrt(variance),
-                       np.maximum(left_out, np.sqrt(variance)), alike, condition)
+                       np.maximum(left_out, np.sqrt(variance)), alike, correlation_time,
+                       condition)
 
 
 def _gram(regressors: np.ndarray) -> np.ndarray:
@@ -141,6 +146,44 @@ def _inverse(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     inverse = (vectors[:, known] / values[known]) @ vectors[:, known].T
     condition = float(np.sqrt(values[-1] / values[0])) if known.all() else np.inf
     return inverse, open_, condition
+
+
+def integral_correlation_time(residuals: np.ndarray, times: np.ndarray,
+                              least: float) -> np.ndarray:
+    """Return the integral of the autocorrelation of residuals, shape (n,) [s].
+
+    Products of residuals are averaged by the time between them, and summed up to the first time
+    at which they are no longer alike (Geyer, Practical Markov Chain Monte Carlo, 1992, 3.3). For
+    ρ = exp(−t/T) it is T.
+
+    Args:
+        residuals: In the order of time, shape (P, n).
+        times: Shape (P,) [s]; NaN, at the end, where not known.
+        least: Shortest T [s].
+    """
+    known = np.flatnonzero(np.isfinite(times))[:_MOST]
+    errors, times = residuals[known], times[known]
+    width = _BIN * least
+    bins = int(_LONGEST / _BIN)
+    sums, counts = np.zeros((bins, errors.shape[1])), np.zeros(bins)
+    for offset in range(1, len(times)):
+        place = ((times[offset:] - times[:-offset]) / width).astype(int)
+        near = place < bins
+        if not near.any():
+            break
+        place, products = place[near], (errors[offset:] * errors[:-offset])[near]
+        counts += np.bincount(place, minlength=bins)
+        for joint, column in enumerate(products.T):
+            sums[:, joint] += np.bincount(place, column, bins)
+    square = np.maximum(np.mean(errors ** 2, axis=0), 1e-300) if len(errors) else 1.0
+    alike = sums / np.maximum(counts, 1.0)[:, None] / square
+    # Where no pairs are that far apart: as at the next shorter time, else as the filters leave it.
+    last = np.maximum.accumulate(np.where(counts > 0.0, np.arange(bins), -1))
+    unknown = np.exp(-_BIN * (np.arange(bins) + 0.5))[:, None]
+    alike = np.where(last[:, None] >= 0, alike[last], unknown)
+    lasting = np.logical_and.accumulate(alike > _ALIKE, axis=0)
+    result: np.ndarray = np.maximum(width * np.sum(alike * lasting, axis=0), least)
+    return result
 
 
 def _decay(times: np.ndarray, correlation_time: np.ndarray) -> np.ndarray:

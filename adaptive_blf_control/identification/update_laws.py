@@ -9,11 +9,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from adaptive_blf_control.arrays import checked_array
-from adaptive_blf_control.identification.update_law import implicit_step
+from adaptive_blf_control.compiled import borrowed, by_type, jit
+from adaptive_blf_control.identification.update_law import advance, kept_history, KeptHistory
 from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made
 
-__all__ = ['AblfConcurrent', 'Concurrent', 'Evidence', 'Gains', 'Gradient', 'UPDATE_LAWS',
-           'UpdateLaw', 'plugin_update_law', 'make_update_law']
+__all__ = ['AblfConcurrent', 'Concurrent', 'Evidence', 'Gains', 'Gradient', 'ImplicitArrays',
+           'UPDATE_LAWS', 'UpdateLaw', 'make_update_law', 'plugin_update_law', 'stepped']
 
 
 class Gains(Protocol):
@@ -69,27 +70,88 @@ class UpdateLaw(Protocol):
         ...
 
 
+@by_type
+def stepped(law: UpdateLaw, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
+    """Return θ̂ after ``dt`` [s], shape (m,); NaN where LAPACK finds no solution.
+
+    Args:
+        law: The law.
+        theta: θ̂, shape (m,).
+        dt: Step [s].
+        evidence: What there is to learn from.
+
+    Raises:
+        ParameterError: the law returns another shape.
+    """
+    try:
+        result = law.step(theta.copy(), dt, evidence)
+    except np.linalg.LinAlgError:
+        return np.full_like(theta, np.nan)
+    return checked_array(f'{type(law).__name__}.step', result, theta.shape)
+
+
+class ImplicitArrays(NamedTuple):
+    """One of our laws as compiled functions take it.
+
+    Attributes:
+        gamma: Diagonal of Γ, shape (m,).
+        kept: What is kept of the recorded pairs from step to step, changed in place.
+        kt: k_t.
+        kh: k_h, 0 for the gradient law.
+        hears: Whether the law uses Xᵀe2.
+    """
+
+    gamma: np.ndarray
+    kept: KeptHistory
+    kt: float
+    kh: float
+    hears: bool
+
+
+@jit
+def implicitly_stepped(law: ImplicitArrays, theta: np.ndarray, dt: float,
+                       evidence: Evidence) -> np.ndarray:
+    """Return θ̂ after one implicit step of (37), stable for every gain."""
+    law = borrowed(law)
+    result = theta.copy()
+    advance(law.kept, result, dt, law.gamma, law.kt if evidence.settled else 0.0, law.kh,
+            evidence.regressor, evidence.torque, evidence.gram, evidence.moment,
+            evidence.adaptation_term if law.hears else np.zeros_like(theta))
+    return result
+
+
+stepped.register(ImplicitArrays, implicitly_stepped)
+
+
 class AblfConcurrent:
     """Equation (37): the present pair, the recorded ones, and Xᵀe2, which Theorem 2 needs."""
+
+    hears = True
 
     def __init__(self, settings: Gains) -> None:
         """Take the gains; ``gamma`` of full length."""
         self._gamma = settings.gamma.copy()  # writable, as the step is compiled for it
         self._kt, self._kh = settings.kt, settings.kh
+        self._arrays: ImplicitArrays | None = None
+
+    def arrays(self, n: int) -> ImplicitArrays:
+        """Return the law as compiled functions take it, the same each time, for n joints."""
+        if self._arrays is None:
+            self._arrays = ImplicitArrays(self._gamma, kept_history(n, self._gamma.size),
+                                          self._kt, self._kh, self.hears)
+        return self._arrays
 
     def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
         """See `UpdateLaw`; one implicit step, stable for every gain."""
-        return implicit_step(theta, dt, self._gamma, self._kt if evidence.settled else 0.0,
-                             self._kh, evidence.regressor, evidence.torque, evidence.gram,
-                             evidence.moment, evidence.adaptation_term)
+        result: np.ndarray = implicitly_stepped(self.arrays(evidence.torque.size), theta, dt,
+                                                evidence)
+        return result
 
 
 class Concurrent(AblfConcurrent):
     """Equation (22): the present pair and the recorded ones."""
 
-    def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
-        """See `UpdateLaw`."""
-        return super().step(theta, dt, evidence._replace(adaptation_term=np.zeros_like(theta)))
+    hears = False
 
 
 class Gradient(Concurrent):
@@ -123,9 +185,8 @@ def make_update_law(settings: Gains) -> UpdateLaw:
         'identifier.update_law', settings.update_law), settings)
 
 
-def plugin_update_law(name: str, value: object, given: Any,
-                       settings: Gains) -> UpdateLaw:
-    """Return a plug-in behind a check of what it returns.
+def plugin_update_law(name: str, value: object, given: Any, settings: Gains) -> UpdateLaw:
+    """Return an update law that is not one of ours.
 
     Args:
         name: The parameter or argument that gives it, for messages.
@@ -136,15 +197,5 @@ def plugin_update_law(name: str, value: object, given: Any,
     Raises:
         ParameterError: it cannot be made or has no ``step``.
     """
-    return _Checked(made(name, value, given, ('step',), settings))
-
-
-class _Checked:
-    """An update law whose estimates have the shape of θ̂, or are refused."""
-
-    def __init__(self, law: UpdateLaw) -> None:
-        self._law = law
-
-    def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
-        return checked_array(f'{type(self._law).__name__}.step',
-                             self._law.step(theta, dt, evidence), theta.shape)
+    law: UpdateLaw = made(name, value, given, ('step',), settings)
+    return law

@@ -21,9 +21,9 @@ from adaptive_blf_control.messages.cdr_cursor import Cursor, ENCAPSULATION_LE
 from adaptive_blf_control.messages.joint_state import (
     decode_joint_state,
     JointStateCodec,
-    JointStateReader,
     JointStateRecord,
 )
+from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 
 __all__ = ['DECODERS', 'Float64MultiArrayCodec', 'JointStateCodec', 'JointStateReader',
            'JointStateRecord', 'decode_float64', 'decode_float64_array', 'decode_int32',
@@ -59,7 +59,7 @@ class Float64MultiArrayCodec:
 
 
 def decode_float64_array(data: bytes) -> np.ndarray:
-    """Return the `data` of a Float64MultiArray, shape (count,); its layout is checked, then left.
+    """Return the `data` of a Float64MultiArray, shape (count,); its layout is checked and ignored.
 
     Raises:
         BagError: truncated or garbage input, with the offset.

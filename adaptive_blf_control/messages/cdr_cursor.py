@@ -9,16 +9,27 @@ import numpy as np
 
 from adaptive_blf_control.errors import BagError
 
-__all__ = ['ENCAPSULATION_LE', 'HEADER_SIZE', 'Cursor', 'align', 'encode_string']
+__all__ = ['BYTE_ORDERS', 'ENCAPSULATION_LE', 'HEADER_SIZE', 'STAMP', 'Cursor', 'align',
+           'encode_string', 'is_cdr']
 
 HEADER_SIZE = 4
+STAMP = struct.Struct('<iI')  # builtin_interfaces/Time, little endian
 ENCAPSULATION_LE = b'\x00\x01\x00\x00'
-_ORDER = {b'\x00\x01': '<', b'\x00\x00': '>'}
+BYTE_ORDERS = {b'\x00\x01': '<', b'\x00\x00': '>'}  # of struct, by representation
 
 
 def align(offset: int, size: int) -> int:
     """Return the next offset that is a multiple of `size` counted after the header."""
     return offset + (HEADER_SIZE - offset) % size
+
+
+
+def is_cdr(data: bytes) -> bool:
+    """Return whether data begin with the encapsulation header of some CDR representation.
+
+    Those of DDS-XTypes 1.3, 7.6.2.1.2, are 0x0000 to 0x000b.
+    """
+    return len(data) >= HEADER_SIZE and data[0] == 0 and data[1] <= 0x0b
 
 
 def encode_string(text: str, what: str) -> bytes:
@@ -52,7 +63,7 @@ class Cursor:
         if len(data) < HEADER_SIZE:
             raise BagError(f'{what} of {len(data)} bytes is truncated at offset 0: expected '
                            'the 4-byte encapsulation header')
-        order = _ORDER.get(data[:2])
+        order = BYTE_ORDERS.get(data[:2])
         if order is None:
             raise BagError(f'{what} at offset 0 has representation 0x{data[:2].hex()}: expected '
                            '0x0001 (CDR little endian) or 0x0000 (big endian)')
@@ -93,7 +104,7 @@ class Cursor:
     def string(self, what: str) -> str:
         """Read a string; bytes that are not UTF-8 become hex escapes, so names stay distinct."""
         length = self.count(1, what)
-        if length == 0:  # not to the letter of CDR, but some writers do it
+        if length == 0:  # not valid CDR, but some writers do it
             return ''
         start = self.take(length, 1, what)
         if self.data[start + length - 1] != 0:

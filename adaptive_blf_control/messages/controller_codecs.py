@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's messages about itself: adaptation term, reference, errors, margins."""
+"""What the controller publishes besides the torque, for the node and for a simulated bag."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from adaptive_blf_control.control.guarantee import Guarantee
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import BARRIER, REFERENCE, TRACKING_ERROR
 
-__all__ = ['ControllerCodecs', 'MonitorStream', 'barrier_names', 'guarantee_names']
+__all__ = ['ControllerCodecs', 'MonitorStream', 'margin_names', 'guarantee_names']
 
 
-def barrier_names(margins: Sequence[MarginName]) -> list[str]:
+def margin_names(margins: Sequence[MarginName]) -> list[str]:
     """Return the names on ``controller/barrier``: the margins of all constraints, then V."""
     return [str(name) for name in margins] + ['V']
 
@@ -29,7 +29,7 @@ def guarantee_names(joints: Sequence[str]) -> list[str]:
 
 
 class ControllerCodecs:
-    """Encodes what the controller publishes beside the torque, for the node and for a bag."""
+    """Encoders of the adaptation term, reference, errors, margins and guarantee."""
 
     def __init__(self, joints: Sequence[str], parameters: Sequence[str],
                  margins: Sequence[MarginName]) -> None:
@@ -38,7 +38,7 @@ class ControllerCodecs:
         # y_d, its velocity, and its acceleration [rad/s²] in the third array, effort.
         self._reference = JointStateCodec(joints)
         self._error = JointStateCodec(joints, fields=('position', 'velocity'))
-        self._barrier = JointStateCodec(barrier_names(margins), fields=('position',))
+        self._margins = JointStateCodec(margin_names(margins), fields=('position',))
         self._guarantee = JointStateCodec(guarantee_names(joints), fields=('position',))
 
     def guarantee(self, stamp: int, guaranteed: Guarantee) -> bytes:
@@ -60,26 +60,26 @@ class ControllerCodecs:
         """Encode the reference, and the margins (K,) with V; by topic."""
         return {
             REFERENCE: self._reference.encode(stamp, *output.reference),
-            BARRIER: self._barrier.encode(stamp, np.append(margins, lyapunov)),
+            BARRIER: self._margins.encode(stamp, np.append(margins, lyapunov)),
         }
 
 
 class MonitorStream:
-    """What goes out about each sample: the errors always, the rest thinned out.
+    """The messages of each sample: the errors always, the others every few samples.
 
-    Margins are the smallest since they were sent last: thinning hides no sample outside.
+    Margins are the smallest since the previous message, so that no violation is left out.
 
     Attributes:
-        samples: Samples seen.
-        lyapunov: V at the last sample for which it was asked.
+        samples: Samples so far.
+        lyapunov: V at the last sample for which it was computed.
     """
 
     def __init__(self, codecs: ControllerCodecs) -> None:
-        """Start with nothing seen."""
+        """Start without samples."""
         self.samples = 0
         self.lyapunov = 0.0
         self._codecs = codecs
-        self._least: np.ndarray | None = None
+        self._smallest: np.ndarray | None = None
 
     def messages(self, stamp: int, output: ControlOutput, margins: np.ndarray,
                  decimation: int, lyapunov: Callable[[], float]) -> dict[str, bytes]:
@@ -93,12 +93,12 @@ class MonitorStream:
             lyapunov: Computes V; called for those samples only.
         """
         messages = {TRACKING_ERROR: self._codecs.tracking_error(stamp, output)}
-        least = margins if self._least is None else np.minimum(self._least, margins)
+        smallest = margins if self._smallest is None else np.minimum(self._smallest, margins)
         if self.samples % decimation == 0:
             self.lyapunov = lyapunov()
-            messages.update(self._codecs.monitors(stamp, output, least, self.lyapunov))
-            self._least = None
+            messages.update(self._codecs.monitors(stamp, output, smallest, self.lyapunov))
+            self._smallest = None
         else:
-            self._least = least
+            self._smallest = smallest
         self.samples += 1
         return messages

@@ -1,38 +1,145 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topics between the nodes, relative to their namespace, with their types."""
+"""The topics of the nodes, each declared once.
+
+From here follow the publishers of controller and identifier, the topics of a simulated bag, what
+the recorder records by default, the page docs/topics.md and the SROS 2 policy
+(``python -m adaptive_blf_control topics``).
+"""
 
 from __future__ import annotations
 
-__all__ = ['ADAPTATION_TERM', 'BARRIER', 'COMMANDS', 'EXCITATION', 'GUARANTEE', 'HISTORY_RANK',
-           'HISTORY_SIGMA_MIN', 'JOINT_STATES', 'JOINT_TRAJECTORY', 'REFERENCE', 'THETA_HAT',
-           'TOPICS', 'TRACKING_ERROR']
+from dataclasses import dataclass
 
-JOINT_STATES = 'joint_states'
-COMMANDS = 'effort_controller/commands'
-THETA_HAT = 'identifier/theta_hat'
-HISTORY_RANK = 'identifier/history_rank'
-HISTORY_SIGMA_MIN = 'identifier/history_sigma_min'
-EXCITATION = 'identifier/excitation'
-ADAPTATION_TERM = 'controller/adaptation_term'
-REFERENCE = 'controller/reference'
-TRACKING_ERROR = 'controller/tracking_error'
-BARRIER = 'controller/barrier'
-GUARANTEE = 'controller/guarantee'
-JOINT_TRAJECTORY = 'controller/joint_trajectory'
+__all__ = ['ADAPTATION_TERM', 'ALL', 'BARRIER', 'CLOCK', 'COMMANDS', 'CONSISTENT_MODEL',
+           'EXCITATION', 'GUARANTEE',
+           'HISTORY_RANK', 'HISTORY_SIGMA_MIN', 'JOINT_STATES', 'JOINT_TRAJECTORY', 'KINDS',
+           'RECORDED', 'REFERENCE', 'THETA_HAT', 'THETA_STD', 'TOPICS', 'TRACKING_ERROR', 'Topic',
+           'published_by']
 
-TOPICS: dict[str, str] = {
-    JOINT_STATES: 'sensor_msgs/msg/JointState',
-    COMMANDS: 'std_msgs/msg/Float64MultiArray',
-    THETA_HAT: 'sensor_msgs/msg/JointState',
-    HISTORY_RANK: 'std_msgs/msg/Int32',
-    HISTORY_SIGMA_MIN: 'std_msgs/msg/Float64',
-    EXCITATION: 'std_msgs/msg/Float64',
-    ADAPTATION_TERM: 'sensor_msgs/msg/JointState',
-    REFERENCE: 'sensor_msgs/msg/JointState',
-    TRACKING_ERROR: 'sensor_msgs/msg/JointState',
-    BARRIER: 'sensor_msgs/msg/JointState',
-    GUARANTEE: 'sensor_msgs/msg/JointState',
-    JOINT_TRAJECTORY: 'trajectory_msgs/msg/JointTrajectory',
-    '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
-    '/parameter_events': 'rcl_interfaces/msg/ParameterEvent',
-}
+KINDS = ('arm_driver', 'controller', 'identifier', 'recorder')
+"""Kinds of nodes, by which their names are known here."""
+
+ALL = 'all'
+"""In the place of a kind: every node publishes the topic."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic.
+
+    Attributes:
+        name: Relative to the namespace of the nodes, or absolute.
+        type_name: Message type.
+        publisher: Kind of the node that publishes it, ALL, or '' if none of these nodes does.
+        subscribers: Kinds of the nodes that subscribe to it, besides the recorder.
+        content: What its messages mean, in Markdown, with units.
+        recorded: Whether the recorder records it by default.
+        only_active: Whether there is a publisher only while its node is active.
+        only_lockstep: Whether it is published only under ``use_sim_time``.
+        lockstep_subscribers: Kinds that subscribe to it only under ``use_sim_time``.
+    """
+
+    name: str
+    type_name: str
+    publisher: str
+    subscribers: tuple[str, ...]
+    content: str
+    recorded: bool = True
+    only_active: bool = False
+    only_lockstep: bool = False
+    lockstep_subscribers: tuple[str, ...] = ()
+
+
+TOPICS: dict[str, Topic] = {}
+"""All topics by name, in the order of the page."""
+
+
+def _topic(name: str, type_name: str, publisher: str, subscribers: tuple[str, ...], content: str,
+           *, recorded: bool = True, only_active: bool = False, only_lockstep: bool = False,
+           lockstep_subscribers: tuple[str, ...] = ()) -> str:
+    """Declare a topic and return its name."""
+    TOPICS[name] = Topic(name, type_name, publisher, subscribers, content, recorded, only_active,
+                         only_lockstep, lockstep_subscribers)
+    return name
+
+
+JOINT_STATES = _topic(
+    'joint_states', 'sensor_msgs/msg/JointState', 'arm_driver', ('controller', 'identifier'),
+    'position [rad], velocity [rad/s], effort [N·m] = mean torque applied over the interval that '
+    '*ends* at `header.stamp`; NaN where nothing was measured')
+COMMANDS = _topic(
+    'effort_controller/commands', 'std_msgs/msg/Float64MultiArray', 'controller', ('arm_driver',),
+    "torques [N·m] in the order of `joints`: the interface of ros2_controllers' effort group "
+    'controller. It has a publisher only while the controller is active', only_active=True)
+THETA_HAT = _topic(
+    'identifier/theta_hat', 'sensor_msgs/msg/JointState', 'identifier', ('controller',),
+    'named vector: θ̂ by parameter name', lockstep_subscribers=('arm_driver',))
+HISTORY_RANK = _topic(
+    'identifier/history_rank', 'std_msgs/msg/Int32', 'identifier', (),
+    'rank of the history stack; with full rank θ̂ converges (Assumption 2). On every change and '
+    'every 200 samples')
+HISTORY_SIGMA_MIN = _topic(
+    'identifier/history_sigma_min', 'std_msgs/msg/Float64', 'identifier', (),
+    'σ_min(H Hᵀ), which sets the rate of convergence. Likewise')
+EXCITATION = _topic(
+    'identifier/excitation', 'std_msgs/msg/Float64', 'identifier', (),
+    'persistence-of-excitation index (21) over `excitation.window`: what the gradient law (20) '
+    'needs. Beside the rank it shows why one law converges and the other does not')
+CONSISTENT_MODEL = _topic(
+    'identifier/consistent_model', 'sensor_msgs/msg/JointState', 'identifier', (),
+    'named vector, every `model_period`, not in lockstep: the parameters of the physically '
+    'consistent model of the recorded pairs, for an arm from a URDF; see '
+    '[identification.md](identification.md)')
+THETA_STD = _topic(
+    'identifier/theta_std', 'sensor_msgs/msg/JointState', 'identifier', (),
+    'named vector, likewise: standard deviation of each parameter of θ̂ under the recorded '
+    'pairs, infinite where these do not determine it')
+ADAPTATION_TERM = _topic(
+    'controller/adaptation_term', 'sensor_msgs/msg/JointState', 'controller', ('identifier',),
+    'named vector: Xᵀe2 of (37); it acts over the interval that follows its stamp. Joints whose '
+    'part would drive their torque further beyond a limit are left out',
+    lockstep_subscribers=('arm_driver',))
+REFERENCE = _topic(
+    'controller/reference', 'sensor_msgs/msg/JointState', 'controller', (),
+    'y_d [rad], its velocity [rad/s]; the third array (`effort`) holds its acceleration '
+    '[rad/s²]. Every `monitor_decimation` samples')
+TRACKING_ERROR = _topic(
+    'controller/tracking_error', 'sensor_msgs/msg/JointState', 'controller', (),
+    'position = e1 [rad], velocity = e2 [rad/s]; every sample')
+BARRIER = _topic(
+    'controller/barrier', 'sensor_msgs/msg/JointState', 'controller', (),
+    'named vector: the margins of all constraints, and V, whenever the reference is published: '
+    '`<joint>.safety_margin`, `<joint>.performance_margin` [rad] and those of '
+    '`controller.constraints`, `<body>.<constraint>_margin [unit]`, the smallest since the '
+    'previous message; `V` (30)')
+GUARANTEE = _topic(
+    'controller/guarantee', 'sensor_msgs/msg/JointState', 'controller', (),
+    'named vector, with `guarantee.mode: bound`: the guarantee of Theorem 2, '
+    '`<joint>.error_lower`, `.error_upper` (39), `.output_lower`, `.output_upper` (41), `V0`, '
+    '`e2_norm` (40)')
+JOINT_TRAJECTORY = _topic(
+    'controller/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory', '', ('controller',),
+    'points to follow instead of the reference, joined by quintic polynomials. The motion along '
+    'them begins 0.1 s after the message arrives (later where computing takes longer); '
+    '`header.stamp` is not used. Every joint must be named once, and the last point must be at '
+    'rest (velocity and acceleration 0). A first point at 0 s, as MoveIt sends it, must lie '
+    'within the performance set around the reference; the motion does not pass through it. The '
+    'whole message is refused where names, lengths or times do not fit, where the path leaves '
+    'the safety set, or where no motion has begun')
+CLOCK = _topic(
+    '/clock', 'rosgraph_msgs/msg/Clock', 'arm_driver', KINDS,
+    'in lockstep only: the stamp of the state that follows', recorded=False, only_lockstep=True)
+_topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', ALL, (),
+       'once a second, see [Diagnostics](interfaces.md#diagnostics)')
+_topic('/parameter_events', 'rcl_interfaces/msg/ParameterEvent', ALL, (),
+       'every change of a parameter, with its new value')
+
+RECORDED: dict[str, str] = {topic.name: topic.type_name for topic in TOPICS.values()
+                            if topic.recorded}
+"""Types of the topics that are recorded by default, by name."""
+
+
+def published_by(kind: str) -> list[Topic]:
+    """Return the topics for which a node of this kind has publishers once it is configured."""
+    return [topic for topic in TOPICS.values() if topic.publisher == kind
+            and not topic.only_active and not topic.only_lockstep]

@@ -4,8 +4,8 @@
 In real time the arm moves with the clock: a command acts from the moment it arrives, so the delay
 of the loop is in the simulation, and ``effort`` is the mean torque over the interval that ends at
 the stamp. States lie on the grid of the rate; where the machine is late, periods are missed, not
-squeezed. Until the first command the brakes hold the arm: velocity as set, effort NaN (nothing
-measured). Under ``use_sim_time`` see :mod:`adaptive_blf_control.nodes.arm_lockstep`.
+squeezed. Until the first command the brakes hold the arm, and effort is NaN (nothing measured).
+Under ``use_sim_time`` see :mod:`adaptive_blf_control.nodes.arm_lockstep`.
 
 Lifecycle: inactive, the states are published and the brakes hold; active, the first command
 releases them; deactivated, the torque goes to zero over ``ramp_time``, then the brakes hold.
@@ -34,6 +34,7 @@ from adaptive_blf_control.runtime.endpoints import full_name, UNNAMED
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
 from adaptive_blf_control.runtime.round_trip import RoundTrips
+from adaptive_blf_control.runtime.status_report import Status
 from adaptive_blf_control.simulation.command_gate import CommandGate
 from adaptive_blf_control.simulation.drives import Drives
 from adaptive_blf_control.simulation.plant import Plant, Retunable, SimulatedArm
@@ -53,13 +54,14 @@ class ArmDriver(SteppedDriver):
         grid: When states are due.
         commands: Which commands count.
         round_trips: From states to the commands that answer them.
+        stepping: Moves the arm in lockstep; None in real time.
     """
 
     grid: StateGrid
     commands: CommandGate
 
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
-        """Make the node; with ``autostart`` ready to run, the reason raised where it cannot."""
+        """Make the node; with ``autostart`` it is ready to run, or the reason is raised."""
         self._ready = False
         self.round_trips = RoundTrips()
         super().__init__('arm_driver', DriverSettings, context=context, **options)
@@ -89,10 +91,10 @@ class ArmDriver(SteppedDriver):
         self.commands = CommandGate(self.arm.joints)
         self._codec = JointStateCodec(self.arm.joints, settings.frame_id)
         self._offset_ns = 0  # from the monotonic clock, that of all times here, to the stamps
-        self._states = self.data_publisher(JointState, JOINT_STATES)
-        self._command_input = self.data_subscription(Float64MultiArray, COMMANDS,
-                                                     self.on_command, reliable=True)
-        self._lockstep = ArmLockstep(self) if self.lockstep else None
+        self._states = self.topics.publisher(JointState, JOINT_STATES)
+        self._command_input = self.topics.subscribe(Float64MultiArray, COMMANDS, self.on_command,
+                                                    reliable=True)
+        self.stepping = ArmLockstep(self) if self.lockstep else None
         self._ready = True
 
     def activate(self) -> None:
@@ -101,18 +103,18 @@ class ArmDriver(SteppedDriver):
 
     def deactivate(self) -> None:
         """Begin to bring the torque to zero; the brakes follow."""
-        if self._lockstep is not None:  # its time stands still meanwhile
+        if self.stepping is not None:  # its time stands still meanwhile
             self.plant.brake()
         else:
             self.drives.ramp_down(time.monotonic_ns())
 
     def cleanup(self) -> None:
-        """Take the topics down; the loop waits for another :meth:`configure`."""
+        """Destroy the topics; the loop waits for another :meth:`configure`."""
         self._ready = False
-        self.end_data_subscription(self._command_input)
-        self.end_data_publisher(self._states)
-        if self._lockstep is not None:
-            self._lockstep.close()
+        self.topics.unsubscribe(self._command_input)
+        self.topics.end_publisher(self._states)
+        if self.stepping is not None:
+            self.stepping.close()
         self.grid.end()
 
     def retune(self, settings: DriverSettings, changed: set[str]) -> None:
@@ -126,14 +128,14 @@ class ArmDriver(SteppedDriver):
             self.plant.retune(settings)
         self.drives.watchdog, self.drives.ramp_time = settings, settings.ramp_time
         if self.grid.retune(settings.rate):
-            self.statistics.begin_anew()
+            self.statistics.restart()
 
     def on_command(self, data: bytes, info: dict[str, int]) -> None:
         """Apply a command from now on; a wrong length or a non-finite value drops it whole."""
         try:
             torque = decode_float64_array(data)
         except BagError as error:
-            self.drop('unreadable command', str(error))
+            self.faults.drop('unreadable command', str(error))
             return
         now = time.monotonic_ns()
         refusal = self.commands.refuse(
@@ -142,13 +144,13 @@ class ArmDriver(SteppedDriver):
             lambda: self._command_input.get_publisher_count() == 1)
         if refusal is not None:
             if refusal.fault:
-                self.last_fault = 'commands of a second publisher refused'
-            self.drop(refusal.reason, refusal.detail)
-        elif self._lockstep is not None:
+                self.faults.last = 'commands of a second publisher refused'
+            self.faults.drop(refusal.reason, refusal.detail)
+        elif self.stepping is not None:
             self.commands.heard_ns = now
-            self._lockstep.on_command(torque)
+            self.stepping.answers.command(torque)
         elif not self.active:
-            self.drop('command while inactive', 'activate the driver first')
+            self.faults.drop('command while inactive', 'activate the driver first')
         else:
             self._apply(torque, now, info)
 
@@ -158,11 +160,11 @@ class ArmDriver(SteppedDriver):
         self.commands.heard_ns = now_ns
         self.catch_up(now_ns)  # a state that is due before the command does not see it
         if self.drives.command(torque, now_ns, self.grid.period_ns):
-            self.statistics.begin_anew()
+            self.statistics.restart()
 
     @property
     def serves(self) -> bool:
-        """Whether the node is configured and nobody has asked it to stop."""
+        """Whether the node is configured and has not been asked to stop."""
         return self._ready and self.up
 
     def loop(self) -> None:
@@ -174,7 +176,7 @@ class ArmDriver(SteppedDriver):
             wait_for = self.settings.wait_for_subscribers
             while self.serves and not self.heard_by(wait_for):
                 self.spin_data(0.01)
-            if (self._real_time if self._lockstep is None else self._lockstep.loop)():
+            if (self._real_time if self.stepping is None else self.stepping.loop)():
                 return
 
     def heard_by(self, count: int) -> bool:
@@ -217,8 +219,9 @@ class ArmDriver(SteppedDriver):
         effort = drives.sample(due_ns, self.grid.period_ns,
                                self.commands.silent(due_ns, settings.command_timeout))
         if drives.timed_out and had_commands:
-            self.fault('no commands', f'no command for {settings.command_timeout:g} s: '
-                                      f'{settings.timeout_action} torque')
+            self.faults.report('no commands', (
+                f'no command for {settings.command_timeout:g} s: '
+                f'{settings.timeout_action} torque'))
         self.send_state(due_ns + self._offset_ns, effort.torque, effort.interval)
         self.sampled()
         return True
@@ -229,7 +232,7 @@ class ArmDriver(SteppedDriver):
         self.round_trips.sent(time.time_ns())
         self._states.publish(data)
 
-    def status(self) -> tuple[bytes, str, dict[str, object]]:
+    def status(self) -> Status:
         """Report brakes, watchdog, round trip and missed periods."""
         if not self._ready:
             return DiagnosticStatus.WARN, 'unconfigured', {}

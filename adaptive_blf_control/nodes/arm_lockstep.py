@@ -10,7 +10,6 @@ same objects compute it, so that a run equals ``simulate`` and the run before it
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 import time
 
 from builtin_interfaces.msg import Time
@@ -21,8 +20,8 @@ from sensor_msgs.msg import JointState
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
-from adaptive_blf_control.runtime.answers import stamp_of
+from adaptive_blf_control.messages.topics import ADAPTATION_TERM, CLOCK, JOINT_STATES, THETA_HAT
+from adaptive_blf_control.nodes.lockstep_answers import LockstepAnswers
 from adaptive_blf_control.runtime.endpoints import full_name
 from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.simulation.drives import Drives
@@ -31,6 +30,7 @@ from adaptive_blf_control.simulation.state_grid import StateGrid
 __all__ = ['EPOCH_NS', 'ArmLockstep', 'LockstepTimeout', 'SteppedDriver']
 
 EPOCH_NS = 10**9  # stamp of the first state: 0 means "no time yet" in ROS
+CLOCK_QUEUE_DEPTH = 10
 ANSWERS = {'controller': ADAPTATION_TERM, 'identifier': THETA_HAT}
 
 
@@ -39,7 +39,7 @@ class LockstepTimeout(BlfError, TimeoutError):
 
 
 class SteppedDriver(ManagedNode[DriverSettings]):
-    """What the lockstep asks of the driver that it steps.
+    """What the lockstep needs of the driver that it steps.
 
     Attributes:
         arm: The arm, for its joints.
@@ -53,7 +53,7 @@ class SteppedDriver(ManagedNode[DriverSettings]):
 
     @property
     def serves(self) -> bool:
-        """Whether the node is configured and nobody has asked it to stop."""
+        """Whether the node is configured and has not been asked to stop."""
         raise NotImplementedError
 
     def heard_by(self, count: int) -> bool:
@@ -66,36 +66,30 @@ class SteppedDriver(ManagedNode[DriverSettings]):
 
 
 class ArmLockstep:
-    """Steps the arm of a driver once every state has its answers."""
+    """Steps the arm of a driver once every state has its answers.
+
+    Attributes:
+        answers: Those to the present state.
+    """
 
     def __init__(self, driver: SteppedDriver) -> None:
         """Subscribe to the answers that are asked for."""
         self._driver = driver
         names = driver.settings.lockstep.answers
-        self._time_topic = driver.create_publisher(Clock, '/clock', 10)
+        self._time_topic = driver.create_publisher(Clock, CLOCK, CLOCK_QUEUE_DEPTH)
         self._open = True
-        self._commanded = False
-        self._awaited_ns = 0
-        self._torque = np.zeros(driver.arm.n)
-        self._heard = dict.fromkeys(names, 0)
-        self._inputs = {name: driver.data_subscription(
+        self.answers = LockstepAnswers(names, driver.arm.n)
+        self._inputs = {name: driver.topics.subscribe(
             JointState, ANSWERS[name], self._hears(name), reliable=True) for name in names}
 
     def _hears(self, name: str) -> Callable[[bytes, dict[str, int]], None]:
-        def hear(data: bytes, info: dict[str, int]) -> None:
-            if stamp_of(data) == self._awaited_ns:  # what else is said does not undo an answer
-                self._heard[name] = self._awaited_ns
-        return hear
-
-    def on_command(self, torque: np.ndarray) -> None:
-        """Keep the torque until the arm steps."""
-        self._torque, self._commanded = torque, True
+        return lambda data, _: self.answers.hear(name, data)
 
     def close(self) -> None:
-        """Take the topics down and end the loop."""
+        """Destroy the topics and end the loop."""
         self._open = False
         for subscription in self._inputs.values():
-            self._driver.end_data_subscription(subscription)
+            self._driver.topics.unsubscribe(subscription)
         self._driver.destroy_publisher(self._time_topic)
 
     @property
@@ -120,14 +114,14 @@ class ArmLockstep:
                 if not self._goes_on:
                     break
                 self._send(stamp_ns, interval)
-            self._wait(partial(self._missing_answers, stamp_ns),
+            self._wait(self.answers.missing,
                        f'has not answered the state of {stamp_ns * 1e-9:.6f} s')
             with driver.between_samples:
                 if driver.grid.period_ns != period_ns:  # a live rate begins a new grid
                     k, period_ns, first_ns = 0, driver.grid.period_ns, stamp_ns
                 interval = 1.0 / driver.settings.rate
                 if driver.active:  # else the brakes hold
-                    driver.drives.step(self._torque, interval)
+                    driver.drives.step(self.answers.torque, interval)
             t = (stamp_ns - EPOCH_NS) * 1e-9
             if 0.0 < driver.settings.duration <= t + 0.5 * interval:
                 driver.get_logger().info(f'duration of {driver.settings.duration:g} s is over, '
@@ -139,7 +133,7 @@ class ArmLockstep:
         return False
 
     def _send(self, stamp_ns: int, interval: float) -> None:
-        self._commanded, self._awaited_ns = False, stamp_ns
+        self.answers.expect(stamp_ns)
         self._time_topic.publish(
             Clock(clock=Time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)))
         self._driver.send_state(stamp_ns, self._driver.drives.plant.torque, interval)
@@ -156,22 +150,16 @@ class ArmLockstep:
         return due
 
     def _missing_nodes(self) -> list[str]:
-        """Return who is not heard yet, or does not hear yet: discovery goes each way by itself."""
+        """Return the nodes not discovered in both directions: each is discovered by itself."""
         driver = self._driver
         hearing = {full_name(info) or ''  # '' while the name is not known yet
                    for info in driver.get_subscriptions_info_by_topic(JOINT_STATES)}
-        if not driver.heard_by(len(hearing)):  # known to be there, and not connected
+        if not driver.heard_by(len(hearing)):  # discovered, and not matched yet
             return list(self._inputs)
         return [name for name, subscription in self._inputs.items()
                 if subscription.get_publisher_count() == 0
                 or not any(full_name(info) in hearing
                            for info in driver.get_publishers_info_by_topic(ANSWERS[name]))]
-
-    def _missing_answers(self, stamp_ns: int) -> list[str]:
-        missing = [name for name, heard in self._heard.items() if heard != stamp_ns]
-        if not self._commanded and 'controller' not in missing:
-            missing.append('controller')
-        return missing
 
     def _wait(self, missing: Callable[[], list[str]], what: str) -> None:
         driver = self._driver

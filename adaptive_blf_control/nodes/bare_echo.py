@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Three plain nodes without any control work: what rclpy's default executor holds by itself.
+"""Three plain nodes without any control work: the rate that rclpy's default executor reaches.
 
 ``driver`` publishes a JointState from a timer, ``echo`` answers each with a Float64MultiArray,
 ``listener`` hears the states and publishes a vector as an estimator would. Typed messages, a
-callback each, ``rclpy.spin``: the floor that the nodes of this package are measured against.
+callback each, ``rclpy.spin``: what the nodes of this package are compared with.
 Run by ``bench rates``, as ``python -m adaptive_blf_control.nodes.bare_echo NODE``.
 """
 
@@ -29,7 +29,7 @@ __all__ = ['NODES', 'main']
 
 JOINTS = ['joint1', 'joint2']
 PARAMETERS = ['p1', 'p2', 'p3', 'p4', 'p5']
-DEPTH = 10
+QUEUE_DEPTH = 10
 
 
 class _DoneError(Exception):
@@ -49,8 +49,8 @@ class Driver(Node):
         super().__init__('bare_driver')
         self.served, self.trips = array('q'), array('q')
         self._options = options
-        self._states = self.create_publisher(JointState, JOINT_STATES, DEPTH)
-        self.create_subscription(Float64MultiArray, COMMANDS, self._on_command, DEPTH)
+        self._states = self.create_publisher(JointState, JOINT_STATES, QUEUE_DEPTH)
+        self.create_subscription(Float64MultiArray, COMMANDS, self._on_command, QUEUE_DEPTH)
 
     def begin(self) -> None:
         """Wait for the other two, then start the timer."""
@@ -85,8 +85,8 @@ class Echo(Node):
         """Make the node."""
         super().__init__('bare_echo')
         self.served, self.trips = array('q'), array('q')
-        self._commands = self.create_publisher(Float64MultiArray, COMMANDS, DEPTH)
-        self.create_subscription(JointState, JOINT_STATES, self._on_state, DEPTH)
+        self._commands = self.create_publisher(Float64MultiArray, COMMANDS, QUEUE_DEPTH)
+        self.create_subscription(JointState, JOINT_STATES, self._on_state, QUEUE_DEPTH)
 
     def _on_state(self, state: JointState) -> None:
         self.served.append(time.monotonic_ns())
@@ -100,8 +100,8 @@ class Listener(Node):
         """Make the node."""
         super().__init__('bare_listener')
         self.served, self.trips = array('q'), array('q')
-        self._estimates = self.create_publisher(JointState, THETA_HAT, DEPTH)
-        self.create_subscription(JointState, JOINT_STATES, self._on_state, DEPTH)
+        self._estimates = self.create_publisher(JointState, THETA_HAT, QUEUE_DEPTH)
+        self.create_subscription(JointState, JOINT_STATES, self._on_state, QUEUE_DEPTH)
 
     def _on_state(self, state: JointState) -> None:
         self.served.append(time.monotonic_ns())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's command topic: claimed, used, brought to zero and given back."""
+"""The controller's command topic: claimed, used, brought to zero and released."""
 
 from __future__ import annotations
 
@@ -21,23 +21,22 @@ from adaptive_blf_control.runtime.endpoints import Endpoints, UNNAMED
 
 __all__ = ['CommandTopic', 'GIVE_WAY']
 
-# Discovery may show another sender of commands only a while after this one has begun.
-GIVE_WAY = 3.0  # s
-LINGER = Duration(seconds=0.1)  # sent is not delivered yet
+GIVE_WAY = 3.0  # s after a claim in which discovery may still show another controller
+DELIVERY_TIMEOUT = Duration(seconds=0.1)  # for the zero torque: sent is not delivered yet
 
 
 class CommandTopic:
     """Torques for the arm, from one controller at a time.
 
     Attributes:
-        claimed_at: When it was claimed, by the monotonic clock [s].
-        pushes: Whether the torque sent last was another than the zero at the end.
+        claimed_at: When it was claimed, monotonic [s].
+        pushes: Whether a torque was sent after the last final zero.
         senders: Who publishes commands.
         listeners: Who subscribes to them.
     """
 
     def __init__(self, node: DataNode[ControllerNodeSettings], n: int) -> None:
-        """Look at the topic of ``node`` for ``n`` joints without claiming it."""
+        """Prepare to send torques for ``n`` joints without claiming the topic of ``node``."""
         self.claimed_at = 0.0
         self.pushes = False
         self._node = node
@@ -59,19 +58,19 @@ class CommandTopic:
             names = ', '.join(self.senders.wait_for_names(node.stop)) or UNNAMED
             raise BlfError(f'{node.resolve_topic_name(COMMANDS)}: {names} sends commands already: '
                            f'one controller at a time')
-        self._publisher = node.data_publisher(Float64MultiArray, COMMANDS)
+        self._publisher = node.topics.publisher(Float64MultiArray, COMMANDS)
         self.claimed_at = time.monotonic()
 
     def release(self) -> None:
-        """Give the topic back."""
+        """Destroy the publisher."""
         if self._publisher is not None:
-            self._node.end_data_publisher(self._publisher)
+            self._node.topics.end_publisher(self._publisher)
             self._publisher = None
 
     def someone_drives(self) -> bool:
         """Whether an arm listens to the commands.
 
-        A recorder of ours does not move one. A listener whose name is not known yet may be that
+        A recorder does not move one. A listener whose name is not known yet may be that
         recorder and does not count so far.
         """
         return any(name is not None and name.rpartition('/')[2] != 'recorder'
@@ -79,7 +78,7 @@ class CommandTopic:
 
     @property
     def heard(self) -> bool:
-        """Whether what is sent now reaches an arm."""
+        """Whether a torque that is sent now reaches an arm."""
         return (self._publisher is not None and self._publisher.get_subscription_count() > 0
                 and self.someone_drives())
 
@@ -91,10 +90,11 @@ class CommandTopic:
     def has_to_give_way(self, now: float) -> bool:
         """Whether another controller began at the same moment as this one.
 
-        Only to a node like this one, which looks before it begins: not to any other sender.
+        It gives way only to a controller of this kind, which gives way likewise, and not to any
+        other publisher.
 
         Args:
-            now: By the monotonic clock [s].
+            now: Monotonic time [s].
         """
         return (now - self.claimed_at < GIVE_WAY and self.shared
                 and self._node.count_publishers(ADAPTATION_TERM) > 1)
@@ -106,13 +106,13 @@ class CommandTopic:
             self._publisher.publish(self._codec.encode(torque))
 
     def send_zero(self) -> None:
-        """Send the zero torque, where there is still somebody to send it to."""
+        """Send the zero torque, unless the topic is released or ROS is shut down."""
         if self._publisher is not None and self._node.context.ok():
             self._publisher.publish(self._codec.encode(np.zeros(self._n)))
             self.pushes = False
 
     def ramp_down(self, torque: np.ndarray, ramp_time: float, rate_limit: np.ndarray) -> None:
-        """Bring the torque to zero and wait until that was delivered; see `ramp.ramp_down`."""
+        """Bring the torque to zero and wait until that is delivered; see `ramp.ramp_down`."""
         if not self.pushes or self._publisher is None:
             return
         if not self._node.lockstep:
@@ -120,4 +120,4 @@ class CommandTopic:
                 self.send(step)
                 time.sleep(RAMP_STEP)
         self.send_zero()
-        self._publisher.wait_for_all_acked(LINGER)
+        self._publisher.wait_for_all_acked(DELIVERY_TIMEOUT)

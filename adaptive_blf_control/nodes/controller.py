@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """``controller``: joint states and θ̂ in, torques and the adaptation term out.
 
-Lifecycle: inactive, states are heard and nothing is sent; activation is refused outside the
-safety set, beside another publisher of commands, and without fresh joint states; the motion then
-begins with the next state, joined to the reference. θ̂ may arrive late or never: the controller
+While it is inactive it listens to states and sends nothing. Activation is refused outside the
+safety set, beside another publisher of commands, and without fresh joint states; the motion
+begins with the next state, joined to the reference. Where θ̂ arrives late or never, the controller
 goes on with the last one.
 """
 
@@ -20,68 +20,62 @@ from rclpy.context import Context
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.configuration.build import initial_theta
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.arm_limits import limit_warnings
-from adaptive_blf_control.control.controller import (
-    Controller,
-    ControlOutput,
-    sampling_model,
-    sampling_number,
-)
-from adaptive_blf_control.control.estimate_gate import EstimateGate
+from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.control.laws.protocol import uses_estimate
 from adaptive_blf_control.control.motion import groups_of, Motion
+from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.ramp import RAMP_STEP
-from adaptive_blf_control.control.refusal import Refusal
-from adaptive_blf_control.control.way import way_through
 from adaptive_blf_control.errors import BagError, BlfError
-from adaptive_blf_control.messages.joint_state import JointStateReader
-from adaptive_blf_control.messages.topics import (
-    ADAPTATION_TERM,
-    JOINT_STATES,
-    JOINT_TRAJECTORY,
-    THETA_HAT,
-)
+from adaptive_blf_control.messages.joint_state_reader import JointStateReader
+from adaptive_blf_control.messages.stamp import STAMP_LIMIT
+from adaptive_blf_control.messages.topics import JOINT_STATES, JOINT_TRAJECTORY, THETA_HAT
 from adaptive_blf_control.nodes.command_topic import CommandTopic
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
-from adaptive_blf_control.nodes.joint_trajectory import points_of
+from adaptive_blf_control.nodes.estimate_input import EstimateInput, limit_of
+from adaptive_blf_control.nodes.trajectory_input import TrajectoryInput
 from adaptive_blf_control.parameters.table import broadcast
-from adaptive_blf_control.runtime.data_node import LONGEST_WAIT, TOO_LATE
+from adaptive_blf_control.runtime.channels import LONGEST_WAIT
 from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
+from adaptive_blf_control.runtime.status_report import Status
+from adaptive_blf_control.tuning.inertia import COUNT
+from adaptive_blf_control.tuning.loop_check import check_loop, warnings_of_loop
+from adaptive_blf_control.tuning.stated_loop import stated_delay
 
 __all__ = ['ControllerNode', 'main']
 
-HEAD_START = 0.1  # s from a trajectory's arrival to its beginning
-LOOK_AROUND = 0.1  # s between looks at who hears and who sends commands
-OLD_ESTIMATE = 1.0  # s
-OF_THE_GUARANTEE = {'k1', 'performance', 'reference'}  # parameters that V depends on
+TRAJECTORY_QUEUE_DEPTH = 10
+GRAPH_PERIOD = 0.1  # s between looks at the publishers and subscriptions of commands
+COUNT_LIVE = 25  # postures that a live change is checked in, between two samples
+OF_THE_LOOP = {'k1', 'k2', 'barrier_weight', 'performance', 'reference'}  # its stability
+OF_THE_GUARANTEE = {'k1', 'performance', 'reference'}  # groups of parameters that V depends on
 
 
 class ControllerNode(ManagedNode[ControllerNodeSettings]):
-    """Equation (38) behind the topics of ros2_controllers' effort group controller.
+    """A law, by default (38), behind the topics of ros2_controllers' effort group controller.
 
     Attributes:
-        motion: The motion, or that which is still to begin; from the configuration on.
+        motion: The present motion, or the next one; from the configuration on.
         estimates: θ̂ in use; from the configuration on.
-        monitors: What is shown besides the torque; from the configuration on.
-        heard_at: When a state was heard that could be used, by the monotonic clock [s]; or None.
+        monitors: What is published besides the torque; from the configuration on.
+        trajectories: Takes the points of a planner; from the configuration on.
+        heard_at: When the last usable state arrived, monotonic [s]; None before the first.
         commands: The command topic; from the configuration on.
     """
 
     commands: CommandTopic
     motion: Motion
-    estimates: EstimateGate
+    estimates: EstimateInput
     monitors: ControllerMonitors
+    trajectories: TrajectoryInput
 
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
-        """Make the node; with ``autostart`` validated as far as can be before the arm is seen."""
+        """Make the node; ``autostart`` configures it, which checks all that needs no arm."""
         self.heard_at: float | None = None
         self._looked_at = 0.0
-        self._estimated_at: float | None = None
         self._configured = False
         super().__init__('controller', ControllerNodeSettings, context=context, **options)
 
@@ -99,19 +93,17 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         """Check the sets (9), compile the law, make the topics."""
         settings = self.settings
         self.arm = arm_of(self, self.settings)
-        self.estimates = EstimateGate(self.arm.parameters, initial_theta(settings, self.arm),
-                                      _estimate_limit(settings, self.arm))
+        self.estimates = EstimateInput(self, self.arm)
         trial = Controller(self.arm, settings)
-        trial.warm_up(self.theta)  # compiled here, not in the first answer
-        self._check_sampling(trial)
+        trial.warm_up(self.theta)  # compile here, not in the first answer
+        self._check_loop(settings, COUNT)
         for warning in limit_warnings(self.arm, settings):
             self.get_logger().warning(warning)
-        self._hears_estimates = settings.model == 'estimated' and uses_estimate(trial.law)
+        self.estimates.wanted = settings.model == 'estimated' and uses_estimate(trial.law)
         self.motion = Motion(self.arm, settings)
         self._state_reader = JointStateReader(self.arm.joints)
-        self._theta_reader = JointStateReader(self.arm.parameters)
         self.commands = CommandTopic(self, self.arm.n)
-        self.heard_at = self._estimated_at = None
+        self.heard_at = None
         self._looked_at = 0.0
         self._make_topics(trial)
         self._configured = True
@@ -119,41 +111,39 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
     def _make_topics(self, controller: Controller) -> None:
         self.monitors = ControllerMonitors(self, self.arm.joints, self.arm.parameters,
                                            controller.constraints.names)
-        self._term = self.data_publisher(JointState, ADAPTATION_TERM)
-        self._trajectories = self.create_subscription(
-            JointTrajectory, JOINT_TRAJECTORY, self.on_joint_trajectory, 10)
+        self.trajectories = TrajectoryInput(self, self.motion)
+        self._trajectory_topic = self.create_subscription(
+            JointTrajectory, JOINT_TRAJECTORY, self.trajectories.receive, TRAJECTORY_QUEUE_DEPTH)
         self._inputs = []
-        if self._hears_estimates:
-            self._inputs.append(self.data_subscription(
-                JointState, THETA_HAT, self.on_theta_hat, wake=self.lockstep,
+        if self.estimates.wanted:
+            self._inputs.append(self.topics.subscribe(
+                JointState, THETA_HAT, self.estimates.receive, wake=self.lockstep,
                 newest_only=not self.lockstep, reliable=self.lockstep))
-        self._inputs.append(self.data_subscription(
+        self._inputs.append(self.topics.subscribe(
             JointState, JOINT_STATES, self.on_joint_states, newest_only=True,
             reliable=self.lockstep))
 
     def cleanup(self) -> None:
-        """Take the topics down."""
+        """Destroy the topics."""
         for subscription in self._inputs:
-            self.end_data_subscription(subscription)
-        self.destroy_subscription(self._trajectories)
-        self.end_data_publisher(self._term)
+            self.topics.unsubscribe(subscription)
+        self.destroy_subscription(self._trajectory_topic)
         self.monitors.close()
 
-    def _check_sampling(self, controller: Controller) -> None:
-        start, k2 = controller.reference.at(0.0).position, controller.settings.k2
-        number = sampling_number(self.arm, k2, start, self.theta, 1e-3)
-        if number >= 2.0:
-            model = sampling_model(self.arm, start, self.theta)
-            self.get_logger().warning(
-                f'k2 λ_max(M⁻¹) dt = {number:.2f} at 1 kHz with the {model} parameters: 2 or '
-                f'more is unstable in a sampled loop; lower k2 or check the model')
+    def _check_loop(self, settings: ControllerNodeSettings, count: int) -> None:
+        """Warn of gains that do not fit the loop, along ``count`` postures, or refuse them."""
+        reference = controller_parts(settings, self.arm.joints).reference
+        check = check_loop(self.arm, settings, reference, self.theta,
+                           stated_delay(settings.loop), count=count)
+        for warning in warnings_of_loop(check, settings.loop.unstable):
+            self.get_logger().warning(warning)
 
     def activate(self) -> None:
         """Check state and sets; claim the command topic.
 
         Raises:
             SetViolation: the arm is outside the safety set, with joint, value and bound.
-            BlfError: no fresh joint states, or somebody else sends commands.
+            BlfError: no fresh joint states, or another node sends commands.
         """
         self._check_fresh()
         self.motion.check_start()
@@ -168,7 +158,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
                            f'{timeout:g} s: activation needs to know where the arm is')
 
     def deactivate(self) -> None:
-        """Bring the torque down to zero and give the command topic back."""
+        """Bring the torque to zero and release the command topic."""
         if not self.commands.claimed:
             return
         if self.output is not None:
@@ -181,83 +171,37 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         """Change gains, limits, sets and reference between two samples, or refuse with numbers."""
         if not self._configured:
             return
-        limit = _estimate_limit(settings, self.arm)
-        controller = self.motion.retune(settings, changed)
-        self.estimates.limit = limit
+        limit = limit_of(settings, self.arm)
+        if groups_of(changed) & OF_THE_LOOP:
+            self._check_loop(settings, COUNT_LIVE)
+        self.motion.retune(settings, changed)
+        self.estimates.gate.limit = limit
         if self.motion.controller is not None and groups_of(changed) & OF_THE_GUARANTEE:
-            self.monitors.begin()  # V(0) of Theorem 2 was that of another motion
-        if 'k2' in changed:
-            self._check_sampling(controller)
-
-    def on_theta_hat(self, data: bytes, info: dict[str, int]) -> bool:
-        """Take the newest estimate; one that is not finite, too large or not ours is dropped."""
-        try:
-            stamp, theta, _, _ = self._theta_reader.read(data)
-        except BagError as error:
-            self.drop('unusable estimate', str(error))
-            return False
-        refusal = (self.estimates.offer_after(stamp, theta) if self.lockstep
-                   else self.estimates.offer(theta))
-        if refusal is not None:
-            self._refuse(refusal)
-            return False
-        self._estimated_at = time.monotonic()
-        return True
-
-    def _refuse(self, refusal: Refusal) -> None:
-        if refusal.fault:
-            self.last_fault = refusal.detail
-        self.drop(refusal.reason, refusal.detail)
-
-    def on_joint_trajectory(self, message: JointTrajectory) -> None:
-        """Follow the points instead of the reference so far; one that cannot be is dropped whole.
-
-        The way is computed beside the loop, for a moment that is still to come: the longer that
-        took, the later the moment of the next attempt.
-        """
-        head_start, done = HEAD_START, False
-        while not done and self.up:
-            done = self._follow(message, head_start)
-            head_start *= 4.0
-
-    def _follow(self, message: JointTrajectory, head_start: float) -> bool:
-        """Try to follow the points from ``head_start`` [s] on; False where that has passed."""
-        with self.between_samples:
-            plan = self.motion.plan(head_start)
-        if plan is None:
-            self.drop('trajectory before the motion has begun', 'send it again then')
-            return True
-        try:
-            way = way_through(points_of(message, self.arm.joints), plan.controller, plan.t)
-            with self.between_samples:
-                return self.motion.follow(plan, way)
-        except BlfError as error:
-            self.drop('unusable trajectory', str(error))
-            return True
+            self.monitors.begin()  # V(0) of Theorem 2 belonged to the settings before
 
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> bool:
-        """Answer a joint state with a torque; False where it cannot be used."""
+        """Answer a joint state with a torque; False if it cannot be used."""
         try:
             stamp, q, qd, torque = self._state_reader.read(data)
         except BagError as error:
-            self.drop('unusable joint state', str(error))
+            self.faults.drop('unusable joint state', str(error))
             return False
-        if stamp >= TOO_LATE:
-            self.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
+        if stamp >= STAMP_LIMIT:
+            self.faults.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
             return False
         refusal = self.motion.refuse(stamp, q, qd, self.settings.state_timeout)
         if refusal is not None:
-            self._refuse(refusal)
+            self.faults.refuse(refusal)
             return False
         if not self._ready(stamp, q, qd):
-            self.later(self.on_joint_states, data, info)
+            self.topics.later(self.on_joint_states, data, info)
             return True
         begins = self.motion.controller is None
         controller = self.motion.controller or self._begin(stamp, q, qd)
         self.heard_at = time.monotonic()
         self.aged(info)
         output = self._answer(stamp, q, qd, torque, controller)
-        if begins:  # after the answer: writing a log line takes longer than the law
+        if begins:  # after the answer, because a log line takes longer than the law
             self.get_logger().info('motion begins')
             if self.active:
                 self.monitors.state_guarantee(controller, stamp, output)
@@ -270,8 +214,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         return controller
 
     def _ready(self, stamp: int, q: np.ndarray, qd: np.ndarray) -> bool:
-        """Whether this state is to be answered now: active, and somebody hears the answer."""
-        if self.lockstep and self._must_wait():
+        """Whether this state is to be answered now: the node is active and an arm listens."""
+        if self.lockstep and self.estimates.misses(self.motion.gate.last_ns):
             return False
         if not self.active:
             self.motion.rest(q, qd)
@@ -283,18 +227,11 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.motion.end()
         return self.motion.controller is not None or self.commands.heard
 
-    def _must_wait(self) -> bool:
-        """In lockstep a state is answered with the estimate that belongs to the one before it."""
-        last_ns = self.motion.gate.last_ns
-        if last_ns is None or not self._hears_estimates:
-            return False
-        return not self.estimates.use_after(last_ns) and self.count_publishers(THETA_HAT) > 0
-
     def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
                 controller: Controller) -> ControlOutput:
         output = self.motion.answer(stamp, q, qd, self.theta, torque)
         self.commands.send(output.torque)
-        self._term.publish(self.monitors.codecs.adaptation_term(stamp, output))
+        self.monitors.publish_term(stamp, output)
         inside = self.monitors.watch(controller, stamp, output, self.theta)
         self.sampled(stamp)
         if not inside and self.settings.on_violation == 'stop':
@@ -309,11 +246,11 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         return super().spin_data(timeout)
 
     def idle(self) -> None:
-        """Watch the states and who hears the commands; in lockstep the driver does."""
+        """Watch the states and the command topic; in lockstep the driver does."""
         if self.lockstep or not self.active:
             return
         now = time.monotonic()
-        if now - self._looked_at >= LOOK_AROUND:
+        if now - self._looked_at >= GRAPH_PERIOD:
             self.look_around(now)
         timeout = self.settings.state_timeout
         if self.commands.pushes and self.heard_at and now - self.heard_at > timeout:
@@ -321,31 +258,31 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
                               f'no joint state for {timeout:g} s: zero torque')
 
     def look_around(self, now: float) -> None:
-        """Stop where nobody hears the commands; give way to another controller that sends them.
+        """Stop if no arm listens; give way to another controller that sends commands.
 
         Args:
-            now: By the monotonic clock [s].
+            now: Monotonic time [s].
         """
         self._looked_at = now
         if self.commands.pushes and not self.commands.someone_drives():
             self._stop_motion('nobody listens', 'nobody listens to the commands: zero torque')
         if self.commands.has_to_give_way(now):
-            self.fault('two controllers', 'another controller sends commands, too: this one '
-                                          'gives way')
+            self.faults.report('two controllers',
+                               'another controller sends commands, too: this one gives way')
             self.deactivate_by_itself()
 
     def _stop_motion(self, reason: str, text: str) -> None:
-        """Send zero torque; the next state begins another motion."""
+        """Send zero torque; the next state begins a new motion."""
         self.motion.lose(reason)
         self.commands.send_zero()
-        self.fault(reason, text)
+        self.faults.report(reason, text)
 
     def finish(self) -> None:
-        """Zero torque is the last thing sent; where nothing was sent the brakes stay on."""
+        """Send zero torque as the last command, unless none was sent and the brakes are on."""
         if self._configured and self.commands.pushes:
             self.commands.send_zero()
 
-    def status(self) -> tuple[bytes, str, dict[str, object]]:
+    def status(self) -> Status:
         """Report the margins of all constraints, V and saturation."""
         waiting = 'waiting for joint states and a listener'
         if self.state_id == State.PRIMARY_STATE_UNCONFIGURED:
@@ -362,24 +299,9 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             return DiagnosticStatus.ERROR, 'another node sends commands, too', values
         if self.monitors.violations:
             return DiagnosticStatus.ERROR, self.monitors.first_violation, values
-        if self._hears_estimates and not self.lockstep:
-            return self._with_estimate(values)
+        if self.estimates.wanted and not self.lockstep:
+            return self.estimates.status(values)
         return DiagnosticStatus.OK, 'running', values
-
-    def _with_estimate(self, values: dict[str, object]) -> tuple[bytes, str, dict[str, object]]:
-        if self._estimated_at is None:
-            values['age of the estimate [s]'] = 'none yet'
-            return DiagnosticStatus.WARN, 'no estimate yet: initial_estimate is used', values
-        age = time.monotonic() - self._estimated_at
-        values['age of the estimate [s]'] = f'{age:.3f}'
-        if age > OLD_ESTIMATE:
-            text = f'no estimate for {age:.1f} s: the last one is used'
-            return DiagnosticStatus.WARN, text, values
-        return DiagnosticStatus.OK, 'running', values
-
-
-def _estimate_limit(settings: ControllerNodeSettings, arm: Arm) -> np.ndarray:
-    return settings.resolved(parameters=arm.m).estimate_limit
 
 
 def main(args: list[str] | None = None) -> int:

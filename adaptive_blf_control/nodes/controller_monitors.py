@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the controller shows besides its torque: margins, Theorem 2, what was left."""
+"""What the controller publishes besides its torque: margins, violations, Theorem 2."""
 
 from __future__ import annotations
 
 import numpy as np
-from sensor_msgs.msg import JointState
 
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.constraints import MarginName
@@ -12,22 +11,22 @@ from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
-from adaptive_blf_control.messages.topics import BARRIER, GUARANTEE, REFERENCE, TRACKING_ERROR
+from adaptive_blf_control.messages.topics import ADAPTATION_TERM, GUARANTEE
 from adaptive_blf_control.runtime.data_node import DataNode
 
 __all__ = ['ControllerMonitors']
 
-HEARTBEAT = 500  # samples between two repetitions of the guarantee
+REPUBLISH_SAMPLES = 500  # after which the guarantee is published again
 
 
 class ControllerMonitors:
-    """Publishes what a user wants to see of the law, and keeps account of the constraints.
+    """Publishes reference, errors, margins and guarantee, and counts violations.
 
     Attributes:
         codecs: Messages of the controller.
         margins: Those of all constraints at the last sample, shape (K,).
         violations: Samples in which a constraint was violated.
-        first_violation: Body, value and bound of the first of them, '' where there is none.
+        first_violation: Body, value and bound of the first of them, '' if there is none.
     """
 
     def __init__(self, node: DataNode[ControllerNodeSettings], joints: tuple[str, ...],
@@ -41,23 +40,26 @@ class ControllerMonitors:
         self._joints = joints
         self._names = names
         self._recovery = ''
-        self._topics = {topic: node.data_publisher(JointState, topic)
-                        for topic in (REFERENCE, TRACKING_ERROR, BARRIER, GUARANTEE)}
+        self._outputs = node.topics.declared(node.kind)
         self._stream = MonitorStream(self.codecs)
         self._guarantee: GuaranteeMonitor | None = None
 
     def close(self) -> None:
-        """Take the topics down."""
-        for publisher in self._topics.values():
-            self._node.end_data_publisher(publisher)
+        """Destroy the topics."""
+        for publisher in self._outputs.values():
+            self._node.topics.end_publisher(publisher)
 
     def begin(self) -> None:
         """Forget the guarantee of the motion before."""
         self._guarantee = None
 
+    def publish_term(self, stamp: int, output: ControlOutput) -> None:
+        """Publish the adaptation term; ``stamp`` of the sample in ns."""
+        self._outputs[ADAPTATION_TERM].publish(self.codecs.adaptation_term(stamp, output))
+
     def watch(self, controller: Controller, stamp: int, output: ControlOutput,
               theta: np.ndarray) -> bool:
-        """Take the margins of a sample, publish what is due; False where one is violated."""
+        """Publish what is due for a sample; return whether all constraints are kept."""
         self.margins = controller.margins(output)
         inside = bool(self.margins.min() > 0.0)
         if not inside:
@@ -65,7 +67,7 @@ class ControllerMonitors:
         for topic, message in self._stream.messages(
                 stamp, output, self.margins, self._node.settings.monitor_decimation,
                 lambda: controller.lyapunov(output, theta)).items():
-            self._topics[topic].publish(message)
+            self._outputs[topic].publish(message)
         self._watch_guarantee(stamp, output)
         return inside
 
@@ -76,25 +78,27 @@ class ControllerMonitors:
             return
         if not self.first_violation:
             self.first_violation, self._recovery = str(violation), violation.recovery
-        self._node.fault('set left', str(violation))
+        self._node.faults.report('set left', str(violation))
 
     def state_guarantee(self, controller: Controller, stamp: int, output: ControlOutput) -> None:
-        """State what Theorem 2 guarantees from here on, given bounds on the unknown arm."""
+        """Publish what Theorem 2 guarantees from here on, given bounds on the unknown arm."""
         settings = self._node.settings.guarantee
         if settings.mode == 'off':
             return
+        weight = controller.settings.resolved(joints=len(self._joints)).barrier_weight.copy()
         try:
             smallest, largest = settings.mass
             value = bounded_value(output.e1, output.e2, controller.performance, largest,
                                   settings.theta_error,
-                                  np.array([settings.smallest_gamma]))
+                                  np.array([settings.smallest_gamma]), weight)
             guaranteed = guarantee(value, controller.performance, controller.reference.range(),
-                                   smallest)
-        except (BlfError, ArithmeticError) as error:  # nothing that is only shown ends a motion
-            self._node.fault('guarantee', f'Theorem 2 cannot be stated: {error}')
+                                   smallest, weight)
+        except (BlfError, ArithmeticError) as error:  # what is only shown ends no motion
+            self._node.faults.report('guarantee', f'Theorem 2 cannot be stated: {error}')
             return
-        self._guarantee = GuaranteeMonitor(guaranteed, controller.performance, self._joints)
-        self._topics[GUARANTEE].publish(self.codecs.guarantee(stamp, guaranteed))
+        self._guarantee = GuaranteeMonitor(guaranteed, controller.performance, self._joints,
+                                           weight)
+        self._outputs[GUARANTEE].publish(self.codecs.guarantee(stamp, guaranteed))
         bounds = ', '.join(f'{joint} {low:.4g} .. {high:.4g} rad' for joint, low, high in zip(
             self._joints, guaranteed.error_lower, guaranteed.error_upper))
         self._node.get_logger().info(
@@ -104,11 +108,11 @@ class ControllerMonitors:
         monitor = self._guarantee
         if monitor is None:
             return
-        if self._stream.samples % HEARTBEAT == 0:
-            self._topics[GUARANTEE].publish(self.codecs.guarantee(stamp, monitor.guaranteed))
+        if self._stream.samples % REPUBLISH_SAMPLES == 0:
+            self._outputs[GUARANTEE].publish(self.codecs.guarantee(stamp, monitor.guaranteed))
         left = monitor.observe(float(output.state.t), output.e1)
         if left is not None:
-            self._node.fault('guarantee', (
+            self._node.faults.report('guarantee', (
                 f'joint {left.joint}: e1 = {left.value:.4g} rad is beyond the {left.bound:.4g} '
                 f'rad that Theorem 2 guarantees: check the bounds under guarantee, torque limits '
                 f'and the delay'))

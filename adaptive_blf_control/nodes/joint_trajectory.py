@@ -15,7 +15,7 @@ __all__ = ['points_of']
 
 
 def _row(values: Sequence[float], order: list[int], name: str, k: int) -> np.ndarray:
-    """One array of a point in the order of the joints; zeros where it is empty."""
+    """Return one array of a point in the order of the joints; zeros if it is empty."""
     if not len(values):
         return np.zeros(len(order))
     if len(values) != len(order):
@@ -32,7 +32,7 @@ def points_of(message: JointTrajectory,
     accelerations that are not given are zero.
 
     Raises:
-        ParameterError: names or lengths do not fit, as ros2_controllers has it.
+        ParameterError: names or lengths do not fit, by the rules of ros2_controllers.
     """
     names = list(message.joint_names)
     if sorted(names) != sorted(joints):

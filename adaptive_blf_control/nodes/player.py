@@ -1,111 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishes a bag again, byte for byte and with its clock, where there is no rosbag2."""
+"""Publishes a bag again, byte for byte and with its clock, without rosbag2."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 import time
-from typing import Any
 
 import rclpy
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
-from rosgraph_msgs.msg import Clock
 
 from adaptive_blf_control.bags.reader import BagMessage, read_bag
-from adaptive_blf_control.errors import BagError, ParameterError
-from adaptive_blf_control.messages.topics import THETA_HAT
-from adaptive_blf_control.nodes.player_lockstep import choose_topics, Lockstep
-from adaptive_blf_control.runtime.answers import message_class
+from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.cdr_cursor import is_cdr
+from adaptive_blf_control.messages.topics import CLOCK
+from adaptive_blf_control.nodes.play_clock import PlayClock
+from adaptive_blf_control.nodes.play_qos import qos_of
+from adaptive_blf_control.nodes.play_settings import PlaySettings
+from adaptive_blf_control.nodes.play_topics import choose_topics
+from adaptive_blf_control.nodes.player_lockstep import Lockstep
+from adaptive_blf_control.runtime.endpoints import POLL_PERIOD
+from adaptive_blf_control.runtime.message_class import message_class
 from adaptive_blf_control.runtime.process import stop_on_signals
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['Player', 'PlaySettings', 'account', 'play', 'qos_of']
+__all__ = ['Player', 'account', 'play']
 
-CLOCK = '/clock'
-# Deep enough that a burst at a high rate is not overwritten before a reliable reader has it.
-DEPTH = 1000
-LATCHED_DEPTH = 10
-POLL = 0.01  # s between looks for subscribers
-DELIVERY = 5.0  # s for reliable readers to confirm what was sent last
-INFINITE = 9_000_000_000  # s, and longer
-
-
-@dataclass(frozen=True)
-class PlaySettings:
-    """How to play.
-
-    Attributes:
-        rate: Bag seconds per second.
-        topics: Which topics, with or without leading slash; all where empty.
-        loop: Begin again at the end, until stopped.
-        wait: How long to wait for a subscriber of each topic [s].
-        clock: Ticks of /clock per bag second; 0 for none. A bag that has /clock plays its own.
-        lockstep: Wait for no time, but for the answers to each state.
-        answers: In lockstep, topics that answer, relative to the namespace of the states.
-        timeout: In lockstep, how long an answer may take [s].
-    """
-
-    rate: float = 1.0
-    topics: tuple[str, ...] = ()
-    loop: bool = False
-    wait: float = 5.0
-    clock: float = 100.0
-    lockstep: bool = False
-    answers: tuple[str, ...] = (THETA_HAT,)
-    timeout: float = 10.0
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be played."""
-        if not 0.0 < self.rate < 1e6:
-            raise ParameterError('--rate', self.rate, 'a number above 0')
-        if not 0.0 <= self.clock <= 1e5:
-            raise ParameterError('--clock', self.clock, '0 to 100000 Hz')
-        if not 0.0 <= self.wait < 1e6:
-            raise ParameterError('--wait', self.wait, 'seconds, 0 or more')
-        if not 0.0 < self.timeout < 1e6:
-            raise ParameterError('--timeout', self.timeout, 'seconds, above 0')
-        if self.lockstep and not self.answers:
-            raise ParameterError('--answers', [], 'at least one topic')
-
-
-def qos_of(profiles: Sequence[Mapping[str, Any]]) -> QoSProfile:
-    """Return what to offer so that whoever heard the recorded publishers hears this one.
-
-    Where they differed, the strongest offer is made: every subscriber accepts it. History and
-    depth are not discovered over DDS, so a bag does not know them.
-    """
-    latched = any(_word(p, 'durability') in ('transient_local', '1') for p in profiles)
-    best_effort = bool(profiles) and all(
-        _word(p, 'reliability') in ('best_effort', '2') for p in profiles)
-    known = max((int(p.get('depth', 0)) for p in profiles), default=0)
-    qos = QoSProfile(depth=known or (LATCHED_DEPTH if latched else DEPTH))
-    qos.reliability = (ReliabilityPolicy.BEST_EFFORT if best_effort
-                       else ReliabilityPolicy.RELIABLE)
-    qos.durability = (DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
-    if len(profiles) == 1:
-        _copy_times(profiles[0], qos)
-    return qos
-
-
-def _word(profile: Mapping[str, Any], key: str) -> str:
-    return str(profile.get(key, '')).lower()
-
-
-def _copy_times(profile: Mapping[str, Any], qos: QoSProfile) -> None:
-    for key in ('deadline', 'lifespan', 'liveliness_lease_duration'):
-        value = profile.get(key) or {}
-        sec, nsec = int(value.get('sec', 0)), int(value.get('nsec', 0))
-        if 0 < sec * 10**9 + nsec < INFINITE * 10**9:
-            setattr(qos, key, Duration(seconds=sec, nanoseconds=nsec))
-    if _word(profile, 'liveliness') in ('manual_by_topic', '3'):
-        qos.liveliness = LivelinessPolicy.MANUAL_BY_TOPIC
+DELIVERY_TIMEOUT = 5.0  # s for reliable readers to confirm what was sent last
 
 
 class Player:
@@ -116,15 +41,15 @@ class Player:
         stop: Set it to end :meth:`play`.
         sent: Messages published so far, by topic.
         skipped: Topics of the bag that are not published, with the reason.
-        ticks: Messages published on /clock that were not in the bag.
-        lockstep: Who waits for the answers; None where time is kept instead.
+        lockstep: Waits for the answers; None where time is kept instead.
+        clock: The pace, and the messages published on /clock that were not in the bag.
         seconds: How long playing took so far [s].
         bag_seconds: How much of the bag's time was played [s].
     """
 
     def __init__(self, path: str, settings: PlaySettings, *, context: Context | None = None,
                  namespace: str = '', stop: StopFlag | None = None) -> None:
-        """Open the bag and offer its topics; ``stop`` is the player's own where None.
+        """Open the bag and make its publishers; ``stop`` is the player's own if None.
 
         Raises:
             BagError: the bag cannot be read, a topic is not in it, or none can be published.
@@ -150,13 +75,8 @@ class Player:
         self.lockstep = Lockstep(self.node, self.bag, self._offers, settings.answers,
                                  settings.timeout, self.stop) if settings.lockstep else None
         self.seconds = self.bag_seconds = 0.0
-        self.ticks = 0
-        self._tick_ns = round(1e9 / settings.clock) if settings.clock > 0.0 else 0
-        if CLOCK in self._offers:
-            self._tick_ns = 0
-        self._ticker = self.node.create_publisher(Clock, CLOCK, 10) if self._tick_ns else None
-        self._message = Clock()
-        self._next_tick_ns = 0
+        self.clock = PlayClock(self.node, 0.0 if CLOCK in self._offers else settings.clock,
+                               None if settings.lockstep else settings.rate, self.stop)
 
     def _chosen(self) -> list[str]:
         if not self.settings.topics:
@@ -169,8 +89,13 @@ class Player:
         return [plain[topic.lstrip('/')] for topic in self.settings.topics]
 
     def _offer(self, topic: str) -> None:
+        info = self.bag.topics[topic]
+        if info.encoding != 'cdr' or not info.type_name:
+            self.skipped[topic] = ('the bag states no type' if info.encoding == 'cdr' else
+                                   f'its messages are encoded as {info.encoding!r}, not as CDR')
+            return
         try:
-            kind = message_class(self.bag.topics[topic].type_name)
+            kind = message_class(info.type_name)
         except BagError as error:
             self.skipped[topic] = str(error)
             return
@@ -182,7 +107,7 @@ class Player:
         """Wait until every topic has a subscriber; return those that have none in time.
 
         Raises:
-            NoAnswer: in lockstep, nobody listens to the states, or nobody answers.
+            NoAnswer: in lockstep, no node subscribes to the states, or none answers.
         """
         if self.lockstep is not None:
             self.lockstep.discover()
@@ -190,14 +115,15 @@ class Player:
         while True:
             missing = [topic for topic, publisher in self._offers.items()
                        if publisher.get_subscription_count() == 0]
-            if not missing or time.monotonic() >= give_up or self.stop.wait(POLL):
+            if not missing or time.monotonic() >= give_up or self.stop.wait(POLL_PERIOD):
                 return missing
 
     def play(self) -> None:
         """Publish the bag once, or again and again, until its end or :attr:`stop`.
 
         Raises:
-            NoAnswer: in lockstep, nobody listens to the states or answers one of them.
+            NoAnswer: in lockstep, no node subscribes to the states or answers one of them.
+            BagError: a message is not what its topic claims; nothing of it is published.
         """
         if self.lockstep is not None:
             self.lockstep.discover()
@@ -213,18 +139,22 @@ class Player:
             if self.stop.is_set():
                 return
             if publisher.get_subscription_count():
-                publisher.wait_for_all_acked(Duration(seconds=DELIVERY))
+                publisher.wait_for_all_acked(Duration(seconds=DELIVERY_TIMEOUT))
 
     def _once(self) -> None:
-        begin_ns, first_ns, last_ns = time.monotonic_ns(), -1, 0
+        first_ns, last_ns = -1, 0
         before = self.bag_seconds
         for message in self._messages():
             if first_ns < 0:
-                first_ns = self._next_tick_ns = message.log_time_ns
+                first_ns = message.log_time_ns
+                self.clock.begin(first_ns)
             last_ns = max(last_ns, message.log_time_ns)
-            self._tick_until(last_ns, begin_ns, first_ns)
-            if not self._wait_until(message.log_time_ns, begin_ns, first_ns):
+            self.clock.tick_until(last_ns)
+            if not self.clock.wait_until(message.log_time_ns):
                 return
+            if not is_cdr(message.data):
+                raise BagError(f'{self.bag.path}: a message of {message.topic} is no CDR: first '
+                               f'bytes 0x{message.data[:4].hex()}')
             publisher = self._offers[message.topic]
             if self.lockstep is None:
                 publisher.publish(message.data)
@@ -242,25 +172,6 @@ class Player:
 
     def _retire(self, topic: str) -> None:
         self.node.destroy_publisher(self._offers.pop(topic))
-
-    def _tick_until(self, now_ns: int, begin_ns: int, first_ns: int) -> None:
-        """Publish the ticks up to bag time ``now_ns``, each when it is due."""
-        clock = self._ticker
-        while clock is not None and self._next_tick_ns <= now_ns:
-            if not self._wait_until(self._next_tick_ns, begin_ns, first_ns):
-                return
-            self._message.clock.sec, self._message.clock.nanosec = divmod(
-                self._next_tick_ns, 10**9)
-            clock.publish(self._message)
-            self.ticks += 1
-            self._next_tick_ns += self._tick_ns
-
-    def _wait_until(self, bag_ns: int, begin_ns: int, first_ns: int) -> bool:
-        """Wait for the time of a message; False where the player was stopped."""
-        if self.lockstep is not None:  # time is what the answers make of it
-            return not self.stop.is_set()
-        ahead = (bag_ns - first_ns) / self.settings.rate - (time.monotonic_ns() - begin_ns)
-        return not (self.stop.wait(ahead * 1e-9) if ahead > 0.0 else self.stop.is_set())
 
     def close(self) -> None:
         """End the node."""
@@ -281,7 +192,7 @@ def play(path: str, settings: PlaySettings, ros_arguments: Sequence[str]) -> Pla
     Raises:
         BagError: as :class:`Player`.
         NoAnswer: as :meth:`Player.play`.
-        RuntimeError: ROS does not take an argument.
+        RuntimeError: ROS does not accept an argument.
     """
     stop = stop_on_signals()
     rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
@@ -298,7 +209,7 @@ def play(path: str, settings: PlaySettings, ros_arguments: Sequence[str]) -> Pla
 
 
 def _announce(player: Player) -> None:
-    """Print what is played and what is not, and wait for those who listen."""
+    """Print what is played and what is not, and wait for subscribers."""
     for topic, reason in player.skipped.items():
         print(f'{topic}: not played: {reason}', flush=True)
     for topic in player.wait_for_subscribers():
@@ -311,10 +222,10 @@ def _announce(player: Player) -> None:
 
 
 def account(player: Player) -> str:
-    """Return what was played, in how long, and how it was answered."""
+    """Return how much was played, how long it took, and how it was answered."""
     pace = f'{player.bag_seconds / player.seconds:.3g}' if player.seconds > 0.0 else '-'
     text = (f'{sum(player.sent.values())} messages on {len(player.sent)} topics, '
-            f'{player.ticks} ticks of the clock: {player.bag_seconds:.1f} s of the bag in '
+            f'{player.clock.ticks} ticks of the clock: {player.bag_seconds:.1f} s of the bag in '
             f'{player.seconds:.1f} s, {pace} x its pace')
     lockstep = player.lockstep
     if lockstep is not None:

@@ -1,82 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag played in lockstep: no state before the one in front of it has been answered.
+"""A bag played in lockstep: each state is sent once the one before it has been answered.
 
-Nothing tells when other messages, e.g. the adaptation term, are at the identifier. With
-``use_sim_time`` it waits for the term in front of a state; else it may use the one before.
+The arrival of other messages, e.g. of the adaptation term, is not confirmed. With ``use_sim_time``
+the identifier waits for the term that precedes a state; else it may use the one before that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-import threading
 import time
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from adaptive_blf_control.bags.reader import Bag, BagMessage, JOINT_STATE
+from adaptive_blf_control.bags.reader import Bag, BagMessage
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.joint_state import decode_joint_state
-from adaptive_blf_control.messages.topics import ADAPTATION_TERM, COMMANDS, JOINT_STATES
-from adaptive_blf_control.runtime.answers import Answers, NoAnswer, stamp_of
-from adaptive_blf_control.runtime.data_node import TOO_LATE
+from adaptive_blf_control.messages.stamp import STAMP_LIMIT, stamp_of
+from adaptive_blf_control.messages.topics import ADAPTATION_TERM
+from adaptive_blf_control.nodes.play_topics import beside, states_topic
+from adaptive_blf_control.runtime.answers import Answers, NoAnswer
+from adaptive_blf_control.runtime.endpoints import POLL_PERIOD
+from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['Lockstep', 'choose_topics', 'states_topic']
+__all__ = ['Lockstep']
 
-# Best effort readers may lose a state, or not have found us yet when the first one is sent. The
-# identifier does not learn twice from the same stamp, so it can be sent again.
+# Best effort readers may lose a state, or not have discovered the player when the first one is
+# sent. The identifier does not learn twice from the same stamp, so a state can be sent again.
 SEND_AGAIN = 1.0  # s
-AHEAD = 20  # adaptation terms sent at most before their time; an identifier keeps some of them
-
-
-def choose_topics(bag: Bag, asked: Sequence[str], answers: Sequence[str]
-                  ) -> tuple[list[str], dict[str, str]]:
-    """Return which topics to play, states last, and which not with the reason.
-
-    DDS tells a participant of our publishers in the order they were made, so one that has heard
-    the first state knows all the others.
-
-    Args:
-        bag: The bag.
-        asked: Topics of the bag that were named; all where empty.
-        answers: Topics that answer, relative to the namespace of the states.
-
-    Raises:
-        BagError: an answer was named, or there is not exactly one topic with states.
-    """
-    known = asked or [topic for topic, info in bag.topics.items() if info.count]
-    states = states_topic(bag, known)
-    answering = [beside(states, topic) for topic in answers]
-    folders = tuple(topic.rpartition('/')[0] + '/' for topic in answering
-                    if topic.rpartition('/')[0] not in ('', states.rpartition('/')[0]))
-    skipped: dict[str, str] = {}
-    for topic in known:
-        if topic in answering:
-            if asked:
-                raise BagError(f'{bag.path}: {topic} is the answer that lockstep waits for: '
-                               'expected it to come from the live node alone')
-            skipped[topic] = 'it is the answer that lockstep waits for'
-        elif not asked and topic.startswith(folders):
-            skipped[topic] = 'whoever answers sends it'
-        elif not asked and topic == beside(states, COMMANDS):
-            skipped[topic] = 'it moves an arm: name it with --topics where that is meant'
-    return sorted(set(known) - set(skipped), key=lambda topic: (topic == states, topic)), skipped
-
-
-def states_topic(bag: Bag, topics: Sequence[str]) -> str:
-    """Return the one topic of states among ``topics``; BagError where it is not one."""
-    found = [topic for topic in topics if bag.topics[topic].type_name == JOINT_STATE]
-    named = [topic for topic in found if topic.rpartition('/')[2] == JOINT_STATES]
-    if len(named or found) == 1:
-        return (named or found)[0]
-    raise BagError(f'{bag.path}: lockstep plays one topic of joint states, here are '
-                   f'{", ".join(named or found) or "none"}: expected --topics to name one')
-
-
-def beside(states: str, topic: str) -> str:
-    """Return a topic relative to the namespace of the states; an absolute one as it is."""
-    return topic if topic.startswith('/') else states.rpartition('/')[0] + (
-        '/' if '/' in states else '') + topic
+AHEAD = 20  # most adaptation terms that are sent before their time; the identifier keeps that many
 
 
 class Lockstep:
@@ -84,15 +36,15 @@ class Lockstep:
 
     Attributes:
         states: Topic of the states in the bag.
-        answers: Where they are answered.
-        answered: How many were.
+        answers: The topics on which they are answered.
+        answered: How many states were answered.
         resent: How often a state was sent again.
-        unanswered: States that were not, counted by the names of their joints: other robots on
-            the same topic. The empty tuple counts messages that cannot be read.
+        unanswered: States that were not, counted by the names of their joints: those of other
+            robots on the same topic. The empty tuple counts messages that cannot be read.
     """
 
     def __init__(self, node: Node, bag: Bag, publishers: Mapping[str, Publisher],
-                 answers: Sequence[str], timeout: float, stop: threading.Event) -> None:
+                 answers: Sequence[str], timeout: float, stop: StopFlag) -> None:
         """Prepare; nothing is waited for before :meth:`discover`."""
         self.states = states_topic(bag, [*publishers])
         self._publisher = publishers[self.states]
@@ -106,13 +58,13 @@ class Lockstep:
         self._known: set[tuple[str, ...]] = set()  # joints of states that were answered
 
     def discover(self) -> None:
-        """Wait until somebody listens to the states and somebody answers.
+        """Wait until a node subscribes to the states and every answer has a publisher.
 
         Raises:
-            NoAnswer: nobody within the timeout; names the topic.
+            NoAnswer: not within the timeout; names the topic.
         """
         begin = time.monotonic()
-        while self._publisher.get_subscription_count() == 0 and not self._stop.wait(0.01):
+        while self._publisher.get_subscription_count() == 0 and not self._stop.wait(POLL_PERIOD):
             if time.monotonic() - begin >= self._timeout:
                 raise NoAnswer(self._publisher.topic_name, None,
                                f'nobody listens within {self._timeout:g} s')
@@ -122,13 +74,13 @@ class Lockstep:
                  ) -> Iterator[BagMessage]:
         """Yield the messages of ``topics`` in the order in which they can be answered.
 
-        By log time, but for the adaptation terms: an identifier that waits for the term of the
-        state in front does so until that one or a later one is there. In a bag from real time a
-        term may be late, or missing where the controller passed a state over.
+        By log time, except for the adaptation terms: an identifier that waits for the term of the
+        preceding state waits until that one or a later one has arrived. In a bag from real time a
+        term may be late, or missing where the controller did not answer a state.
 
         Args:
             topics: What is played.
-            retire: Ends a topic of which nothing more comes, so that nobody waits for it.
+            retire: Ends a topic that has no further messages, so that no node waits for them.
         """
         terms = beside(self.states, ADAPTATION_TERM)
         if terms not in topics:
@@ -163,7 +115,7 @@ class Lockstep:
         """
         if topic == self.states:
             self._ask(data)
-        else:  # not confirmed: over DDS that takes up to a heartbeat, 3 s by default
+        else:  # not confirmed: DDS takes up to its heartbeat period for that, 3 s by default
             publisher.publish(data)
 
     def _ask(self, data: bytes) -> None:
@@ -191,7 +143,7 @@ class Lockstep:
             self.resent += 1
 
     def _give_up_on(self, names: tuple[str, ...], stamp_ns: int, missing: list[str]) -> None:
-        """Let other robots on the same topic pass; raise where these are the joints meant."""
+        """Go on without answers for another robot on the same topic; raise for the arm itself."""
         if names in self._known or not self._others_than(names):
             raise NoAnswer(', '.join(missing), stamp_ns, f'no answer within {self._timeout:g} s '
                            f'to the state of {stamp_ns} ns with joints {list(names)}')
@@ -211,12 +163,12 @@ class Lockstep:
 
 
 def _read_state(data: bytes) -> tuple[tuple[str, ...], int]:
-    """Return joint names and stamp [ns]; no names where the identifier cannot read the message."""
+    """Return joint names and stamp [ns]; no names if the identifier cannot read the message."""
     try:
         state = decode_joint_state(data)
     except BagError:
         return (), 0
     n = len(state.names)
-    sound = (len(set(state.names)) == n and state.stamp_ns < TOO_LATE
+    sound = (len(set(state.names)) == n and state.stamp_ns < STAMP_LIMIT
              and all(len(values) in (0, n) for values in state[3:]))
     return (state.names if sound else ()), state.stamp_ns

@@ -39,14 +39,15 @@ __all__ = ['Settings', 'changed_names', 'group', 'group_per_joint', 'listed', 'p
 
 _DECLARATION, _GROUP, _PER_JOINT = 'declaration', 'group', 'group per joint'
 _KINDS: dict[Any, str] = {bool: 'bool', int: 'int', float: 'double', str: 'string',
-                          np.ndarray: 'double_array', tuple[str, ...]: 'string_array'}
+                          np.ndarray: 'double_array', np.ndarray | str: 'double_array',
+                          tuple[str, ...]: 'string_array'}
 _Self = TypeVar('_Self', bound='Settings')
 
 
 def parameter(default: Value, description: str, unit: str = '', minimum: float | None = None,
               maximum: float | None = None, *, exclusive: bool = False,
               length: str | int | None = None, choices: tuple[str, ...] = (),
-              live: bool = False, plugin: bool = False) -> Any:
+              live: bool = False, plugin: bool = False, source: bool = False) -> Any:
     """Declare a field of a settings class as a parameter.
 
     Args:
@@ -61,9 +62,11 @@ def parameter(default: Value, description: str, unit: str = '', minimum: float |
         choices: Accepted strings.
         live: Whether it can be changed while a node runs.
         plugin: Whether ``module:name`` is accepted beside the choices.
+        source: Whether ``nominal`` or a YAML file of an estimate is accepted beside a list; the
+            field then is ``np.ndarray | str``.
     """
     declaration = Parameter('', '', default, description, unit, minimum, maximum, exclusive,
-                            length, choices, not live, plugin)
+                            length, choices, not live, plugin, source)
     if isinstance(default, list):
         return field(default_factory=lambda: default, metadata={_DECLARATION: declaration})
     return field(default=default, metadata={_DECLARATION: declaration})
@@ -128,9 +131,9 @@ class Settings:
         problem = value_problem(row, value, {})
         if problem:
             raise ParameterError(name, given, problem)
-        if row.kind == 'double_array':
+        if row.kind == 'double_array' and not isinstance(value, str):
             return _frozen(np.array(value, dtype=float))
-        return tuple(value) if row.is_array else value
+        return tuple(value) if row.is_array and not isinstance(value, str) else value
 
     @classmethod
     def table(cls) -> Table:
@@ -279,7 +282,7 @@ class Settings:
         parts = []
         for item in dataclasses.fields(self):
             value, default = getattr(self, item.name), getattr(usual, item.name)
-            same = (np.array_equal(value, default) if isinstance(value, np.ndarray)
+            same = (np.array_equal(value, default) if isinstance(default, np.ndarray)
                     else value == default)
             if not same:
                 shown = value.tolist() if isinstance(value, np.ndarray) else value

@@ -13,9 +13,10 @@ import numpy as np
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.plugin import is_plugin
 
-__all__ = ['JOINT', 'Parameter', 'Table', 'broadcast', 'declares', 'per_joint', 'plain',
+__all__ = ['JOINT', 'NOMINAL', 'Parameter', 'Table', 'broadcast', 'declares', 'per_joint', 'plain',
            'validated', 'value_problem']
 
+NOMINAL = 'nominal'  # stands for the parameters that an arm has by its URDF or publication
 JOINT = '<joint>'  # stands for every joint name in a parameter's name
 Value = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
 
@@ -45,6 +46,7 @@ class Parameter:
         choices: Accepted strings.
         read_only: Structure that cannot change while the node runs.
         plugin: Whether ``module:name`` is accepted beside the choices.
+        source: Whether ``nominal`` or a YAML file of an estimate is accepted beside a list.
     """
 
     name: str
@@ -59,6 +61,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     read_only: bool = True
     plugin: bool = False
+    source: bool = False
 
     @property
     def is_array(self) -> bool:
@@ -71,7 +74,8 @@ class Parameter:
 
     def choices_text(self) -> str:
         """Return the accepted strings in words, '' where every one is accepted."""
-        return ', '.join([*self.choices, *(['module:name'] if self.plugin else [])])
+        return ', '.join([*self.choices, *(['module:name'] if self.plugin else []),
+                          *(['a list', NOMINAL, 'a .yaml file'] if self.source else [])])
 
     def range_text(self) -> str:
         """Return the accepted range in words, '' where every value is accepted."""
@@ -163,6 +167,9 @@ def value_problem(parameter: Parameter, value: Any, sizes: Mapping[str, int]) ->
     if not parameter.is_array:
         return _element_problem(parameter, value)
     kind = parameter.kind.removesuffix('_array')
+    if parameter.source and isinstance(value, str):
+        known = value == NOMINAL or value.endswith(('.yaml', '.yml'))
+        return None if known else f'one of {parameter.choices_text()}'
     if isinstance(value, (str, bytes, type, Mapping, Set)) or not hasattr(value, '__len__'):
         return f'a list of {kind}s'
     for element in value:

@@ -129,7 +129,10 @@ def _joint_table(numbers: Mapping[str, Any], b: int) -> str:
                ('RMS e1 [rad]', ('rms_error',), '.3e'),
                ('RMS e1, last quarter', ('rms_error_last_quarter',), '.3e'),
                ('RMS τ [N·m]', ('torque_rms',), '.4g'),
-               ('largest |τ| [N·m]', ('torque_max_abs',), '.4g')]
+               ('largest |τ| [N·m]', ('torque_max_abs',), '.4g'),
+               ('chatter, RMS Δτ [N·m]', ('chatter',), '.2e'),
+               ('commands saturated', ('saturated',), '.2%'),
+               ('reserve of torque', ('torque_reserve',), '.0%')]
     columns = [c for c in columns if _at(bag, c[1]) is not None]
     if not columns or not bag['joints']:
         return ''

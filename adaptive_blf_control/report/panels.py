@@ -127,7 +127,8 @@ def sections(recordings: Sequence[Recording],
         Section('errors', 'Tracking errors', 'e1 = q − y_d inside the performance set (8), '
                 'shaded; dotted: what Theorem 2 guarantees (39). Figs. 5, 10 and 14.',
                 maker.per_joint(maker.error), maker.columns),
-        Section('torques', 'Torques', 'τ held over each sample interval. Figs. 6 and 11.',
+        Section('torques', 'Torques', 'τ held over each sample interval; the shaded range is '
+                'torque_limit. Figs. 6 and 11.',
                 maker.per_joint(maker.torque), maker.columns),
         Section('estimates', 'Parameter estimates', 'θ̂ (solid) and, where known, θ* (dashed). '
                 'Figs. 2, 7 and 15.', maker.estimates(), 1),
@@ -201,7 +202,7 @@ class _Maker:
             if r.performance is not None:
                 bands[Band(float(r.performance.lower[i]), float(r.performance.upper[i]),
                            'set (8)')] = None
-        zoom = _range(curves)
+        zoom = _zoom(curves, tuple(bands))
         for b, r, i in self._with(joint):
             guaranteed = self.guarantees[b]
             if guaranteed is not None and r.e1 is not None:
@@ -211,9 +212,8 @@ class _Maker:
                                         self._label(b, 'Ω_e1 (39)'),
                                         INK if self.one else self.colours[b], b, dash='dot',
                                         width=1.2, legend=which == 0))
-        wide = max((band.upper - band.lower for band in bands), default=0.0)
         return Panel(f'error_{joint}', joint, 'e1 [rad]', tuple(curves), bands=tuple(bands),
-                     zoom=zoom if zoom and zoom[1] - zoom[0] < 0.5 * wide else None)
+                     zoom=zoom)
 
     def margins(self) -> tuple[Panel, ...]:
         units = dict.fromkeys(m.unit for r in self.recordings for m in r.margins)
@@ -238,7 +238,11 @@ class _Maker:
     def torque(self, joint: str) -> Panel:
         curves = [self._curve(r.torque, i, self._label(b, 'τ'), self.colours[b], b, width=1.2)
                   for b, r, i in self._with(joint) if r.torque is not None]
-        return Panel(f'torque_{joint}', joint, 'τ [N·m]', tuple(curves))
+        limits = {float(r.run.torques.limit[i]) for _, r, i in self._with(joint)
+                  if r.run is not None and r.run.torques is not None}
+        bands = tuple(Band(-limit, limit, 'torque_limit') for limit in sorted(limits))
+        return Panel(f'torque_{joint}', joint, 'τ [N·m]', tuple(curves), bands=bands,
+                     zoom=_zoom(curves, bands))
 
     def _names(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(n for r in self.recordings for n in r.theta_names))
@@ -348,6 +352,13 @@ def _held(t: np.ndarray, y: np.ndarray, label: str, colour: str, bag: int) -> Cu
     change = np.flatnonzero(np.diff(y) != 0.0) + 1
     keep = np.unique(np.concatenate([[0], change, [t.size - 1]]))
     return Curve(t[keep], y[keep], label, colour, bag, 'dash', 1.0, step=True)
+
+
+def _zoom(curves: Sequence[Curve], bands: Sequence[Band]) -> tuple[float, float] | None:
+    """Return the y-range of curves alone where the bands are far wider, else None."""
+    alone = _range(curves)
+    wide = max((band.upper - band.lower for band in bands), default=0.0)
+    return alone if alone and alone[1] - alone[0] < 0.5 * wide else None
 
 
 def _range(curves: Sequence[Curve]) -> tuple[float, float] | None:

@@ -17,21 +17,18 @@ from adaptive_blf_control.configuration.parameter_file import (
     node_values,
     PARAMETERS_KEY,
 )
-from adaptive_blf_control.identification.republish import HistoryPublication
-from adaptive_blf_control.messages.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
+from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
+from adaptive_blf_control.messages.identifier_codecs import EstimateStream, HistoryFigures
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
     COMMANDS,
-    EXCITATION,
-    HISTORY_RANK,
-    HISTORY_SIGMA_MIN,
     JOINT_STATES,
-    THETA_HAT,
-    TOPICS,
+    RECORDED,
 )
-from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop
+from adaptive_blf_control.simulation.sample import Sample
 
 __all__ = ['BagObserver']
 
@@ -56,17 +53,16 @@ class BagObserver:
                       for node in TABLES if node != 'recorder'}
         self._bag = BagWriter(path, custom_data={
             PARAMETERS_KEY: yaml.safe_dump(parameters, sort_keys=False)})
-        for topic, type_name in TOPICS.items():
+        for topic, type_name in RECORDED.items():
             if not topic.startswith('/'):  # those belong to nodes
                 self._bag.add_topic(f'/{topic}', type_name)
         self._state = JointStateCodec(arm.joints, 'base_link')
-        self._theta = JointStateCodec(arm.parameters, fields=('position',))
         self._torque = Float64MultiArrayCodec(arm.n)
         self._controller = ControllerCodecs(arm.joints, arm.parameters,
                                             loop.controller.constraints.names)
         self._decimation = node_settings(data, ControllerNodeSettings).monitor_decimation
         self._monitors = MonitorStream(self._controller)
-        self._history = HistoryPublication()
+        self._estimates = EstimateStream(arm.parameters)
 
     def __enter__(self) -> BagObserver:
         """Return the observer."""
@@ -85,16 +81,11 @@ class BagObserver:
             JOINT_STATES: self._state.encode(stamp, *sample.measured),
             COMMANDS: self._torque.encode(output.torque),
             ADAPTATION_TERM: self._controller.adaptation_term(stamp, output),
-            THETA_HAT: self._theta.encode(stamp, sample.theta_hat),
+            **self._monitors.messages(stamp, output, controller.margins(output), self._decimation,
+                                      lambda: controller.lyapunov(output, sample.theta_used)),
+            **self._estimates.messages(
+                stamp, sample.theta_hat, sample.insertions,
+                lambda: HistoryFigures(sample.rank, sample.sigma_min, sample.excitation)),
         }
-        messages.update(self._monitors.messages(
-            stamp, output, controller.margins(output), self._decimation,
-            lambda: controller.lyapunov(output, sample.theta_used)))
-        if self._history.due(self._loop.identifier.stack.insertions):
-            messages[HISTORY_RANK] = encode_int32(sample.rank)
-            messages[HISTORY_SIGMA_MIN] = encode_float64(sample.sigma_min)
-            excitation = self._loop.identifier.excitation
-            if excitation is not None:
-                messages[EXCITATION] = encode_float64(excitation)
         for topic, message in messages.items():
             self._bag.write(f'/{topic}', message, stamp)

@@ -32,6 +32,7 @@ from adaptive_blf_control.messages.topics import (
 )
 from adaptive_blf_control.runs.margins import Margins, published_margins
 from adaptive_blf_control.runs.summary import Run, state_along
+from adaptive_blf_control.runs.torque_use import TorqueUse
 from adaptive_blf_control.simulation.actuated_arm import arm_alone
 from adaptive_blf_control.simulation.plant import truth_of
 from adaptive_blf_control.simulation.true_arm import epochs_truth, true_epochs, Truth
@@ -90,7 +91,19 @@ def run_of_bag(bag: Bag) -> Run:
         unanswered=state_along((states.stamp_ns[between] - stamps[0]) * 1e-9, silent,
                                states.velocity[between], np.full_like(silent, np.nan),
                                performance),
-        published=_published(bag, constraints, int(stamps[0])))
+        published=_published(bag, constraints, int(stamps[0])),
+        torques=_torques(bag, controller))
+
+
+def _torques(bag: Bag, controller: ControllerNodeSettings) -> TorqueUse | None:
+    """Return the commands of the controller, None where the bag has none that fit its joints."""
+    try:
+        commands = bag.doubles(topic_named(bag, COMMANDS))[1]
+    except BagError:
+        return None
+    if commands.ndim != 2 or commands.shape[1] != len(controller.joints):
+        return None
+    return TorqueUse(commands, controller.torque_limit)
 
 
 def constraints_of(settings: ControllerNodeSettings) -> Constraints:

@@ -27,18 +27,22 @@ class BatchFit:
         self.count = 0
         self._factor = np.zeros((n, 0, m + 1))
         self._rows: list[np.ndarray] = []
+        self._waiting = 0
 
-    def add(self, regressor: np.ndarray, torque: np.ndarray) -> None:
-        """Add a pair: Y_f, shape (n, m), and τ_f, shape (n,) [N·m]."""
-        self.count += 1
-        self._rows.append(np.column_stack([regressor, torque]))
-        if len(self._rows) == CHUNK:
-            self._condense()
+    def add(self, rows: np.ndarray) -> None:
+        """Add K pairs: [Y_f τ_f], shape (K, n, m + 1), τ_f in N·m."""
+        if len(rows):
+            self.count += len(rows)
+            self._rows.append(rows)
+            self._waiting += len(rows)
+            if self._waiting >= CHUNK:
+                self._condense()
 
     def _condense(self) -> None:
         if self._rows:
-            rows = np.stack(self._rows, axis=1)
+            rows = np.concatenate(self._rows).transpose(1, 0, 2)
             self._rows.clear()
+            self._waiting = 0
             stacked = np.concatenate([self._factor, rows], axis=1)
             self._factor = np.stack([np.linalg.qr(joint, mode='r') for joint in stacked])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import os
 import time
 from typing import Any
@@ -14,7 +14,9 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm
 from adaptive_blf_control.arms.urdf_export import export_urdf, ExportedUrdf
-from adaptive_blf_control.bags.logs import Log, read_log
+from adaptive_blf_control.arms.urdf_inertials import with_inertials
+from adaptive_blf_control.arms.urdf_source import read_urdf
+from adaptive_blf_control.bags.logs import Log
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
@@ -26,9 +28,13 @@ from adaptive_blf_control.identification.consistent_model import (
     InertialArm,
 )
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.identification.settings import FilterSettings, IdentifierSettings
 from adaptive_blf_control.identification.uncertainty import Uncertainty
-from adaptive_blf_control.runs.log_pass import choose_spans, Given, learn, NO_TEST, Prediction
+from adaptive_blf_control.runs.finding import Finding, listed
+from adaptive_blf_control.runs.log_checks import checks_of
+from adaptive_blf_control.runs.log_options import LogOptions, name_of, several
+from adaptive_blf_control.runs.log_pass import Given, learn, LogPass, NO_TEST, Prediction
+from adaptive_blf_control.runs.log_reader import LogReader
 from adaptive_blf_control.runs.log_report import figures_of, table
 from adaptive_blf_control.runs.model_report import model_figures
 
@@ -61,6 +67,8 @@ class Identification:
         uncertainty: Standard deviations and intervals; None where no pair was recorded.
         source: Where the log came from.
         problem: Why the log ends early (a truncated bag), or None.
+        findings: What is odd about the log; see `check_log`.
+        notes: What was assumed of it, in sentences.
         possible: The consistent model; None where there is none, see ``consistent``.
     """
 
@@ -70,6 +78,8 @@ class Identification:
     uncertainty: Uncertainty | None
     source: str
     problem: str | None
+    findings: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = ()
     possible: ConsistentModel | None = None
 
     @property
@@ -148,14 +158,18 @@ def real_robot_settings() -> IdentifierNodeSettings:
 def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
              joints: Sequence[str] | None = None, *, arm: Arm | str | None = None,
              train: Given = None, test: Given = None, topic: str | None = None,
+             validate: Any = None, options: LogOptions | None = None,
              settings: IdentifierSettings | None = None, **changes: Any) -> Identification:
     """Learn the parameters of a measured robot from its log, in one pass.
 
     The log is streamed through the identifier of the node: no look-ahead, one sample after the
     other. Before and after the training span θ̂ is frozen and the samples are only filtered.
 
+    Before that the log is checked (see `check_log`): it is refused where it cannot be right.
+
     Args:
-        log: A bag, a CSV file, arrays by name (see `read_log`) or a log that was read.
+        log: A bag, a CSV file, arrays by name (see `read_log`) or a log that was read; or a list
+            of them, all of which are learned from before any is predicted.
         urdf: Path, ``package://...`` or XML text of the robot, all of whose friction is learned.
         joints: Joints to identify, the others are locked; the URDF's where None. For a CSV file
             and arrays the names of their columns, in order.
@@ -163,7 +177,10 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
         train: Span to learn from, ``(T0, T1)`` or ``'T0:T1'`` [s], where None stands for an end
             of the log; the first half after the filters have forgotten their start, where None.
         test: Span to predict with θ̂ frozen; the rest where None, ``'none'`` for no test.
-        topic: JointState topic of a bag.
+        topic: Topic of joint values of a bag.
+        validate: Another log, or a list of them, to predict with θ̂ frozen; the first are then
+            learned from as a whole, where ``train`` is None.
+        options: How logs are read and converted, beside ``topic``.
         settings: Those of the identifier; `REAL_ROBOT`'s where None.
         changes: Settings by name, e.g. ``kh=100.0, history={'size': 200}``.
 
@@ -172,7 +189,7 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
         joint [N·m]; ``print`` shows them.
 
     Raises:
-        LogError: the log cannot be read, or has no sample that can be used.
+        LogError: the log cannot be read, cannot be right, or has no sample that can be used.
         ParameterError: a setting or span cannot be used.
         ArmError: no arm can be made of the URDF and the joints.
         MissingExtra: Pinocchio, which reads the URDF, is not installed.
@@ -182,33 +199,38 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
     given = {'arm': arm if isinstance(arm, str) else None, 'urdf': urdf and os.fspath(urdf),
              'joints': joints}
     changes.update((name, value) for name, value in given.items() if value is not None)
-    chosen = _node_settings(settings).replace(**changes)
+    chosen, filled = with_masses(_node_settings(settings).replace(**changes),
+                                 joints is None and urdf is not None)
     if arm is None or isinstance(arm, str):
-        arm = _named_arm(chosen, joints is None and urdf is not None)
+        arm = _named_arm(chosen)
     else:
         checked_arm('arm', arm)
         if urdf is not None:
             raise ParameterError('urdf', urdf, 'nothing beside an arm')
-    source = os.fspath(log) if isinstance(log, (str, os.PathLike)) else 'log'
-    measured = read_log(log, topic=topic, joints=arm.joints)
+    source = ', '.join(map(name_of, several(log)))
+    if options is not None and not isinstance(options, LogOptions):
+        raise ParameterError('options', options, 'LogOptions')
+    options = options or LogOptions()
     identifier = build_identifier(chosen, arm)
-    filters = chosen.filter
-    spans = choose_spans(measured.t, train, test, 5.0 * identifier.memory)
-    result = learn(identifier, measured, *spans)
-    for name, fit in (('train', result.train), ('test', result.test)):
-        if fit.count == 0 and not (name == 'test' and test == NO_TEST):
-            raise LogError(f'{source}: no sample of the {name} span can be used: the filter '
-                           f'restarts at gaps of more than {filters.gap:g} s and settles for '
-                           f'{filters.settle:g} time constants')
+    reader = LogReader(arm, chosen, replace(options, topic=topic or options.topic), filled,
+                       identifier.memory)
+    sections = reader.sections(several(log), [] if validate is None else several(validate),
+                               train, test)
+    result = learn(identifier, sections)
+    _check_used(result, chosen.filter, source, test == NO_TEST and validate is None)
     judged, consistent = result.uncertainty, None
     begin = time.perf_counter()
     if has_links(arm) and judged is not None:
         consistent = _consistent(identifier, arm, judged)
     seconds = time.perf_counter() - begin
-    figures = figures_of(measured, identifier, result, spans)
+    figures = figures_of(sections, identifier, result)
     figures |= model_figures(identifier, result, consistent, seconds)
+    figures |= {'checks': checks_of(reader.findings), 'notes': list(reader.notes),
+                'verdicts': listed(reader.findings, identifier.arm.joints)}
+    problems = [section.log.problem for section in sections if section.log.problem]
     return Identification(identifier, figures, result.prediction, judged, source,
-                          measured.problem, consistent)
+                          '; '.join(problems) or None, tuple(reader.findings),
+                          tuple(reader.notes), consistent)
 
 
 def _consistent(identifier: Identifier, arm: InertialArm, judged: Uncertainty) -> ConsistentModel:
@@ -225,17 +247,39 @@ def _node_settings(settings: IdentifierSettings | None) -> IdentifierNodeSetting
     return real_robot_settings().replace(**given.values())
 
 
-def _named_arm(settings: IdentifierNodeSettings, whole: bool) -> Arm:
-    """Build the arm that the settings name, with all joints of its URDF where ``whole``."""
+def _named_arm(settings: IdentifierNodeSettings) -> Arm:
+    """Build the arm that the settings name."""
     if settings.arm == 'urdf' and (not settings.urdf or settings.urdf.startswith('topic:')):
         raise ParameterError('urdf', settings.urdf, 'a file: name one with urdf')
-    if settings.arm == 'urdf' and whole:
-        settings = settings.replace(joints=joints_of(settings.urdf))
     return build_arm(settings)
+
+
+def with_masses(settings: IdentifierNodeSettings,
+                whole: bool) -> tuple[IdentifierNodeSettings, tuple[str, ...]]:
+    """Return settings whose URDF has masses, and the links that had to be given one.
+
+    With ``whole`` the joints become all those of the URDF. See `with_inertials`.
+    """
+    if settings.arm != 'urdf' or not settings.urdf or settings.urdf.startswith('topic:'):
+        return settings, ()
+    xml, filled = with_inertials(read_urdf(settings.urdf), None if whole else settings.joints)
+    if filled:
+        settings = settings.replace(urdf=xml)
+    if whole:
+        settings = settings.replace(joints=joints_of(xml))
+    return settings, filled
 
 
 def joints_of(urdf: str) -> list[str]:
     """Return the joints of a URDF that have one axis and mimic no other, base first."""
     from adaptive_blf_control.arms.urdf_model import reduced_model
-    from adaptive_blf_control.arms.urdf_source import read_urdf
-    return list(reduced_model(read_urdf(urdf), None)[1])
+    return list(reduced_model(with_inertials(read_urdf(urdf), None)[0], None)[1])
+
+
+def _check_used(result: LogPass, filters: FilterSettings, source: str, untested: bool) -> None:
+    """Raise LogError where the filter left no pair of a span."""
+    for name, fit in (('train', result.train), ('test', result.test)):
+        if fit.count == 0 and not (name == 'test' and untested):
+            raise LogError(f'{source}: no sample of the {name} span can be used: the filter '
+                           f'restarts at gaps of more than {filters.gap:g} s and settles for '
+                           f'{filters.settle:g} time constants')

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One pass of an identifier over a measured log: learn in one span, predict in a later one."""
+"""One pass of an identifier over measured logs: learn in one span, predict in a later one."""
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
+import itertools
 import time
 from typing import NamedTuple
 
@@ -11,17 +13,21 @@ import numpy as np
 
 from adaptive_blf_control.arrays import checked_number
 from adaptive_blf_control.bags.logs import MeasuredLog
-from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.identification.residuals import Residuals
+from adaptive_blf_control.bags.row_store import RowStore
+from adaptive_blf_control.errors import LogError, ParameterError
+from adaptive_blf_control.identification.identifier import Identifier, LearnedBlock
+from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import estimate_uncertainty, Uncertainty
 from adaptive_blf_control.runs.batch_fit import BatchFit
 
-__all__ = ['NO_TEST', 'Given', 'LogPass', 'Prediction', 'Span', 'choose_spans', 'learn']
+__all__ = ['NO_TEST', 'Given', 'LogPass', 'Prediction', 'Section', 'Span', 'choose_spans',
+           'learn']
 
 NO_TEST = 'none'
 Given = str | Sequence[float | None] | None
 """A span as a caller gives it, see `choose_spans`."""
+TIMED = 16
+"""Samples that are taken, and timed, together."""
 
 
 class Span(NamedTuple):
@@ -53,7 +59,7 @@ class LogPass(NamedTuple):
     Attributes:
         train: The filtered pairs θ̂ was learned from.
         test: The filtered pairs it never saw.
-        seconds: Time each update took, shape (number of samples in the training span,) [s].
+        seconds: Time an update took, a mean over each `TIMED` samples of the training span [s].
         prediction: The torque of the test span.
         uncertainty: How sure θ̂ is after the training span; None where no pair was recorded.
     """
@@ -65,43 +71,75 @@ class LogPass(NamedTuple):
     uncertainty: Uncertainty | None
 
 
-def choose_spans(t: np.ndarray, train: Given, test: Given, settle: float) -> tuple[Span, Span]:
+class Section(NamedTuple):
+    """A log, what of it is learned from, and what of it is predicted; either may be empty.
+
+    Attributes:
+        log: The log.
+        train: Span to learn from.
+        test: Span to predict with θ̂ frozen.
+        notes: How spans that were given differ from these, in sentences.
+    """
+
+    log: MeasuredLog
+    train: Span
+    test: Span
+    notes: tuple[str, ...] = ()
+
+
+def choose_spans(log: MeasuredLog, train: Given, test: Given, settle: float) -> Section:
     """Return the training span and the test span of a log.
 
     Args:
-        t: Times of the log, increasing, shape (N,) [s].
+        log: The log.
         train: ``(T0, T1)`` or ``'T0:T1'`` [s], where an end that is None or left out is the
-            log's; None takes the first half from ``settle`` after the start on.
+            log's; None takes the first half from ``settle`` after the start on. An end beyond
+            the log is that of the log, with a note.
         test: Likewise; None takes what follows the training span, ``'none'`` leaves it empty.
         settle: How long a filter takes to forget its start [s].
 
     Raises:
+        LogError: the log is too short for a half after ``settle``.
         ParameterError: a span is malformed, reaches out of the log or holds no sample, or the
             test does not come after the training.
     """
+    t = log.t
     first, last = float(t[0]), float(t[-1])
     known = f'the log goes from {first:.6g} to {last:.6g} s'
     untested = isinstance(test, str) and test == NO_TEST
     middle = first + 0.5 * (last - first)
-    learned = (Span(min(first + settle, middle), middle) if train is None
-               else _span('train', train, first, last))
+    if train is None and middle <= first + settle:
+        raise LogError(f'the log of {last - first:.3g} s is too short: the filters take '
+                       f'{settle:.3g} s to forget their start, so expected more than '
+                       f'{2.0 * settle:.3g} s, or --set filter.time_constant=... with less')
+    notes: list[str] = []
+    learned = (Span(first + settle, middle) if train is None
+               else _span('train', train, first, last, notes))
+    _check_span('train', train, learned, t, known)
+    if test is None and learned.end >= last:
+        raise ParameterError('test', None, 'T0:T1 after the training, and nothing of the log is '
+                             f'left for it; none learns without a test; {known}')
     tested = (Span(learned.end, learned.end if untested else last)
-              if test is None or untested else _span('test', test, first, last))
-    given = [('train', train, learned), ('test', test, tested)]
-    for name, value, span in given[:1] if untested else given:
-        if not first <= span.start < span.end <= last:
-            raise ParameterError(name, value, f'T0:T1 with T0 < T1 inside the log: {known}; '
-                                 f'this is {span.start:.6g} to {span.end:.6g} s')
-        if not _inside(span, t, last).any():
-            raise ParameterError(name, value, f'a span with samples in it: {known}')
+              if test is None or untested else _span('test', test, first, last, notes))
+    if not untested:
+        _check_span('test', test, tested, t, known)
     if tested.start < learned.end:
         raise ParameterError('test', f'{tested.start:g}:{tested.end:g}',
                              f'a span after the training, which ends at {learned.end:.6g} s: '
                              f'{known}')
-    return learned, tested
+    return Section(log, learned, tested, tuple(notes))
 
 
-def _span(name: str, given: str | Sequence[float | None], first: float, last: float) -> Span:
+def _check_span(name: str, given: Given, span: Span, t: np.ndarray, known: str) -> None:
+    if not t[0] <= span.start < span.end <= t[-1]:
+        raise ParameterError(name, given, f'T0:T1 with T0 < T1 inside the log: {known}; '
+                             f'this is {span.start:.6g} to {span.end:.6g} s')
+    if not _inside(span, t, float(t[-1])).any():
+        raise ParameterError(name, given, f'a span with samples in it: {known}')
+
+
+def _span(name: str, given: str | Sequence[float | None], first: float, last: float,
+          notes: list[str]) -> Span:
     ends = given.split(':') if isinstance(given, str) else given
     try:
         start, end = (_end(name, value) for value in ends)
@@ -110,8 +148,13 @@ def _span(name: str, given: str | Sequence[float | None], first: float, last: fl
         raise ParameterError(name, given, f'T0:T1 in seconds: the log goes from {first:.6g} to '
                              f'{last:.6g} s') from None
     # Ends as they are printed count as the log's own.
-    return Span(*(limit if abs(value - limit) <= 1e-5 * max(abs(limit), 1.0) else value
+    span = Span(*(limit if abs(value - limit) <= 1e-5 * max(abs(limit), 1.0) else value
                   for value, limit in zip(span, (first, last))))
+    if span.start < last < span.end:
+        notes.append(f'the {name} span up to {span.end:.6g} s is cut where the log ends, at '
+                     f'{last:.6g} s')
+        span = Span(span.start, last)
+    return span
 
 
 def _end(name: str, value: str | float | None) -> float | None:
@@ -123,47 +166,88 @@ def _end(name: str, value: str | float | None) -> float | None:
 def _inside(span: Span, t: np.ndarray, last: float) -> np.ndarray:
     """Return which times belong to a span, shape of ``t``."""
     result: np.ndarray = (t >= span.start) & ((t < span.end) | (span.end >= last))
-    return result
+    return result & (span.start < span.end)
 
 
-def learn(identifier: Identifier, log: MeasuredLog, train: Span, test: Span) -> LogPass:
-    """Stream a log through ``identifier`` up to the end of the test span.
+def learn(identifier: Identifier, sections: Sequence[Section]) -> LogPass:
+    """Stream logs through ``identifier``, each up to the end of its test span.
 
-    θ̂ and the history stack change in the training span only; elsewhere samples are filtered.
-    Pairs count once the filter has settled.
+    θ̂ and the history stack change in the training spans only; elsewhere samples are filtered.
+    Pairs count once the filter has settled. With several logs, all are learned from before any is
+    predicted; time goes on from one to the next, with a pause that restarts the filters.
     """
-    last = float(log.t[-1])
-    learning, testing = (_inside(span, log.t, last) for span in (train, test))
-    n, m = identifier.arm.n, identifier.arm.m
-    fits, residuals = (BatchFit(n, m), BatchFit(n, m)), Residuals(n)
-    identifier.warm_up()
-    seconds, tested = [], []
-    judged: Uncertainty | None = None
-    for i in np.flatnonzero(log.t <= test.end):
-        sample = float(log.t[i]), log.q[i], log.qd[i], log.tau[i]
-        before, restarts = identifier.pair, identifier.restarts
-        if learning[i]:
-            begin = time.perf_counter()  # how long the work takes, not a time of the logic
-            identifier.update(*sample)
-            seconds.append(time.perf_counter() - begin)
-            residuals.observe(sample[0], identifier)
-        else:
-            identifier.observe(*sample)
-        advanced = identifier.pair is not before and identifier.restarts == restarts
-        if advanced and identifier.settled and (learning[i] or testing[i]):
-            fits[0 if learning[i] else 1].add(*identifier.pair)
-            if testing[i]:
-                judged = judged or estimate_uncertainty(identifier.stack, residuals)
-                tested.append((log.t[i], *_predicted(identifier, judged)))
-    prediction = (Prediction(*(np.array(column) for column in zip(*tested))) if tested else
-                  Prediction(np.empty(0), *np.empty((3, 0, n))))
-    return LogPass(*fits, np.array(seconds), prediction,
-                   judged or estimate_uncertainty(identifier.stack, residuals))
+    passing = _Pass(identifier)
+    identifier.warm_up(log=True)
+    for section in sections[:-1]:
+        passing.stream(section, learning=True, testing=False)
+    passing.stream(sections[-1], learning=True, testing=True)
+    for section in sections[:-1]:
+        if section.test.start < section.test.end:
+            passing.stream(section, learning=False, testing=True)
+    return passing.result()
 
 
-def _predicted(identifier: Identifier,
-               judged: Uncertainty | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return filtered torque, the predicted one and its half width, each (n,) [N·m]."""
-    regressor, torque = identifier.pair
-    half = np.full(torque.shape, np.inf) if judged is None else judged.half_width(regressor)
-    return torque, regressor @ identifier.theta, half
+class _Pass:
+    """What is gathered while logs are streamed."""
+
+    def __init__(self, identifier: Identifier) -> None:
+        n, m = identifier.arm.n, identifier.arm.m
+        self._identifier = identifier
+        self._train, self._test = BatchFit(n, m), BatchFit(n, m)
+        self._seen = PairTimes()
+        self._seconds = array('d')
+        self._tested = RowStore(1 + 3 * n)
+        self._judged: Uncertainty | None = None
+        self._begin = 0.0
+
+    def stream(self, section: Section, *, learning: bool, testing: bool) -> None:
+        """Stream one log as far as it is needed."""
+        log, last = section.log, float(section.log.t[-1])
+        until = int(np.searchsorted(log.t, section.test.end if testing else section.train.end,
+                                    side='right'))
+        t = self._begin + log.t[:until]
+        learned = _inside(section.train, log.t[:until], last) & learning
+        tested = _inside(section.test, log.t[:until], last) & testing
+        breaks = [i for i in log.breaks if i < until]
+        for begin, end in itertools.pairwise((0, *breaks, until)):
+            if begin in breaks:
+                self._identifier.restart()
+            some = slice(begin, end)
+            self._take((t[some], log.q[some], log.qd[some], log.tau[some]), learned[some],
+                       tested[some])
+        self._begin = float(t[-1]) if until else 0.0
+        self._begin += 10.0 * max(self._identifier.settings.filter.gap, 1.0)
+
+    def _take(self, samples: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+              learned: np.ndarray, tested: np.ndarray) -> None:
+        begin = time.perf_counter()  # how long the work takes, not a time of the logic
+        for block in self._identifier.learn_in_blocks(*samples, learned, TIMED):
+            some = block.samples
+            if learned[some].any():
+                self._seconds.append((time.perf_counter() - begin) / block.usable.size)
+            self._gather(block, samples[0][some], learned[some], tested[some])
+            begin = time.perf_counter()
+
+    def _gather(self, block: LearnedBlock, t: np.ndarray, learned: np.ndarray,
+                tested: np.ndarray) -> None:
+        identifier, rows = self._identifier, block.rows
+        for k in np.flatnonzero(block.recorded):
+            self._seen.note(float(t[k]), rows[k, :, -1], identifier.stack)
+        self._train.add(rows[block.usable & learned])
+        self._test.add(rows[block.usable & tested & ~learned])
+        tested = block.usable & tested
+        if tested.any():
+            self._judged = self._judged or estimate_uncertainty(identifier, self._seen)
+            regressors, torques = rows[tested][:, :, :-1], rows[tested][:, :, -1]
+            half = (np.full(torques.shape, np.inf) if self._judged is None else
+                    self._judged.half_width(regressors))
+            for row in np.column_stack([t[tested], torques, regressors @ identifier.theta, half]):
+                self._tested.append(row)
+
+    def result(self) -> LogPass:
+        """Return what was gathered."""
+        n, rows = self._identifier.arm.n, self._tested.table()
+        prediction = Prediction(rows[:, 0], *(rows[:, 1 + k * n:1 + (k + 1) * n]
+                                              for k in range(3)))
+        judged = self._judged or estimate_uncertainty(self._identifier, self._seen)
+        return LogPass(self._train, self._test, np.array(self._seconds), prediction, judged)

@@ -3,27 +3,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bags.logs import MeasuredLog
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.runs.batch_fit import least_squares
-from adaptive_blf_control.runs.log_pass import LogPass, Span
+from adaptive_blf_control.runs.log_pass import LogPass, Section
 from adaptive_blf_control.runs.model_report import model_lines
 
 __all__ = ['figures_of', 'table']
 
 
-def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
-               spans: tuple[Span, Span]) -> dict[str, Any]:
+def figures_of(sections: Sequence[Section], identifier: Identifier,
+               result: LogPass) -> dict[str, Any]:
     """Return the figures; lists are in the order of the joints, RMSE in N·m, None without a test.
 
+    Spans are those of the first log, ``period_us`` too; ``spans`` has those of all of them.
     ``batch_test_rmse`` is that of least squares over all pairs of the training span,
-    ``test_torque_rms`` the RMS of the filtered torque itself, ``us_per_sample`` the median
-    time of an update.
+    ``test_torque_rms`` the RMS of the filtered torque itself, ``us_per_sample`` the median time
+    of an update [µs], where each time is a mean over `TIMED` samples.
     """
+    first = sections[0]
     arm, stack, theta = identifier.arm, identifier.stack, identifier.theta
     microseconds = 1e6 * result.seconds
     train, test = result.train, result.test
@@ -34,11 +36,14 @@ def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
     return {
         'joints': list(arm.joints),
         'columns': arm.m,
-        'samples': int(log.t.size),
-        'dropped': log.dropped + sum(identifier.dropped.values()),
+        'samples': sum(int(section.log.t.size) for section in sections),
+        'dropped': (sum(section.log.dropped for section in sections)
+                    + sum(identifier.dropped.values())),
         'restarts': identifier.restarts - 1,  # the first start is not counted
-        'train_span': list(spans[0]),
-        'test_span': list(spans[1]),
+        'train_span': list(first.train),
+        'test_span': list(first.test),
+        'spans': [{'train': list(section.train), 'test': list(section.test)}
+                  for section in sections],
         'train_samples': train.count,
         'test_samples': test.count,
         'train_rmse': train.rmse(theta).tolist(),
@@ -53,7 +58,7 @@ def figures_of(log: MeasuredLog, identifier: Identifier, result: LogPass,
         'us_per_sample': float(np.median(microseconds)),
         'us_per_sample_mean': float(np.mean(microseconds)),
         'us_per_sample_p99': float(np.percentile(microseconds, 99.0)),
-        'period_us': float(1e6 * np.median(np.diff(log.t))),
+        'period_us': float(1e6 * np.median(np.diff(first.log.t))),
         'undetermined': list(identifier.undetermined),
         'theta_hat': identifier.estimate,
     }
@@ -67,9 +72,7 @@ def table(figures: dict[str, Any], source: str) -> str:
     lines = [
         f'{source}: {len(figures["joints"])} joints, {figures["columns"]} parameters, '
         f'{figures["samples"]} samples, {1e6 / figures["period_us"]:.0f} Hz',
-        f'learned from {_seconds(figures["train_span"])} in one pass, '
-        + (f'tested on {_seconds(figures["test_span"])}' if figures['test_samples'] else
-           'not tested'),
+        *_spans(figures),
         '',
         f'{"RMSE of the filtered torque [N·m]":<{width}}',
         f'{"joint":<{width}}{"learned":>10}{"tested":>10}{"of torque":>12}'
@@ -95,6 +98,7 @@ def table(figures: dict[str, Any], source: str) -> str:
         f'left out        {figures["dropped"]} samples; filter restarted '
         f'{figures["restarts"]} times',
     ]
+    lines += _verdicts(figures.get('verdicts', {}))
     if figures.get('undetermined'):
         lines.append(f'not determined  {", ".join(figures["undetermined"])}')
     lines += model_lines(figures)
@@ -102,6 +106,28 @@ def table(figures: dict[str, Any], source: str) -> str:
         ('output', 'theta_hat'), ('model_output', 'consistent'), ('urdf_output', 'URDF'))
         if name in figures]
     return '\n'.join(lines)
+
+
+def _verdicts(verdicts: dict[str, str]) -> list[str]:
+    """Return what the checks of the log say of the joints."""
+    odd = [f'{joint}: {text}' for joint, text in verdicts.items() if text != 'sound']
+    sound = len(verdicts) - len(odd)
+    if not verdicts:
+        return []
+    first = f'log checks      {sound} of {len(verdicts)} joints sound'
+    return [first, *(f'{"":<16}{text}' for text in odd)]
+
+
+def _spans(figures: dict[str, Any]) -> list[str]:
+    """Return what was learned from and tested on, a line for each of several logs."""
+    one = len(figures['spans']) == 1
+    lines = []
+    for number, span in enumerate(figures['spans'], 1):
+        learned, tested = (span[kind][0] < span[kind][1] for kind in ('train', 'test'))
+        lines.append(('' if one else f'log {number}: ') + ', '.join([
+            f'learned from {_seconds(span["train"])} in one pass' if learned else 'not learned',
+            f'tested on {_seconds(span["test"])}' if tested else 'not tested']))
+    return lines
 
 
 def _seconds(span: list[float]) -> str:

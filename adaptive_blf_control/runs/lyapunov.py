@@ -70,6 +70,7 @@ def guarantee_of_recording(recording: Recording) -> GuaranteeOverTime | None:
         gamma = identifier.resolved(parameters=arm.m).gamma
         controller = node_settings(recording.parameters or {}, ControllerNodeSettings)
         initial = initial_theta(controller, arm)
+        weight = controller.resolved(joints=arm.n).barrier_weight.copy()
     except BlfError:
         return None
     # θ that the controller used: its own value until the first estimate, or always (34).
@@ -86,10 +87,11 @@ def guarantee_of_recording(recording: Recording) -> GuaranteeOverTime | None:
         np.linspace(0, known.size - 1, min(POINTS, known.size)).astype(int), changed]))
     v = np.array([
         lyapunov_value(arm, answered.q[i], answered.e1[i], answered.e2[i], sets,
-                       estimates.values[at[i]] if at[i] >= 0 else initial, truth[k], gamma)
+                       estimates.values[at[i]] if at[i] >= 0 else initial, truth[k], gamma,
+                       weight)
         for k, i in zip(picked, known[picked])])
     restart = np.maximum.accumulate(np.where(np.isin(picked, changed), np.arange(v.size), 0))
     nothing = np.zeros(arm.n)
-    start = guarantee(float(v[0]), sets, (nothing, nothing), 1.0)
+    start = guarantee(float(v[0]), sets, (nothing, nothing), 1.0, weight)
     return GuaranteeOverTime(answered.t[known[picked]], v, v[restart], start.error_lower,
                     start.error_upper)

@@ -56,7 +56,7 @@ def model_figures(identifier: Identifier, result: LogPass, consistent: Consisten
         return figures
     prediction = result.prediction
     inside = np.abs(prediction.measured - prediction.predicted) <= prediction.half_width
-    told = confidence(identifier.theta, judged, stack.regressors[:stack.count])
+    told = confidence(identifier.arm, identifier.theta, judged, stack.regressors[:stack.count])
     unsure = [name for name, word in zip(arm.parameters, told, strict=True) if word != DETERMINED]
     figures |= {
         'theta_std': {name: value if math.isfinite(value) else None
@@ -111,7 +111,12 @@ def _confidence_lines(figures: dict[str, Any]) -> list[str]:
 
 
 def parameter_table(figures: dict[str, Any]) -> str:
-    """Return every parameter with its standard deviation and what the data say about it."""
+    """Return every parameter with its standard deviation and what the data say about it.
+
+    Empty where no pair was recorded.
+    """
+    if 'confidence' not in figures:
+        return ''
     width = max(map(len, figures['theta_hat']))
     model = figures.get('consistent', {}).get('theta', {})
     lines = [f'{"parameter":<{width}}{"θ̂":>12}{"± std":>12}{"consistent":>12}  determined']

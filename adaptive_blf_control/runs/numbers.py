@@ -19,6 +19,7 @@ from adaptive_blf_control.runs.margins import (
 from adaptive_blf_control.runs.recording import Recording
 from adaptive_blf_control.runs.summary import listed, summarise
 from adaptive_blf_control.runs.timing import timing
+from adaptive_blf_control.runs.torque_use import oscillation_text
 
 __all__ = ['figures', 'plain', 'report_figures', 'verdict']
 
@@ -72,7 +73,8 @@ def _partial(recording: Recording) -> dict[str, Any]:
     numbers: dict[str, Any] = dict.fromkeys((
         'duration_s', 'samples', 'set_violations', 'max_abs_error', 'rms_error',
         'rms_error_last_quarter', 'min_margin', 'theta_hat', 'theta_error_norm',
-        'theta_true_norm', 'theta_settling_time_s', 'history_rank', 'history_sigma_min'))
+        'theta_true_norm', 'theta_settling_time_s', 'history_rank', 'history_sigma_min',
+        'oscillation', 'chatter', 'saturated', 'torque_reserve'))
     numbers['theta_settling_times_s'], numbers['margins'] = [], []
     numbers['joints'] = list(recording.joints)
     main = recording.e1 or recording.q
@@ -134,13 +136,32 @@ def verdict(numbers: Mapping[str, Any]) -> tuple[str, str, list[str]]:
         kind, head = 'bad', 'Sets left'
         sentences.append(f'A joint was outside a set in {numbers["set_violations"]} of '
                          f'{numbers["samples"]} samples of {numbers["duration_s"]:.1f} s.')
+    shaking = oscillation_text(numbers)
+    if kept and shaking:
+        kind, head = 'unknown', 'Sets kept, but a joint oscillates'
+    if shaking:
+        sentences.append(f'{shaking}: the gains do not fit the delay of the loop, or the estimate '
+                         'is not good enough.')
     for closest in closest_by_unit(numbers['margins']):
         how = 'Closest approach' if closest['margin'] > 0.0 else 'Farthest outside'
         sentences.append(f'{how}: {abs(closest["margin"]):.4g} {closest["unit"]} from the '
                          f'{closest["constraint"]} bound, {closest["body"]} at '
                          f'{closest["t"]:.2f} s.')
-    sentences += _learning_sentences(numbers)
+    sentences += [*_torque_sentences(numbers), *_learning_sentences(numbers)]
     return kind, head, sentences
+
+
+def _torque_sentences(numbers: Mapping[str, Any]) -> list[str]:
+    if numbers['torque_reserve'] is None:
+        return []
+    least = int(np.argmin(numbers['torque_reserve']))
+    sentences = [f'Least reserve of torque: {max(numbers["torque_reserve"][least], 0.0):.0%} of '
+                 f'the limit, {numbers["joints"][least]}.']
+    most = int(np.argmax(numbers['saturated']))
+    if numbers['saturated'][most] > 0.0:
+        sentences.append(f'{numbers["joints"][most]} was at its torque limit in '
+                         f'{numbers["saturated"][most]:.2%} of the commands.')
+    return sentences
 
 
 def _learning_sentences(numbers: Mapping[str, Any]) -> list[str]:
@@ -151,8 +172,8 @@ def _learning_sentences(numbers: Mapping[str, Any]) -> list[str]:
         for start, settled in zip(starts, numbers['theta_settling_times_s']):
             when = f' after θ* changed at {start:g} s' if start else ''
             sentences.append(
-                f'θ̂ settled within 1 % of θ* in {settled:.2f} s{when}.' if settled is not None
-                else f'θ̂ did not settle within 1 % of θ*{when}.')
+                f'θ̂ converged to within 1 % of θ* in {settled:.2f} s{when}.' if settled is not None
+                else f'θ̂ did not converge to within 1 % of θ*{when}.')
         sentences.append(f'At the end ‖θ̃‖ is {error:.3g}, ‖θ*‖ '
                          f'{numbers["theta_true_norm"]:.3g}.')
     elif numbers['theta_hat']:

@@ -18,7 +18,7 @@ from adaptive_blf_control.control.constraints import Constraints
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.control.settings import PerformanceSettings, SafetySettings
 from adaptive_blf_control.errors import BagError, BlfError
-from adaptive_blf_control.messages.diagnostics_reader import drop_counters
+from adaptive_blf_control.messages.diagnostics import drop_counters
 from adaptive_blf_control.messages.topics import (
     BARRIER,
     COMMANDS,

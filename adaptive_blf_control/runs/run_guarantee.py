@@ -12,14 +12,15 @@ from adaptive_blf_control.control.guarantee import (
     Guarantee,
     guarantee,
     GuaranteeMonitor,
-    lyapunov_value,
+    lyapunov_along,
     mass_range,
 )
-from adaptive_blf_control.control.law import errors
-from adaptive_blf_control.control.laws.ablf import AblfLaw
+from adaptive_blf_control.control.laws.ablf import ablf_gains, AblfLaw
+from adaptive_blf_control.control.reference import along, ReferencePoint
+from adaptive_blf_control.control.step import AblfGains
+from adaptive_blf_control.simulation.abilities import unexpressed_by
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import known_truth, truth_of
-from adaptive_blf_control.simulation.truth_fit import unexpressed_by
 
 __all__ = ['RunGuarantee', 'guarantee_of_trace', 'why_not']
 
@@ -66,10 +67,8 @@ def why_not(loop: ClosedLoop) -> str | None:
         return 'theta* of the plant is not known'
     if not isinstance(loop.controller.law, AblfLaw):
         return 'is not about this law'
-    unexpressed = unexpressed_by(plant, parameters)
-    if unexpressed is not None:
-        return (f'is not about this plant: no theta expresses {100.0 * unexpressed.max():.2g} % '
-                'of the torque of a joint')
+    if unexpressed_by(plant, parameters) is not None:
+        return 'is not about this plant: no theta expresses all of its torque'
     return None
 
 
@@ -85,33 +84,33 @@ def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:
     arm, performance = loop.arm, controller.performance
     if why_not(loop) is not None:
         return None
-    truth = known_truth(loop.plant, arm.parameters)
-    values, starts, guaranteed = np.empty(trace.t.size), [], []
-    monitor: GuaranteeMonitor | None = None
+    t, reference = trace.t, along(controller.reference, trace.t)
+    estimates = trace.theta_hat if loop.known is None else np.tile(loop.known, (t.size, 1))
+    truth, gains = known_truth(loop.plant, arm.parameters), _gains(loop)
+    values, starts, guaranteed = np.empty(t.size), [], []
     first: Departure | None = None
-    epoch = -1
-    for k, t in enumerate(trace.t):
-        q, e1 = trace.q[k], trace.e1[k]
-        point = controller.reference.at(t)
-        e2 = errors(q, trace.qd[k], *point, performance.lower, performance.upper,
-                    controller.settings.k1)[1]
-        begun = epoch
-        while epoch + 1 < len(truth) and t >= truth[epoch + 1][0] - 1e-9:
-            epoch += 1
-        theta = truth[epoch][1]
-        estimate = trace.theta_hat[k] if loop.known is None else loop.known
-        values[k] = lyapunov_value(arm, q, e1, e2, performance, estimate, theta, settings.gamma)
-        if epoch != begun or monitor is None:
-            starts.append(float(t))
-            guaranteed.append(_run_guarantee(loop, float(values[k]), theta))
-            monitor = GuaranteeMonitor(guaranteed[-1], performance, arm.joints)
-        departure = monitor.observe(float(t), e1, float(values[k]))
-        first = first or departure
+    begins = np.searchsorted(t, [begin - 1e-9 for begin, _ in truth])
+    for (_, theta), begin, end in zip(truth, begins, [*begins[1:], t.size]):
+        if begin == end:
+            continue
+        part = slice(begin, end)
+        values[part] = lyapunov_along(
+            arm, trace.q[part], trace.qd[part], ReferencePoint(*(row[part] for row in reference)),
+            performance, gains, estimates[part], theta, settings.gamma)
+        starts.append(float(t[begin]))
+        guaranteed.append(_run_guarantee(loop, float(values[begin]), theta))
+        monitor = GuaranteeMonitor(guaranteed[-1], performance, arm.joints, gains.weight)
+        first = first or monitor.observe_along(t[part], trace.e1[part], values[part])
     return RunGuarantee(tuple(starts), tuple(guaranteed), first, values)
 
 
 def _run_guarantee(loop: ClosedLoop, value: float, theta: np.ndarray) -> Guarantee:
     performance, reference = loop.controller.performance, loop.controller.reference.range()
-    rough = guarantee(value, performance, reference, 1.0)
+    weight = _gains(loop).weight
+    rough = guarantee(value, performance, reference, 1.0, weight)
     smallest, _ = mass_range(loop.arm, theta, rough.output_lower, rough.output_upper)
-    return guarantee(value, performance, reference, smallest)
+    return guarantee(value, performance, reference, smallest, weight)
+
+
+def _gains(loop: ClosedLoop) -> AblfGains:
+    return ablf_gains(loop.controller.settings.resolved(joints=loop.arm.n))

@@ -27,10 +27,13 @@ from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee, why_not
+from adaptive_blf_control.runs.start_check import loop_warnings
 from adaptive_blf_control.runs.summary import Run, run_of_trace, summarise, table
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
-from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample, Trace
+from adaptive_blf_control.simulation.abilities import contacts_of, unexpressed_by
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import Plant, REQUIRED
+from adaptive_blf_control.simulation.sample import Sample
 from adaptive_blf_control.simulation.sensors import Sensor
 
 __all__ = ['Simulation', 'duration_of', 'simulate']
@@ -52,6 +55,7 @@ class Simulation(Trace):
         rank: Rank of the history, shape (N,).
         sigma_min: Its σ_min, shape (N,).
         wall_s: How long it took [s].
+        in_python: Parts that had to be asked sample by sample, which is slower.
         loop: The objects that ran.
     """
 
@@ -85,6 +89,9 @@ class Simulation(Trace):
         figures, guarantee = dict(self._summary), self._run_guarantee
         figures['guarantee'] = None if guarantee is None else guarantee.figures()
         figures['predicted_torque_error'] = torque_error_of_trace(self.loop, self)
+        unexpressed = unexpressed_by(self.loop.plant, self.loop.arm.parameters)
+        figures['unexpressed_torque'] = None if unexpressed is None else unexpressed.tolist()
+        figures['contacts_s'] = contacts_of(self.loop.plant)
         figures['wall_s'] = self.wall_s
         figures['real_time_factor'] = float(self.t[-1] / self.wall_s)
         return figures
@@ -95,11 +102,18 @@ class Simulation(Trace):
         lines = [table(figures, self._run)]
         if any(value is not None for value in figures['predicted_torque_error']):
             lines.append(torque_line(figures['predicted_torque_error']))
+        if figures['unexpressed_torque'] is not None:
+            lines.append('beyond any theta     ' + ', '.join(
+                f'{100.0 * part:.2g} %' for part in figures['unexpressed_torque'])
+                + ' of the torque of random motions')
         return '\n'.join([
             *lines,
             guarantee.line() if guarantee is not None else
             f'Theorem 2            {why_not(self.loop)}',
-            f'speed                {figures["real_time_factor"]:.1f} x real time'])
+            *(f'contact              from {begin:.3f} s to {end:.3f} s'
+              for begin, end in figures['contacts_s']),
+            f'speed                {figures["real_time_factor"]:.1f} x real time'
+            + (f', sample by sample: {", ".join(self.in_python)}' if self.in_python else '')])
 
 
 def duration_of(data: Mapping[str, Any], duration: float | None) -> float:
@@ -128,7 +142,7 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
         law: A control law, or a class of laws, in place of the scenario's; see `Controller`.
         update_law: An update law, or a class of them, likewise; see `Identifier`.
         constraints: What else counts as inside, beside the scenario's; see `Controller`.
-        observer: Called with every sample.
+        observer: Called with every sample; where all parts are ours, after each block of samples.
         changes: Parameters of ``controller``, ``identifier`` and ``arm_driver``, by name or as
             YAML nests them: ``controller={'k2': [30.0, 5.0]}`` and ``**{'controller.k2': 5.0}``;
             without a node's name for every node that knows them.
@@ -159,6 +173,7 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
             require('plant', plant, plant, REQUIRED)
         loop = build_closed_loop(data, OwnParts(arm, plant, sensor, law, update_law, constraints))
         length = duration_of(data, duration)
+        list(loop_warnings(data, loop))  # refuses an unstable loop where the scenario asks for it
     loop.warm_up()
     return Simulation(**vars(loop.run(length, observer)), loop=loop)
 

@@ -18,6 +18,13 @@ from adaptive_blf_control.runs.margins import (
     margins_along,
     violated_at,
 )
+from adaptive_blf_control.runs.torque_use import (
+    oscillation_text,
+    oscillations,
+    torque_figures,
+    torque_table,
+    TorqueUse,
+)
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import truth_of
 from adaptive_blf_control.simulation.true_arm import Truth
@@ -50,6 +57,7 @@ class Run:
         unanswered: States the controller gave no answer to, with e1 unknown (NaN); they count
             where a constraint needs no e1.
         published: Margins of constraints that are not known here, as the controller sent them.
+        torques: Commanded torques, where they are known.
     """
 
     joints: tuple[str, ...]
@@ -68,6 +76,7 @@ class Run:
     truth: Truth | None = None
     unanswered: MotionState | None = None
     published: tuple[Margins, ...] = ()
+    torques: TorqueUse | None = None
 
     def theta_true(self, t: np.ndarray) -> np.ndarray:
         """Return θ* at the times ``t`` (K,) [s], shape (K, m); NaN where it is not known."""
@@ -82,7 +91,9 @@ def run_of_trace(loop: ClosedLoop, trace: Trace) -> Run:
     return Run(loop.arm.joints, loop.arm.parameters, trace.t, trace.q, trace.qd, trace.e1,
                trace.t, trace.theta_hat, int(trace.rank[-1]), float(trace.sigma_min[-1]),
                loop.controller.safety, loop.controller.performance,
-               loop.controller.constraints, truth_of(loop.plant, loop.arm.parameters))
+               loop.controller.constraints, truth_of(loop.plant, loop.arm.parameters),
+               torques=TorqueUse(trace.torque, loop.controller.settings.resolved(
+                   joints=loop.arm.n).torque_limit))
 
 
 def state_along(t: np.ndarray, q: np.ndarray, qd: np.ndarray, e1: np.ndarray,
@@ -152,6 +163,8 @@ def summarise(run: Run) -> dict[str, Any]:
         'theta_settling_times_s': [],
         'history_rank': run.rank,
         'history_sigma_min': run.sigma_min,
+        'oscillation': oscillations(run.t, run.e1, run.performance.lower, run.performance.upper),
+        **torque_figures(run.torques),
     }
     if run.truth:
         true = run.theta_true(run.t_theta)
@@ -176,6 +189,7 @@ def table(figures: dict[str, Any], run: Run) -> str:
         + ('KEPT' if kept else 'LEFT')
         + ('' if kept else f' in {figures["set_violations"]} of {figures["samples"]} samples')
         + f'  ({figures["duration_s"]:.1f} s, {figures["samples"]} samples)',
+        *(f'attention: {text}' for text in filter(None, [oscillation_text(figures)])),
         '',
         f'{"joint":<18}{"largest |e1|":>14}{"RMS e1":>12}{"RMS last 1/4":>14}'
         f'{"error bound":>20}{"least margin":>14}   [rad]',
@@ -189,7 +203,7 @@ def table(figures: dict[str, Any], run: Run) -> str:
     lines += [f'{each["constraint"]:<21}least margin {each["margin"]:.4g} {each["unit"]}, '
               f'{each["body"]} at {each["t"]:.2f} s'
               for each in closest_by_unit(figures['margins']) if each['unit'] != 'rad']
-    lines.append('')
+    lines += [*torque_table(figures), '']
     if run.truth:
         settled = figures['theta_settling_times_s']
         lines.append(

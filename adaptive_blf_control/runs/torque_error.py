@@ -19,9 +19,9 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.reference import Reference, ReferencePoint
+from adaptive_blf_control.simulation.abilities import HasInverseDynamics
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import known_truth, truth_of
-from adaptive_blf_control.simulation.truth_fit import HasInverseDynamics
 
 __all__ = ['PredictedTorque', 'errors_of_trace', 'torque_error_of_trace', 'torque_line']
 

@@ -1,42 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Waiting for the messages that answer a state: those that carry its stamp."""
+"""The messages that answer a state, known by its stamp, and the wait for them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-import importlib
-import struct
-import threading
 import time
 from typing import Any
 
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from adaptive_blf_control.errors import BagError, BlfError
-from adaptive_blf_control.messages.cdr_cursor import HEADER_SIZE
-from adaptive_blf_control.runtime.direct_wait import (
-    DIRECT,
-    DirectChannel,
-    DirectWait,
-    PlainChannel,
-    PlainWait,
+from adaptive_blf_control.messages.stamp import stamp_of
+from adaptive_blf_control.runtime.channels import (
+    Channel,
+    LONGEST_WAIT,
+    new_channel,
+    new_wait,
+    Wait,
 )
+from adaptive_blf_control.runtime.data_topics import QUEUE_DEPTH
+from adaptive_blf_control.runtime.endpoints import POLL_PERIOD
+from adaptive_blf_control.runtime.message_class import message_class
+from adaptive_blf_control.runtime.rclpy_internals import DIRECT
+from adaptive_blf_control.runtime.request_server import RequestServer
+from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['Answers', 'NoAnswer', 'message_class', 'stamp_of']
-
-POLL = 0.01  # s between looks at the graph: discovery is no event that can be waited for
-LOOK = 0.05  # s, longest wait before a stop request is seen
-DEPTH = 100
+__all__ = ['Answers', 'NoAnswer']
 
 
 class NoAnswer(BlfError, TimeoutError):
     """A state was not answered in time.
 
     Attributes:
-        topic: Topic on which nobody spoke or listened.
+        topic: Topic without a publisher, a subscription or an answer.
         stamp_ns: Stamp of the state [ns]; None where none was sent yet.
     """
 
@@ -47,56 +45,32 @@ class NoAnswer(BlfError, TimeoutError):
         self.stamp_ns = stamp_ns
 
 
-def stamp_of(data: bytes) -> int | None:
-    """Return ``header.stamp`` [ns] of a message that begins with a Header, as CDR bytes.
-
-    None where the bytes are too few or no plain CDR.
-    """
-    order = {b'\0\1': '<', b'\0\0': '>'}.get(data[:2])
-    if order is None or len(data) < HEADER_SIZE + 8:
-        return None
-    sec, nanosec = struct.unpack_from(f'{order}iI', data, HEADER_SIZE)
-    return int(sec) * 10**9 + int(nanosec)
-
-
-def message_class(type_name: str) -> Any:
-    """Return the class of a message type, e.g. ``sensor_msgs/msg/JointState``.
-
-    Raises:
-        BagError: it is not installed here.
-    """
-    package, _, name = type_name.partition('/msg/')
-    try:
-        return getattr(importlib.import_module(f'{package}.msg'), name)
-    except (ImportError, AttributeError, ValueError):
-        raise BagError(f'message type {type_name!r} is not installed here') from None
-
-
 class Answers:
     """Topics on which a state is answered by a message of the same stamp.
 
     Attributes:
         topics: Their names.
-        stop: Ends every wait once it is set.
+        stop: Set it to end every wait.
     """
 
-    def __init__(self, node: Node, topics: Sequence[str], stop: threading.Event) -> None:
+    def __init__(self, node: Node, topics: Sequence[str], stop: StopFlag) -> None:
         """Subscribe to nothing yet: see :meth:`discover`."""
         self.topics = tuple(topics)
         self.stop = stop
         self._node = node
-        self._channels: dict[str, DirectChannel | PlainChannel] = {}
+        self._channels: dict[str, Channel] = {}
         self._heard: dict[str, set[int | None]] = {}
-        self._wait: DirectWait | PlainWait | None = None
+        self._wait: Wait | None = None
+        self._requests = RequestServer(node, stop, lambda text: node.get_logger().error(text))
 
     def discover(self, timeout: float) -> None:
-        """Subscribe to each topic once somebody publishes it, with the type found there.
+        """Subscribe to each topic once it has a publisher, with the type of that publisher.
 
         Calling it again does nothing.
 
         Raises:
-            NoAnswer: nobody does within ``timeout`` [s].
-            BagError: its type is not known here, or has no header.
+            NoAnswer: a topic has no publisher within ``timeout`` [s].
+            BagError: its type is not installed here, or has no header.
         """
         give_up = time.monotonic() + timeout
         if self._wait is not None:
@@ -111,20 +85,13 @@ class Answers:
             while channel.subscription.get_publisher_count() == 0 and not self.stop.is_set():
                 self._pause(topic, timeout, give_up)
         if not self.stop.is_set():
-            self._wait = self._new_wait()
-
-    def _new_wait(self) -> DirectWait | PlainWait:
-        context = self._node.context
-        if DIRECT:
-            return DirectWait([entry.subscription for entry in self._channels.values()], context)
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(self._node)
-        return PlainWait(lambda timeout: executor.spin_once(timeout_sec=timeout))
+            self._wait = new_wait(DIRECT, self._node, list(self._channels.values()),
+                                  self._requests.serve_once)
 
     def _pause(self, topic: str, timeout: float, give_up: float) -> None:
         if time.monotonic() >= give_up:
             raise NoAnswer(topic, None, f'nobody publishes it within {timeout:g} s')
-        self.stop.wait(POLL)
+        self.stop.wait(POLL_PERIOD)
 
     def _subscribe(self, topic: str, type_name: str, publishers: Sequence[Any]) -> None:
         kind = message_class(type_name)
@@ -132,16 +99,15 @@ class Answers:
         if fields[:1] != ['std_msgs/Header']:
             raise BagError(f'{topic} has type {type_name!r}: expected one that begins with a '
                            'header, whose stamp tells which state it answers')
-        qos = QoSProfile(depth=DEPTH)
+        qos = QoSProfile(depth=QUEUE_DEPTH)
         if any(publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
                for publisher in publishers):
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
         self._heard[topic] = set()
-        self._channels[topic] = (DirectChannel if DIRECT else PlainChannel)(
-            self._node, kind, topic, qos)
+        self._channels[topic] = new_channel(DIRECT, self._node, kind, topic, qos)
 
     def forget(self) -> None:
-        """Forget what was heard so far: the next answer is one to what is sent next."""
+        """Forget earlier answers, e.g. to the same stamp."""
         self._take()
         for stamps in self._heard.values():
             stamps.clear()
@@ -155,7 +121,7 @@ class Answers:
             left = give_up - time.monotonic()
             if not missing or left <= 0.0 or self._wait is None or self.stop.is_set():
                 return missing
-            self._wait.wait(min(left, LOOK))
+            self._wait.wait(min(left, LONGEST_WAIT))
 
     def _take(self) -> None:
         for topic, channel in self._channels.items():

@@ -16,20 +16,20 @@ from adaptive_blf_control.errors import BlfError
 
 __all__ = ['DOMAINS', 'own_domain']
 
-# On Linux the ports of these domains keep clear of the ephemeral ones; 0 is everybody's default.
+# On Linux the ports of these domains are no ephemeral ones; 0 is the default of every ROS graph.
 DOMAINS = range(1, 102)
-PARTICIPANTS = 20  # of a domain that are looked for: the first may have ended before the others
+PARTICIPANTS = 20  # whose ports are tried: the first may have ended before the others
 
 
 @contextmanager
 def own_domain(wanted: int | None = None, folder: Path | None = None) -> Iterator[int]:
-    """Hold a domain id that no other run of ours on this machine holds.
+    """Hold a domain id that no other run of this package on this machine holds.
 
-    The claim is an advisory lock on a file per domain; the system drops it with the process,
-    however that ends. A domain in which someone else's node listens is passed over.
+    The claim is an advisory lock on a file per domain, which the system releases when the process
+    ends, however it ends. A domain in which a node of another program listens is not taken.
 
     Args:
-        wanted: The domain to take where no other run holds it; others may listen in it.
+        wanted: The domain to take if no other run holds it, also if other programs listen in it.
         folder: Where the lock files lie; the system's folder for temporary files where None.
 
     Yields:
@@ -59,7 +59,7 @@ def own_domain(wanted: int | None = None, folder: Path | None = None) -> Iterato
 def _lock(path: Path) -> int | None:
     """Return the locked file, or None where another process holds it or it cannot be opened."""
     try:
-        # A file of another user in a sticky folder may not be opened to be made.
+        # With O_CREAT, a file of another user in a sticky folder cannot be opened.
         flags = os.O_RDONLY | os.O_CLOEXEC | (0 if path.exists() else os.O_CREAT)
         file = os.open(path, flags, 0o644)
     except OSError:

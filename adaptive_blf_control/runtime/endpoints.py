@@ -15,11 +15,11 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['NAME_TIMEOUT', 'UNNAMED', 'Endpoints', 'full_name']
+__all__ = ['NAME_TIMEOUT', 'POLL_PERIOD', 'UNNAMED', 'Endpoints', 'full_name']
 
 NAME_TIMEOUT = 3.0  # s after which an endpoint without a name is taken for one without ROS
 UNNAMED = 'a program without a node name'
-POLL_PERIOD = 0.01  # s
+POLL_PERIOD = 0.01  # s between looks at the graph: discovery is no event that can be waited for
 _PLACEHOLDER = '_NODE_NAME_UNKNOWN_'  # as in every rmw implementation of ROS 2
 
 

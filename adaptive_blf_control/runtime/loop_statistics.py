@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well a node holds its rate: periods, missed ones, time of the callback, age of the data."""
+"""How well a node keeps its rate: periods, missed ones, time in callbacks, age of the data."""
 
 from __future__ import annotations
 
@@ -7,26 +7,27 @@ from array import array
 
 import numpy as np
 
-__all__ = ['Histogram', 'LoopStatistics', 'SETTLE']
+__all__ = ['Histogram', 'LoopStatistics', 'START_UP']
 
-# Fine bins up to 2 ms and coarse ones up to 50 ms: reading them takes microseconds, too. What is
-# longer counts in the last bin and in the largest value.
+# Fine bins up to 2 ms and coarse ones up to 50 ms: so few that reading them takes microseconds. A
+# longer duration counts in the last bin and as the largest value.
 FINE_NS, FINE = 2_000, 1_000
 COARSE_NS, COARSE = 50_000, 960
 LIMIT_NS = FINE_NS * FINE
 BINS = FINE + COARSE
 EDGES = np.concatenate([np.arange(1, FINE + 1) * FINE_NS,  # upper ones [ms]
                         LIMIT_NS + np.arange(1, COARSE + 1) * COARSE_NS]) * 1e-6
-# s after a node's first sample, and after `begin_anew`; discovery and first requests are over then
-SETTLE = 2.0
+# s that statistics leave out after a node's first sample and after `restart`: discovery and first
+# requests are over then.
+START_UP = 2.0
 NEVER = 2**63  # ns
 
 
 class Histogram:
-    """Durations, counted in bins, so that adding one costs no memory and little time.
+    """Durations counted in bins: adding one takes no memory and little time.
 
     Attributes:
-        largest_ns: The largest duration so far, since :meth:`forget` where that was called [ns].
+        largest_ns: The largest duration since the start or the last :meth:`forget` [ns].
     """
 
     def __init__(self) -> None:
@@ -47,7 +48,7 @@ class Histogram:
             self.largest_ns = duration_ns
 
     def forget(self) -> None:
-        """Leave what was counted so far out of quantiles and largest value."""
+        """Leave everything counted so far out of the quantiles and the largest value."""
         self._forgotten = np.frombuffer(self._bins, dtype=np.int64).copy()
         self.largest_ns = 0
 
@@ -60,7 +61,7 @@ class Histogram:
         return int(counts[:bins].sum())
 
     def quantiles(self, parts: tuple[float, ...], recent: bool = False) -> tuple[float, ...]:
-        """Return quantiles [ms], the upper edge of their bin; NaN where nothing was counted.
+        """Return quantiles [ms], as the upper edges of their bins; NaN where nothing was counted.
 
         Args:
             parts: Each in 0..1.
@@ -79,25 +80,27 @@ class Histogram:
 
 
 class LoopStatistics:
-    """Statistics of one node's loop; times come in, from one clock.
+    """Statistics of one node's loop; the caller passes the times, all of one clock.
 
     Attributes:
-        samples: Samples worked on.
-        missed: Samples that were due by their stamps and not worked on.
-        callback: Time spent on a sample.
+        samples: Samples processed.
+        missed: Samples that were due by their stamps and not processed.
+        superseded: Messages not handled, because a newer one of the topic was there already.
+        callback: Time spent in the handlers of a sample.
         age: Time from a message's publication to its being handled.
-        histograms: Those that forget what was before :data:`SETTLE`, so that the start of the
+        histograms: Those that forget what was before :data:`START_UP`, so that the start of the
             graph does not hide what the loop holds.
     """
 
     def __init__(self) -> None:
-        """Start with nothing seen."""
+        """Start without samples."""
         self.samples = 0
         self.missed = 0
+        self.superseded = 0
         self.callback = Histogram()
         self.age = Histogram()
         self.histograms = [self.callback, self.age]
-        self._settled_ns = 0
+        self._start_up_ends_ns = 0
         self._since_ns = 0
         self._stamp_ns = 0
         self._interval_ns = 0.0
@@ -105,7 +108,7 @@ class LoopStatistics:
         self._sums = [0, 0.0, 0.0]  # periods in the window, their sum and sum of squares [ms]
 
     def sample(self, now_ns: int, stamp_ns: int = 0) -> None:
-        """Count one sample, worked on at ``now_ns`` and measured at ``stamp_ns`` (0: unknown)."""
+        """Count one sample, processed at ``now_ns`` and measured at ``stamp_ns`` (0: unknown)."""
         self.samples += 1
         if self._at_ns:
             period = (now_ns - self._at_ns) * 1e-6
@@ -114,22 +117,22 @@ class LoopStatistics:
             sums[1] += period
             sums[2] += period * period
         self._at_ns = now_ns
-        if now_ns >= self._settled_ns:
-            self._settle(now_ns)
+        if now_ns >= self._start_up_ends_ns:
+            self._forget_start_up(now_ns)
         if stamp_ns:
             if self._stamp_ns:
                 self._count_missed(stamp_ns - self._stamp_ns)
             self._stamp_ns = stamp_ns
 
-    def _settle(self, now_ns: int) -> None:
-        self._settled_ns = NEVER if self._settled_ns else now_ns + int(SETTLE * 1e9)
+    def _forget_start_up(self, now_ns: int) -> None:
+        self._start_up_ends_ns = NEVER if self._start_up_ends_ns else now_ns + int(START_UP * 1e9)
         self._since_ns = now_ns
         for histogram in self.histograms:
             histogram.forget()
 
-    def begin_anew(self) -> None:
-        """Settle once more from the next sample on: a motion begins, or another rate."""
-        self._settled_ns = 0
+    def restart(self) -> None:
+        """Leave out another START_UP from the next sample on: a new motion, or another rate."""
+        self._start_up_ends_ns = 0
 
     @property
     def span_ns(self) -> int:
@@ -146,11 +149,11 @@ class LoopStatistics:
         self._interval_ns *= 1.01 if interval_ns > self._interval_ns else 0.99
 
     def break_off(self) -> None:
-        """Forget the last stamp: the next one begins a new motion and missed nothing."""
+        """Forget the last stamp: the next one begins a new motion, so nothing was missed."""
         self._stamp_ns = 0
 
     def take(self) -> dict[str, str]:
-        """Return the figures of the time since the last call, for the diagnostics."""
+        """Return the figures since the last call, for the diagnostics."""
         count, total, squares = self._sums
         self._sums = [0, 0.0, 0.0]
         figures = {'missed periods': str(self.missed)}

@@ -2,7 +2,7 @@
 """A data node with a lifecycle: what moves an arm is configured, activated and deactivated.
 
 With ``autostart`` the node configures itself when it is made and activates itself as soon as it
-can, so that ``ros2 run`` is enough; what cannot be configured then ends it with the reason.
+can, so that ``ros2 run`` is enough; a node that cannot be configured ends with the reason.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from rclpy.lifecycle.node import LifecycleNodeMixin
 
 from adaptive_blf_control.configuration.node_settings import LifecycleSettings
 from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.runtime.compiling import compiling
 from adaptive_blf_control.runtime.data_node import DataNode
-from adaptive_blf_control.runtime.direct_wait import (
+from adaptive_blf_control.runtime.rclpy_internals import (
     answer_transitions,
     end_transitions,
     lifecycle_state,
@@ -31,7 +32,7 @@ ManagedSettings = TypeVar('ManagedSettings', bound=LifecycleSettings)
 
 
 class ManagedNode(LifecycleNodeMixin, DataNode[ManagedSettings], Generic[ManagedSettings]):
-    """Subclasses fill in what a transition does; a BlfError refuses it.
+    """Subclasses define what a transition does; a BlfError that it raises refuses it.
 
     Attributes:
         active: Whether the arm may be moved.
@@ -69,10 +70,10 @@ class ManagedNode(LifecycleNodeMixin, DataNode[ManagedSettings], Generic[Managed
         """Bring the torque to zero."""
 
     def cleanup(self) -> None:
-        """Give back what :meth:`configure` made."""
+        """Release what :meth:`configure` made."""
 
     def activate_by_itself(self) -> bool:
-        """Activate where that is still wanted; raise the reason where it is refused."""
+        """Activate if that is still wanted; raise the reason if it is refused."""
         if self.state_id != State.PRIMARY_STATE_INACTIVE or not self.wants_activation:
             return False
         self.wants_activation = False
@@ -107,10 +108,10 @@ class ManagedNode(LifecycleNodeMixin, DataNode[ManagedSettings], Generic[Managed
 
     def _answer_request(self, answer: Callable[..., Any], request: ChangeState.Request,
                         response: ChangeState.Response) -> ChangeState.Response:
-        """Answer whoever asks for a transition, also for one that there is not from here.
+        """Answer a request for a transition, also for one that does not exist from this state.
 
-        rclpy raises there and answers nothing. The whole request is between two samples: in the
-        middle of one the node may be activating itself.
+        For such a request rclpy raises and answers nothing. The whole request is handled between
+        two samples: in the middle of one the node may be activating itself.
         """
         with self.between_samples:
             try:
@@ -118,8 +119,9 @@ class ManagedNode(LifecycleNodeMixin, DataNode[ManagedSettings], Generic[Managed
             except RuntimeError as error:  # rcl's
                 asked = request.transition.label or request.transition.id
                 state = lifecycle_state(self)[1]
-                self.fault('refused', f'transition {asked!r}: there is none from {state!r}: '
-                                      f'{str(error).split(", at /")[0]}')
+                self.faults.report('refused', (
+                    f'transition {asked!r}: there is none from {state!r}: '
+                    f'{str(error).split(", at /")[0]}'))
                 response.success = False
                 return response
             return answered
@@ -130,25 +132,25 @@ class ManagedNode(LifecycleNodeMixin, DataNode[ManagedSettings], Generic[Managed
                 action()
         except BlfError as error:
             self._refused = error
-            if not self._by_itself:  # else it is raised, and logged by whoever ends on it
-                self.fault('refused', str(error))
+            if not self._by_itself:  # else it is raised, and logged where it ends the node
+                self.faults.report('refused', str(error))
             return TransitionCallbackReturn.FAILURE
-        except Exception as error:  # rclpy would swallow it and go on half configured
+        except Exception as error:  # rclpy would swallow it and leave the node half configured
             self._refused = BlfError(f'{type(error).__name__}: {error}')
-            self.fault('failed transition', str(self._refused))
+            self.faults.report('failed transition', str(self._refused))
             return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End the process: no half state. The loop's end sends the zero torque."""
+        """End the process rather than stay half configured; its end sends the zero torque."""
         self.active, self.exit_code = False, 2
         self.stop.set()
         return TransitionCallbackReturn.FAILURE
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure; what cannot be used refuses it with its reason."""
+        """Configure; settings that cannot be used refuse it with the reason."""
         def action() -> None:
-            with self.compiling():
+            with compiling(self.get_logger(), self.stop):
                 self.configure()
         return self._transition(action)
 
@@ -160,7 +162,7 @@ class ManagedNode(LifecycleNodeMixin, DataNode[ManagedSettings], Generic[Managed
         return self._transition(action)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Bring the torque to zero; whoever asked for it has to ask for activation again."""
+        """Bring the torque to zero; the node does not activate itself again."""
         def action() -> None:
             self.wants_activation = False
             if self.active:
@@ -169,7 +171,7 @@ class ManagedNode(LifecycleNodeMixin, DataNode[ManagedSettings], Generic[Managed
         return self._transition(action)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Go back to unconfigured; what is configured by request waits for requests."""
+        """Go back to unconfigured; the node does not activate itself again."""
         self.wants_activation = False
         return self._transition(self.cleanup)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Declare a node's table with ROS: descriptors, ranges, validation at start and while running."""
+"""A node's parameter table in ROS: declared, validated at start and while the node runs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from adaptive_blf_control.configuration.parameter_file import (
 )
 from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.parameters.table import Parameter, per_joint, validated
-from adaptive_blf_control.runtime.direct_wait import overrides_of
+from adaptive_blf_control.runtime.rclpy_internals import overrides_of
 
 __all__ = ['check_files', 'declare', 'descriptor', 'explain_files', 'on_change', 'refuse_untyped']
 
@@ -49,7 +49,8 @@ LARGEST_INT = 2**31 - 1  # rqt's sliders hold no more
 def descriptor(parameter: Parameter) -> ParameterDescriptor:
     """Return the ROS descriptor of a declaration: text, unit, range, read-only."""
     message = ParameterDescriptor(name=parameter.name, type=ROS_TYPES[parameter.kind],
-                                  read_only=parameter.read_only)
+                                  read_only=parameter.read_only,
+                                  dynamic_typing=parameter.source)
     unit = f' [{parameter.unit}]' if parameter.unit else ''
     message.description = parameter.description + unit
     message.additional_constraints = ', '.join(filter(None, [
@@ -78,7 +79,7 @@ def declare(node: Node, kind: str, settings_class: type[NodeSettings]) -> NodeSe
     """Declare the parameters of node kind ``kind`` and return its settings.
 
     The node has to be made with ``automatically_declare_parameters_from_overrides=True``, so that
-    everything it was given is visible here and a misspelt name is refused rather than ignored.
+    every given parameter is visible here and a misspelt name is refused rather than ignored.
 
     Raises:
         ParameterError: names the parameter, the value and what is expected.
@@ -86,7 +87,7 @@ def declare(node: Node, kind: str, settings_class: type[NodeSettings]) -> NodeSe
     given = {name: _plain(node.get_parameter(name).value)
              for name in node.get_parameters_by_prefix('') if not name.startswith(ROS_OWN)}
     for name in [n for n in given if known_elsewhere(n, kind)]:
-        node.undeclare_parameter(name)  # from a shared section, meant for other nodes
+        node.undeclare_parameter(name)  # of a shared section, meant for other nodes
         del given[name]
     table = per_joint(TABLES[kind], given.get('joints') or _default_joints(kind))
     values = validated(table.values(), given, node.get_name(), _sizes(table, given))
@@ -165,10 +166,10 @@ def check_files(args: Sequence[str]) -> None:
 
 
 def explain_files(args: Sequence[str], kind: str) -> None:
-    """Raise ParameterError for what our own reader finds wrong with the parameter files.
+    """Raise ParameterError for what our own reader finds wrong in the parameter files.
 
-    Only for files that ROS has refused: its message has the line at best, this one has name,
-    value and what is expected.
+    For files that ROS has refused: its message has the line at best, this one has name, value and
+    what is expected.
     """
     for path in _files(args):
         node_values(load_yaml(path), kind)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node as a process: signals, errors in our words, a clean end."""
+"""A node as a process: signals, clear errors, a clean end."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.node_parameters import check_files, explain_files
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['initialise', 'run_node', 'stop_on_signals']
+__all__ = ['initialise', 'run_node', 'stop_on_signals', 'warn_of_leftovers']
 
 SHARED_MEMORY = Path('/dev/shm')
 
 
 def stop_on_signals() -> StopFlag:
-    """Return a flag that is set by a signal that asks the process to end.
+    """Return a flag that SIGINT, SIGTERM and SIGHUP set.
 
-    Nothing is raised: an exception out of a handler arrives wherever the signal does, in a
-    finaliser or in a callback from C, too, which print it and go on.
+    The handlers raise nothing: their exception could arrive in a finaliser or in a callback from
+    C, which print it and go on.
     """
     stop = StopFlag()
 
@@ -46,19 +46,19 @@ def stop_on_signals() -> StopFlag:
 def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -> int:
     """Run a node as a process: signals, clear errors, clean shutdown.
 
-    A signal takes effect before the next sample; while the node is being made, where that
-    compiles or waits (:meth:`DataNode.compiling`), or else when it is made.
+    A signal takes effect before the next sample. While the node is being made it takes effect
+    where that compiles (:func:`compiling`) or waits, at the latest once the node is made.
 
     Args:
         kind: Name of the node, for messages.
-        make: Makes the node around the flag ``stop``.
-        args: ROS arguments; those of the process where None.
+        make: Makes the node, given the flag ``stop``.
+        args: ROS arguments; those of the process if None.
 
     Returns:
-        The exit status: 2 where the node cannot be made, or ends with an error of ours.
+        The exit status: 2 if the node cannot be made, or ends with a BlfError.
 
     Raises:
-        SystemExit: a signal ended the making.
+        SystemExit: a signal came while the node was being made.
     """
     stop = stop_on_signals()
 
@@ -83,16 +83,16 @@ def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -
 
 
 def initialise(kind: str, args: list[str] | None) -> None:
-    """Start ROS without its signal handlers: the last torque and the bag's end come before.
+    """Start ROS without its signal handlers, which would end it before the last torque is sent.
 
     Raises:
-        ParameterError: a parameter file cannot be used, with the reason in our words.
-        RuntimeError: any other argument ROS does not take.
+        ParameterError: a parameter file cannot be used; names parameter, value and expectation.
+        RuntimeError: ROS does not accept another argument.
     """
-    _warn_of_leftovers(kind)
+    warn_of_leftovers(kind)
     arguments = sys.argv if args is None else args
     check_files(arguments)
-    set_logger_level('rcl', LoggingSeverity.FATAL)  # says less than what is raised, and first
+    set_logger_level('rcl', LoggingSeverity.FATAL)  # its log line would say less than the error
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
@@ -105,11 +105,11 @@ def initialise(kind: str, args: list[str] | None) -> None:
             set_logger_level('rcl', LoggingSeverity.UNSET)
 
 
-def _warn_of_leftovers(kind: str) -> None:
-    """Name what would let every node of this host wait for ever.
+def warn_of_leftovers(kind: str) -> None:
+    """Name the files for which every node on this host would wait for ever.
 
-    A process killed while Fast DDS made its shared memory leaves a port without content, and
-    whoever opens it waits for the content.
+    A process that is killed while Fast DDS makes its shared memory leaves an empty port, and a
+    process that opens it waits for its content.
     """
     for path in SHARED_MEMORY.glob('fastrtps_port*'):
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The four nodes, or others, as processes on this host, in a DDS domain of their own."""
+"""Nodes as processes on this host, in a DDS domain of their own."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ __all__ = ['FAST_DISCOVERY', 'NODES', 'NodeProcesses', 'Processes', 'scenario']
 
 NODES = ('recorder', 'identifier', 'controller', 'arm_driver')
 Self = TypeVar('Self', bound='Processes')
-GRACE = 15.0  # s for a node to end
-PATIENCE = 90.0  # s until the arm has to move: the first run compiles the laws
+END_TIMEOUT = 15.0  # s for an interrupted node to end
+MOTION_TIMEOUT = 90.0  # s until the arm has to move: the first run compiles the laws
 
 # Announce endpoints often at the start, so that four nodes meet within half a second.
 FAST_DISCOVERY = """<?xml version="1.0" encoding="UTF-8" ?>
@@ -65,13 +65,13 @@ def _leave(number: int, _: object) -> None:
 
 
 class Processes:
-    """Some processes; leaving the context ends every one of them.
+    """Some processes; leaving the context ends all of them.
 
-    The last one ends by itself when the work is done, the others when they are interrupted.
+    The last one ends by itself when its work is done, the others when they are interrupted.
 
     Attributes:
-        domain: Their DDS domain: ROS_DOMAIN_ID, or another where that is not set or in use by
-            another run.
+        domain: Their DDS domain: ROS_DOMAIN_ID, or another if that is not set or another run
+            uses it.
         processes: The processes by name, in the order of their start.
     """
 
@@ -88,7 +88,7 @@ class Processes:
         self._stack = ExitStack()
         self.domain = self._stack.enter_context(own_domain(_wanted_domain()))
         environment = self._environment(output)
-        # Appended to: reading a log moves the position its process shares.
+        # In append mode: reading a log moves the position that its process shares.
         self.logs = {name: (output / f'{name}.txt').open('a+b') for name in commands}
         self.processes = {
             name: subprocess.Popen([sys.executable, *command], env=environment,
@@ -106,12 +106,12 @@ class Processes:
                 'ROS_LOG_DIR': str(output / 'log')}
 
     def __enter__(self: Self) -> Self:
-        """Return the running processes; from here on SIGTERM winds them down, too."""
+        """Return the running processes; from here on SIGTERM ends them, too."""
         self._before = signal.signal(signal.SIGTERM, _leave)
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End what still runs, the first that was started last, and give the domain back."""
+        """End what still runs, in reverse order of the start, and release the domain."""
         signal.signal(signal.SIGTERM, self._before)
         leader = list(self.processes.values())[-1]
         if leader.poll() is None:
@@ -126,21 +126,21 @@ class Processes:
         self._stack.close()
 
     def failed(self) -> list[str]:
-        """Names of the processes that ended with an error."""
+        """Return the names of the processes that ended with an error."""
         return [name for name, process in self.processes.items() if process.poll()]
 
     def text(self, name: str) -> str:
-        """What a process printed."""
+        """Return what a process has printed."""
         self.logs[name].seek(0)
         return self.logs[name].read().decode(errors='replace')
 
     def end(self) -> list[str]:
-        """Interrupt all but the last, in reverse order; return those that ended badly."""
+        """Interrupt all but the last, in reverse order; return those that ended with an error."""
         for process in list(self.processes.values())[-2::-1]:
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
                 try:
-                    process.wait(GRACE)
+                    process.wait(END_TIMEOUT)
                 except subprocess.TimeoutExpired:
                     process.kill()
                     process.wait()
@@ -181,15 +181,15 @@ class NodeProcesses(Processes):
         """Wait until the driver has ended; return the nodes that failed meanwhile.
 
         Args:
-            look: Called every ``period`` [s] with how long the arm has moved [s], None before.
-            period: At most this long between two looks [s].
+            look: Called with the time for which the arm has moved [s], None before it moves.
+            period: Longest time between two calls [s].
         """
         driver = self.processes['arm_driver']
         begin = time.monotonic()
         moving: float | None = None
         while driver.poll() is None:
             bad, now = self.failed(), time.monotonic()
-            if bad or now - begin > PATIENCE + 1.5 * self.duration:
+            if bad or now - begin > MOTION_TIMEOUT + 1.5 * self.duration:
                 return bad or ['arm_driver']
             if moving is None and 'motion begins' in self.text('controller'):
                 moving = now

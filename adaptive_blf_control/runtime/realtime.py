@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who goes first: real-time priority and locked memory where permitted, a reason where not."""
+"""Priority, processors and locked memory from the operating system, as far as it permits."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ import platform
 import struct
 import sys
 
+from adaptive_blf_control.configuration.node_settings import RealtimeSettings
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['cpus_of', 'lock_memory', 'raise_priority', 'short_slices',
+__all__ = ['cpus_of', 'go_first', 'lock_memory', 'raise_priority', 'short_slices',
            'stay_on', 'step_back']
 
 MCL_CURRENT_AND_FUTURE = 3
@@ -22,14 +23,29 @@ SCHED_SETATTR = {'x86_64': 314, 'aarch64': 274}  # system call, by machine
 HOW = 'allow it with rtprio and memlock in /etc/security/limits.d, or run without'
 
 
+def go_first(settings: RealtimeSettings, niceness: int) -> list[str]:
+    """Ask the system for what the settings want; return what it does not permit, with the reason.
+
+    Args:
+        settings: Priority, processors, time slice, locked memory.
+        niceness: Of the calling thread, see :func:`step_back`.
+    """
+    stay_on(cpus_of(settings.cpus))
+    short_slices(settings.slice)
+    step_back(niceness)
+    refused = [raise_priority(settings.priority) if settings.priority else None,
+               lock_memory() if settings.lock_memory else None]
+    return [reason for reason in refused if reason is not None]
+
+
 def raise_priority(priority: int) -> str | None:
     """Schedule every thread of this process SCHED_FIFO with ``priority`` (1..99).
 
-    The middleware's threads are among them: a message that waits for its receive thread is late
-    whatever the loop's own priority is.
+    This includes the threads of the middleware: a message that waits for its receive thread is
+    late whatever the priority of the loop is.
 
     Returns:
-        Why not, None where it was done.
+        Why the system refused, None if it was done.
     """
     if sys.platform != 'linux':
         return f'real-time priority {priority}: only on Linux'
@@ -42,17 +58,17 @@ def raise_priority(priority: int) -> str | None:
 
 
 def step_back(niceness: int) -> None:
-    """Let others go before the calling thread: raise its nice value, which is always permitted.
+    """Raise the nice value of the calling thread, which is always permitted.
 
-    On Linux threads are nice one by one. The middleware's are not among them: they have to empty
-    what others fill.
+    On Linux each thread has its own. Those of the middleware keep theirs, because they have to
+    empty what other processes fill.
     """
     if sys.platform == 'linux' and niceness:
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
 
 
 def cpus_of(text: str) -> set[int]:
-    """Return the processors that ``text`` names, e.g. ``0,2-3``; the empty set for ''.
+    """Return the processors named by ``text``, e.g. ``0,2-3``; the empty set for ''.
 
     Raises:
         ParameterError: it cannot be read, or names one that this process may not use.
@@ -71,17 +87,17 @@ def cpus_of(text: str) -> set[int]:
 
 
 def stay_on(cpus: set[int]) -> None:
-    """Keep every thread of this process on these processors; no privilege is needed for it."""
+    """Keep every thread of this process on these processors, which needs no privilege."""
     if sys.platform == 'linux' and cpus:
         _every_thread(lambda thread: os.sched_setaffinity(thread, cpus))
 
 
 def short_slices(seconds: float) -> None:
-    """Ask the ordinary scheduler for short turns that come soon; no privilege is needed.
+    """Ask the ordinary scheduler for short time slices that come soon, which needs no privilege.
 
-    For every thread of this process. From Linux 6.12 on a thread that wakes with a shorter slice
-    goes before one that is in the middle of a longer one; before that, and elsewhere, nothing
-    happens. The C library has no call for it.
+    For every thread of this process. From Linux 6.12 on, a thread that wakes with a shorter slice
+    preempts one with a longer slice; on other systems nothing happens. The C library has no
+    function for this system call.
     """
     number = SCHED_SETATTR.get(platform.machine())
     if sys.platform != 'linux' or number is None or seconds <= 0.0:
@@ -105,7 +121,7 @@ def _every_thread(action: Callable[[int], None]) -> None:
 
 
 def lock_memory() -> str | None:
-    """Keep the memory of this process from being swapped out; return why not, None where done."""
+    """Lock the memory of this process; return why the system refused, None if it was done."""
     if sys.platform != 'linux':
         return 'locked memory: only on Linux'
     library = ctypes.CDLL(None, use_errno=True)

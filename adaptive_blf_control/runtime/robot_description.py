@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arm of a node: from its parameters, the URDF from a file or from a topic."""
+"""The arm of a node from its parameters, with the URDF from a file or from a topic."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from adaptive_blf_control.arms.settings import ArmSettings
 from adaptive_blf_control.configuration.build import build_arm
 from adaptive_blf_control.errors import ArmError, BagError
 from adaptive_blf_control.messages.cdr_cursor import Cursor
+from adaptive_blf_control.runtime.channels import DirectChannel
 from adaptive_blf_control.runtime.data_node import DataNode
-from adaptive_blf_control.runtime.direct_wait import DataGroup, take_all
 
 __all__ = ['arm_from', 'arm_of']
 
-PATIENCE = 10.0  # s
-POLL = 0.01  # s
+URDF_TIMEOUT = 10.0  # s
+POLL_PERIOD = 0.01  # s
 
 
 def arm_of(node: DataNode, settings: ArmSettings) -> Arm:
     """Build the arm that a node's settings describe.
 
     With ``urdf: topic:NAME`` the text is received from that (transient local) topic; ArmError
-    where none arrives within ``PATIENCE``.
+    where none arrives within ``URDF_TIMEOUT``.
     """
     source = settings.urdf
     if settings.arm != 'urdf' or not source.startswith('topic:'):
@@ -34,19 +34,18 @@ def arm_of(node: DataNode, settings: ArmSettings) -> Arm:
     topic = source.removeprefix('topic:')
     received: list[bytes] = []
     qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    # Taken by hand: a lifecycle request that asks for this holds the node's executor.
-    subscription = node.create_subscription(String, topic, lambda _: None, qos,
-                                            callback_group=DataGroup(), raw=True)
-    give_up = time.monotonic() + PATIENCE
+    # Polled here: a lifecycle request that configures the node occupies its executor.
+    channel = DirectChannel(node, String, topic, qos)
+    give_up = time.monotonic() + URDF_TIMEOUT
     while time.monotonic() < give_up and node.up:
-        if take_all(subscription, lambda data, _: received.append(data)):
+        if channel.take(lambda data, _: received.append(data)):
             break
-        time.sleep(POLL)
-    node.destroy_subscription(subscription)
+        time.sleep(POLL_PERIOD)
+    node.destroy_subscription(channel.subscription)
     if not received and not node.up:
         raise ArmError(f'asked to stop before a URDF arrived on topic {topic!r}')
     if not received:
-        raise ArmError(f'no URDF arrived on topic {topic!r} within {PATIENCE:g} s')
+        raise ArmError(f'no URDF arrived on topic {topic!r} within {URDF_TIMEOUT:g} s')
     return arm_from(received[-1], topic, settings)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sample a message belongs to, for a bag of a run in lockstep, whatever the machine's load."""
+"""The sample that a message belongs to, so that bags of equal lockstep runs are equal."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 __all__ = ['Dated', 'SampleDates', 'has_sample_time']
 
-# ns after which no state sent before a message is still on its way
-SETTLED = 10 * 10**9
-# Other times at the beginning, as of /parameter_events and /rosout, are those of a node's start.
+LONGEST_DELIVERY = 10 * 10**9  # ns after which a message is no longer on its way
+# Other times with which messages begin, as on /parameter_events and /rosout, are wall time.
 TIMES = (('header', 'std_msgs/Header'), ('clock', 'builtin_interfaces/Time'))
 
 
@@ -22,11 +21,11 @@ def has_sample_time(message_type: Any) -> bool:
 
 
 class Dated(NamedTuple):
-    """A message and the time it is dated with.
+    """A message and its date.
 
     Attributes:
         topic: Its topic.
-        type_name: Full name of its type.
+        type_name: Its type.
         data: CDR bytes.
         stamp_ns: Stamp of its sample [ns].
     """
@@ -40,33 +39,33 @@ class Dated(NamedTuple):
 class SampleDates:
     """Dates messages without a stamp by the newest state that was published before them.
 
-    What counts is when messages were sent, not when they arrived: an answer may overtake its
-    state on the way to a third. So a message waits until a state sent later has been seen.
+    The time of sending counts, not that of arrival: an answer may arrive at the recorder before
+    the state that it answers. So a message waits until a state sent later has arrived.
     """
 
     def __init__(self) -> None:
-        """Start without states."""
+        """Start without states and messages."""
         self._states: deque[tuple[int, int]] = deque()  # sent, stamp [ns]
         self._waiting: deque[tuple[int, str, str, bytes]] = deque()
 
     def state(self, sent_ns: int, stamp_ns: int) -> None:
-        """Note a state, sent at ``sent_ns``; states come in the order in which they were sent."""
+        """Note a state sent at ``sent_ns``; states have to come in the order of sending."""
         self._states.append((sent_ns, stamp_ns))
 
     def add(self, sent_ns: int, topic: str, type_name: str, data: bytes) -> None:
-        """Let a message without a stamp wait for its date."""
+        """Keep a message without a stamp until its date is known."""
         self._waiting.append((sent_ns, topic, type_name, data))
 
     def take(self, now_ns: int | None = None) -> Iterator[Dated]:
-        """Yield the messages whose date is known by now, by topic in the order they came.
+        """Yield the messages whose date is known, those of a topic in the order of arrival.
 
         Args:
-            now_ns: Present time on the clock of ``sent_ns``; None at the end: yields all.
+            now_ns: Present time on the clock of ``sent_ns``; None at the end, to yield all.
         """
         newest = self._states[-1][0] if self._states else 0
         for _ in range(len(self._waiting)):
             sent, topic, type_name, data = self._waiting.popleft()
-            if now_ns is None or sent < newest or sent < now_ns - SETTLED:
+            if now_ns is None or sent < newest or sent < now_ns - LONGEST_DELIVERY:
                 yield Dated(topic, type_name, data, self._date(sent))
             else:
                 self._waiting.append((sent, topic, type_name, data))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The request to stop, which a signal handler may make whatever it has interrupted."""
+"""A request to stop that a signal handler can set, whatever code it interrupts."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ import time
 
 __all__ = ['StopFlag']
 
-LOOK = 0.02  # s between looks of wait
+POLL_PERIOD = 0.02  # s
 
 
 class StopFlag(threading.Event):
     """An event without a lock.
 
-    That of ``threading.Event`` may be held by the very code that a signal has interrupted, e.g.
-    by the handler of another signal; a handler that asks for it then waits for itself for ever.
+    The lock of ``threading.Event`` may be held by the code that a signal interrupts, e.g. by the
+    handler of another signal; a handler that sets the event would then wait for ever.
 
     Attributes:
-        signal: Number of the signal that asked for the stop, 0 where none did.
+        signal: Number of the signal that asked for the stop, 0 if none did.
     """
 
     def __init__(self) -> None:
-        """Start not set."""
+        """Start without a request."""
         super().__init__()
         self._asked = False
         self.signal = 0
 
     def is_set(self) -> bool:
-        """Whether the stop was asked for."""
+        """Whether the stop has been asked for."""
         return self._asked
 
     def set(self) -> None:
@@ -40,11 +40,11 @@ class StopFlag(threading.Event):
         self._asked = False
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Return whether it was asked for, at the latest after ``timeout`` [s]."""
+        """Wait for the request, for ``timeout`` [s] at most; return whether it was made."""
         end = None if timeout is None else time.monotonic() + timeout
         while not self._asked:
-            left = LOOK if end is None else end - time.monotonic()
+            left = POLL_PERIOD if end is None else end - time.monotonic()
             if left <= 0.0:
                 break
-            time.sleep(min(left, LOOK))
+            time.sleep(min(left, POLL_PERIOD))
         return self._asked

@@ -8,7 +8,6 @@ import math
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.simulation.actuators import Actuators
 from adaptive_blf_control.simulation.plant import ROUNDING, SimulatedArm
 from adaptive_blf_control.simulation.schedule import changes_of
@@ -18,8 +17,6 @@ from adaptive_blf_control.simulation.targets import pushes, timed_pushes
 from adaptive_blf_control.simulation.wrenches import UrdfLinks, Wrenches
 
 __all__ = ['ActuatedArm', 'arm_alone', 'is_actuated']
-
-STEP = 0.00025  # s, over which the torque of a force is held
 
 
 def is_actuated(settings: PlantSettings) -> bool:
@@ -43,24 +40,23 @@ class ActuatedArm(SimulatedArm):
         """Start where the settings say; see `SimulatedArm`.
 
         Raises:
-            ParameterError: besides, a link is not known, or there is a dead time as well.
+            ParameterError: besides, a link is not known.
         """
-        if settings.dead_time:
-            raise ParameterError('arm_driver.dead_time', settings.dead_time,
-                                 '0 where actuator.* is given, or a force in the schedule')
         self._links = UrdfLinks(arm)
         self._pushes = timed_pushes(changes_of(settings.schedule), self._links.names)
         super().__init__(arm_alone(settings), arm, sensor)
         self._wrenches, self._done = Wrenches(), 0
-        self._actuators = Actuators(self.settings.actuator, self.torque_limit)
+        self._actuators = Actuators(self.settings)
 
     def measure(self, torque: np.ndarray, dt: float) -> Measurement:
         """Take a sample; the torque is what the actuators measure, but for an interval of 0 s."""
-        measured = self._actuators.sample()
+        measured = self._actuators.sample(self.t)
+        self.torque = self._actuators.torque
         return self.sensor.measure(self.q, self.qd, measured if dt > 0.0 else torque, dt)
 
     def apply(self, torque: np.ndarray) -> None:
         """Command a torque, shape (n,) [N·m]; it acts after the delay of the actuators."""
+        self._commanded = torque
         self._actuators.command(self.t, torque)
         self.torque = self._actuators.torque
 
@@ -86,15 +82,11 @@ class ActuatedArm(SimulatedArm):
         self.torque = self._actuators.torque
 
     def _move(self, span: float) -> None:
-        """Move on by ``span`` [s] under one command."""
+        """Move on by ``span`` [s]; the torques of command and forces are held."""
         acting = self.torque
         if self._wrenches.by_link:
-            steps = max(math.ceil(span / STEP - 1e-6), 1)
-            for _ in range(steps):
-                self.torque = acting + self._links.torque(self.q, self._wrenches)
-                super().advance(span / steps)
-        else:
-            super().advance(span)
+            self.torque = acting + self._links.torque(self.q, self._wrenches)
+        super().advance(span)
         self.torque = acting
         self._actuators.act(span)
 
@@ -102,7 +94,7 @@ class ActuatedArm(SimulatedArm):
         """Take another payload, schedule, limit or sensor; see `SimulatedArm.retune`."""
         following = timed_pushes(changes_of(settings.schedule), self._links.names)
         super().retune(arm_alone(settings))
-        self._actuators.torque_limit = self.torque_limit
+        self._actuators.retune(self.settings)
         self._pushes, self._wrenches, self._done = following, Wrenches(), 0
         self._let_act()
 

@@ -11,49 +11,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arrays import checked_array, checked_finite
-from adaptive_blf_control.control.controller import Controller, ControlOutput
+from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.parameters.plugin import require
+from adaptive_blf_control.simulation.block import trace_rows, TraceRows
+from adaptive_blf_control.simulation.block_run import BlockRun, LoopParts, parts_in_python
 from adaptive_blf_control.simulation.plant import Plant, REQUIRED, SimulatedArm
-from adaptive_blf_control.simulation.sensors import Measurement
+from adaptive_blf_control.simulation.sample import Sample, sample_time, sample_times
 
-__all__ = ['ClosedLoop', 'Sample', 'Trace', 'sample_time']
-
-
-def sample_time(k: int, period: float) -> float:
-    """Return the time of sample k [s], that of a stamp in whole nanoseconds.
-
-    A node that gets the stamp computes the very same double from it.
-    """
-    return round(k * period * 1e9) * 1e-9
-
-
-class Sample(NamedTuple):
-    """One sample of the loop: the measured state and what the nodes answer to it.
-
-    Attributes:
-        t: Time since the start [s].
-        measured: The state as the sensors show it.
-        output: The controller's answer.
-        theta_used: θ it was computed with, shape (m,).
-        theta_hat: The identifier's answer, shape (m,).
-        rank: Rank of the history.
-        sigma_min: σ_min of the history.
-    """
-
-    t: float
-    measured: Measurement
-    output: ControlOutput
-    theta_used: np.ndarray
-    theta_hat: np.ndarray
-    rank: int
-    sigma_min: float
+__all__ = ['ClosedLoop', 'Trace']
 
 
 @dataclass(frozen=True)
@@ -61,7 +33,8 @@ class Trace:
     """A run as arrays over N samples.
 
     t (N,) [s]; q, e1 (N, n) [rad] and qd (N, n) [rad/s], the true ones; torque (N, n) [N·m];
-    theta_hat (N, m); rank and σ_min (N,).
+    theta_hat (N, m); rank and σ_min (N,). ``in_python`` names the parts for which it went sample
+    by sample; it is empty where whole blocks ran as one compiled function.
     """
 
     t: np.ndarray
@@ -73,6 +46,7 @@ class Trace:
     rank: np.ndarray
     sigma_min: np.ndarray
     wall_s: float
+    in_python: tuple[str, ...]
 
 
 class ClosedLoop:
@@ -123,8 +97,20 @@ class ClosedLoop:
         """The arm that controller and identifier know."""
         return self.controller.arm
 
+    @property
+    def _parts(self) -> LoopParts:
+        return LoopParts(self.plant, self.controller, self.identifier, self.period,
+                         self._initial_estimate, self._known)
+
     def warm_up(self) -> None:
         """Compile everything on throw-away objects, so that a run starts at full speed."""
+        if parts_in_python(self._parts):
+            self.warm_up_parts()
+        else:
+            BlockRun(self._parts).warm_up()
+
+    def warm_up_parts(self) -> None:
+        """Compile what the parts call one sample at a time, as the nodes do."""
         self.controller.warm_up(self._initial_estimate)
         self.identifier.warm_up()
         if isinstance(self.plant, SimulatedArm):
@@ -133,23 +119,34 @@ class ClosedLoop:
     def run(self, duration: float, observer: Callable[[Sample], None] | None = None) -> Trace:
         """Run for ``duration`` [s] of arm time and return the trace.
 
+        Where every part is ours, whole blocks of samples run in one compiled function, and the
+        observer is called with those of a block after it; else it goes sample by sample. Who
+        changes a part while the loop runs takes `samples`.
+
         Args:
             duration: Length of the run [s]; the sample at its end is included.
             observer: Called with every sample, e.g. to write a bag.
         """
-        steps, plant = self._steps(duration), self.plant
-        q, qd, e1, torque = (np.empty((steps, self.arm.n)) for _ in range(4))
-        t, theta_hat = np.empty(steps), np.empty((steps, self.arm.m))
-        rank, sigma_min = np.empty(steps, dtype=int), np.empty(steps)
+        times = sample_times(self._steps(duration), self.period)
+        rows = trace_rows(times.size, self.arm.n, self.arm.m)
         begin = time.perf_counter()  # duration of the computation, not a time of the logic
+        in_python = parts_in_python(self._parts)
+        if in_python:
+            self._run_by_samples(duration, rows, observer)
+        else:
+            BlockRun(self._parts).run(times, rows, observer)
+        return Trace(times, *rows, time.perf_counter() - begin, in_python)
+
+    def _run_by_samples(self, duration: float, rows: TraceRows,
+                        observer: Callable[[Sample], None] | None) -> None:
+        plant = self.plant
         for k, sample in enumerate(self.samples(duration)):
-            q[k], qd[k], e1[k] = plant.q, plant.qd, plant.q - sample.output.reference.position
-            t[k], torque[k], theta_hat[k] = sample.t, sample.output.torque, sample.theta_hat
-            rank[k], sigma_min[k] = sample.rank, sample.sigma_min
+            row = (plant.q, plant.qd, plant.q - sample.output.reference.position,
+                   sample.output.torque, sample.theta_hat, sample.rank, sample.sigma_min)
+            for column, value in zip(rows, row):
+                column[k] = value
             if observer is not None:
                 observer(sample)
-        wall = time.perf_counter() - begin
-        return Trace(t, q, qd, e1, torque, theta_hat, rank, sigma_min, wall)
 
     def samples(self, duration: float) -> Iterator[Sample]:
         """Run for ``duration`` [s] of arm time, the sample at its end included; store nothing.
@@ -166,7 +163,8 @@ class ClosedLoop:
             estimate = identifier.update(t, *measured, term)
             term = output.adaptation_term
             stack = identifier.stack
-            yield Sample(t, measured, output, theta, estimate, stack.rank, stack.sigma_min)
+            yield Sample(t, measured, output, theta, estimate, stack.rank, stack.sigma_min,
+                         stack.insertions, identifier.excitation)
             theta = theta if self._known else estimate
             plant.apply(output.torque)
             plant.advance(self.period)

@@ -22,11 +22,14 @@ class CommandSource:
 
     Commands carry no name. But a publisher numbers its messages, and the numbers of two
     publishers do not continue one another.
+
+    Attributes:
+        number: Of the last message that was obeyed; None before the first.
     """
 
     def __init__(self) -> None:
         """Obey the publisher that is heard first."""
-        self._number: int | None = None
+        self.number: int | None = None
 
     def obeys(self, number: int | None, silent: bool) -> bool:
         """Whether the message with this publication number comes from the one that is obeyed.
@@ -38,9 +41,9 @@ class CommandSource:
         """
         if number is None:
             return True
-        last = self._number
+        last = self.number
         if last is None or silent or 0 < number - last <= LONGEST_GAP:
-            self._number = number
+            self.number = number
             return True
         return False
 
@@ -50,13 +53,14 @@ class CommandGate:
 
     Attributes:
         heard_ns: When a command was taken last, by the monotonic clock [ns].
+        source: The publisher that is obeyed.
     """
 
     def __init__(self, joints: tuple[str, ...]) -> None:
         """Take the names of the joints."""
         self.heard_ns = 0
         self._joints = joints
-        self._source = CommandSource()
+        self.source = CommandSource()
 
     def refuse(self, torque: np.ndarray, number: int | None, silent: bool,
                alone: Callable[[], bool]) -> Refusal | None:
@@ -75,7 +79,7 @@ class CommandGate:
         finite = np.isfinite(torque)
         if not finite.all():
             return Refusal('non-finite command', f'joint {self._joints[int(np.argmin(finite))]!r}')
-        if self._source.obeys(number, silent) or (alone() and self._source.obeys(number, True)):
+        if self.source.obeys(number, silent) or (alone() and self.source.obeys(number, True)):
             return None
         return Refusal('command of a second publisher',
                        'one controller at a time: it is refused', fault=True)

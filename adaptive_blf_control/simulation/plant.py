@@ -4,18 +4,19 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections import deque
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.integrator import CompiledDynamics
 from adaptive_blf_control.control.law import limited
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.settings import changed_names
 from adaptive_blf_control.simulation.sensors import made_sensor, Measurement, Sensor
 from adaptive_blf_control.simulation.settings import PlantSettings
+from adaptive_blf_control.simulation.step import delayed, new_delay_line, PlantArrays
 from adaptive_blf_control.simulation.true_arm import epochs_truth, true_epochs, Truth
 
 __all__ = ['HasTruth', 'Plant', 'REQUIRED', 'Retunable', 'SimulatedArm', 'known_truth',
@@ -145,7 +146,7 @@ class SimulatedArm:
         """Take limit and dead time; what was commanded last is under way for that long."""
         self.settings = settings
         self.torque_limit = settings.torque_limit.copy()  # the limit is compiled for such
-        self._under_way = deque([self._commanded] * max(settings.dead_time - 1, 0))
+        self._line = new_delay_line(max(settings.dead_time, 1), self._commanded)
 
     def truth(self, parameters: Sequence[str]) -> Truth:
         """Return (t, θ*) of each epoch in the order of ``parameters``, for monitors only."""
@@ -159,8 +160,8 @@ class SimulatedArm:
             dt: Length of that interval [s].
         """
         if self.settings.dead_time:
-            self._under_way.append(self._commanded)
-            self.torque = self._under_way.popleft()
+            self.torque = np.empty_like(self._commanded)
+            delayed(self._line, self._commanded, self.torque)
         return self.sensor.measure(self.q, self.qd, torque, dt)
 
     def measured_position(self) -> np.ndarray:
@@ -175,12 +176,15 @@ class SimulatedArm:
 
     def advance(self, dt: float) -> None:
         """Move on by ``dt`` [s] under the held torque; changes act from the next advance on."""
-        following = self._epoch + 1
-        while following < len(self.epochs) and self.t >= self.epochs[following].t - ROUNDING:
-            self._epoch, following = following, following + 1
+        self._enter_epoch()
         self.q, self.qd = self.epochs[self._epoch].dynamics.advance(
             self.q, self.qd, self.torque, dt, self.settings.substeps)
         self.t += dt
+
+    def _enter_epoch(self) -> None:
+        following = self._epoch + 1
+        while following < len(self.epochs) and self.t >= self.epochs[following].t - ROUNDING:
+            self._epoch, following = following, following + 1
 
     def retune(self, settings: PlantSettings) -> None:
         """Take another payload, limit, sensor or dead time; state and time stay.
@@ -201,16 +205,47 @@ class SimulatedArm:
             self.sensor = made_sensor(settings.sensors, self._arm, self._given_sensor)
         if epochs is not self.epochs:
             self.epochs, self._epoch = epochs, 0
-        under_way = self._under_way
+        line = self._line
         self._take(settings)
         if settings.dead_time == before.dead_time:
-            self._under_way = under_way
+            self._line = line
         self.apply(self._commanded)
 
     def brake(self) -> None:
         """Hold the arm where it is, without torque."""
         self.qd = np.zeros_like(self.qd)
         self.apply(self.qd)
+
+    def arrays(self) -> PlantArrays | None:
+        """Return a copy as `plant_step` takes it; None where the true arm has no arrays.
+
+        It holds until the true arm changes, see :meth:`steady`. The commands under way are shared.
+        """
+        self._enter_epoch()
+        dynamics = self.epochs[self._epoch].dynamics
+        if type(self) is not SimulatedArm or not isinstance(dynamics, CompiledDynamics):
+            return None
+        return PlantArrays(dynamics.arm, self.q.copy(), self.qd.copy(), self.torque.copy(),
+                           self._commanded.copy(), self.torque_limit,
+                           self.settings.dead_time > 0, self._line, self.settings.substeps)
+
+    def steady(self, samples: int, dt: float) -> int:
+        """Return how many of the next steps of ``dt`` [s] are steps of the present true arm."""
+        following = self._epoch + 1
+        if following >= len(self.epochs):
+            return samples
+        times = self._times(samples, dt)[:-1]
+        return max(int(np.searchsorted(times, self.epochs[following].t - ROUNDING)), 1)
+
+    def _times(self, samples: int, dt: float) -> np.ndarray:
+        """Return t now and after each step, (samples + 1,) [s], with the rounding of steps."""
+        return np.add.accumulate(np.concatenate([[self.t], np.full(samples, dt)]))
+
+    def take(self, arrays: PlantArrays, samples: int, dt: float) -> None:
+        """Go on from what so many steps of ``dt`` [s] have done to `arrays`."""
+        self.q, self.qd = arrays.q, arrays.qd
+        self.torque, self._commanded = arrays.torque, arrays.commanded
+        self.t = float(self._times(samples, dt)[-1])
 
     def trial(self, torque: np.ndarray, dt: float) -> None:
         """Compute a step without taking it, e.g. to compile it before the clock runs."""

@@ -19,8 +19,15 @@ from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.plugin import load_plugin, made
 from adaptive_blf_control.simulation.settings import SensorSettings
+from adaptive_blf_control.simulation.step import (
+    encoder_step,
+    in_counts,
+    new_encoder_state,
+    SensorArrays,
+)
 
-__all__ = ['Encoder', 'Measurement', 'NoisyTorque', 'PerfectSensor', 'Sensor', 'made_sensor']
+__all__ = ['Encoder', 'Measurement', 'NoisyTorque', 'PerfectSensor', 'Sensor', 'made_sensor',
+           'sensor_arrays', 'torque_noise']
 
 _REQUIRED = ('measure', 'position')
 
@@ -72,9 +79,7 @@ class PerfectSensor(Sensor):
 
 
 class Encoder(Sensor):
-    """Positions in whole counts, and velocities from their differences behind a low-pass.
-
-    v_k = a v_{k−1} + (1 − a)(q_k − q_{k−1})/dt with a = exp(−dt/T), from the true velocity on.
+    """Positions in whole counts, and velocities from their differences; see `encoder_step`.
 
     Attributes:
         resolution: Step of one count at the joint [rad].
@@ -83,26 +88,18 @@ class Encoder(Sensor):
     def __init__(self, settings: SensorSettings, arm: Arm) -> None:
         """Take counts, gear ratio and T, ``velocity_time_constant``."""
         self.resolution = 2.0 * math.pi / (settings.encoder_counts * settings.gear_ratio)
-        self._time_constant = settings.velocity_time_constant
-        self._q: np.ndarray | None = None
-        self._qd = np.zeros(arm.n)
+        self.time_constant = settings.velocity_time_constant
+        self.state = new_encoder_state(arm.n)
 
     def measure(self, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
                 dt: float) -> Measurement:
         """Measure q and its differences; see `Sensor`. An interval of 0 s has no difference."""
-        measured = self.position(q)
-        if self._q is None or dt <= 0.0:
-            self._qd = np.array(qd)
-        else:
-            constant = self._time_constant
-            keep = math.exp(-dt / constant) if constant > 0.0 else 0.0
-            self._qd = keep * self._qd + (1.0 - keep) * ((measured - self._q) / dt)
-        self._q = measured
-        return Measurement(measured, self._qd, torque)
+        encoder_step(self.state, q, qd, dt, self.resolution, self.time_constant)
+        return Measurement(self.state.q.copy(), self.state.qd.copy(), torque)
 
     def position(self, q: np.ndarray) -> np.ndarray:
         """Return true positions, shape (n,) [rad], in whole counts."""
-        return np.asarray(np.round(q / self.resolution) * self.resolution)
+        return np.asarray(in_counts(q, self.resolution))
 
 
 class NoisyTorque(Sensor):
@@ -121,8 +118,11 @@ class NoisyTorque(Sensor):
     def measure(self, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
                 dt: float) -> Measurement:
         """Measure with noise on the torque; see `Sensor`."""
-        noise = self._deviation * self._random.standard_normal(torque.size)
-        return self.sensor.measure(q, qd, torque + noise, dt)
+        return self.sensor.measure(q, qd, torque + self.noise(1, torque.size)[0], dt)
+
+    def noise(self, samples: int, n: int) -> np.ndarray:
+        """Return the noise of the next samples, shape (samples, n) [N·m]."""
+        return self._deviation * self._random.standard_normal((samples, n))
 
     def position(self, q: np.ndarray) -> np.ndarray:
         """Return what the sensor behind it shows, shape (n,) [rad]."""
@@ -152,6 +152,24 @@ class _Checked(Sensor):
 
 _OURS: Mapping[str, type[Sensor]] = MappingProxyType(
     {'perfect': PerfectSensor, 'encoder': Encoder})
+
+
+def sensor_arrays(sensor: Sensor, n: int) -> SensorArrays | None:
+    """Return a sensor of ``n`` joints as `sensor_step` takes it; None for one of the user's.
+
+    What an encoder remembers is shared, so that the sensor goes on from what a step has done.
+    """
+    inner = sensor.sensor if type(sensor) is NoisyTorque else sensor
+    if type(inner) is Encoder:
+        return SensorArrays(True, inner.resolution, inner.time_constant, inner.state)
+    if type(inner) is PerfectSensor:
+        return SensorArrays(False, 1.0, 0.0, new_encoder_state(n))
+    return None
+
+
+def torque_noise(sensor: Sensor, samples: int, n: int) -> np.ndarray:
+    """Return what a sensor adds to the torque of its next samples, shape (samples, n) [N·m]."""
+    return sensor.noise(samples, n) if type(sensor) is NoisyTorque else np.zeros((samples, n))
 
 
 def made_sensor(settings: SensorSettings, arm: Arm,

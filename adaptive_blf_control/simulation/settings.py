@@ -108,12 +108,9 @@ class PlantSettings(Settings, where='arm_driver'):
         'nominal',
         'Where theta* of the simulated arm comes from: the nominal values of the arm, or given '
         'as true_parameters.', choices=('nominal', 'given'))
-    true_parameters: np.ndarray = parameter(
+    true_parameters: np.ndarray | str = parameter(
         [0.0], 'theta* for true_model: given, p1 p2 p3 fv_joint1 fv_joint2 of two_link.',
-        length='parameters', live=True)
-    true_parameters_file: str = parameter(
-        '', 'YAML of parameters by name, as identify or ~/save_estimate writes it, in place of '
-        'true_parameters for true_model: given.')
+        length='parameters', live=True, source=True)
     payload: float = parameter(
         0.0, 'Point mass at the tip of the true arm, on top of true_model (three_link, urdf).',
         'kg', 0.0, live=True)

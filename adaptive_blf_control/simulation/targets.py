@@ -7,6 +7,7 @@ payload.LINK                   kg on a link, with its centre of mass at the link
 payload.LINK.x, .y, .z         m, centre of mass in the frame of the link
 payload.LINK.ixx ... .izz      kg·m², inertia about that centre, axes of the link
 fv_JOINT, fc_JOINT, f0_JOINT   viscous [N·m·s/rad], dry and constant friction [N·m]
+fs_JOINT                       friction that grows with √|q̇| [N·m·(s/rad)^½]
 force.LINK.x, .y, .z           N, at the origin of a link, axes of the base
 torque.LINK.x, .y, .z          N·m, on a link, axes of the base
 contact, contact.GEOM          1 or 0: the obstacle, or a geom of the model, is there or not
@@ -30,14 +31,14 @@ TIP = ''
 CONTACT, FORCE, TORQUE = 'contact', 'force', 'torque'
 AXES = ('x', 'y', 'z')
 MASS, CENTRE, INERTIA = 'mass', AXES, ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
-FRICTION = ('fv', 'fc', 'f0')
+FRICTION = ('fv', 'fc', 'f0', 'fs')
 
 
 class Target(NamedTuple):
     """What a change sets.
 
     Attributes:
-        kind: payload, force, torque, contact, fv, fc or f0.
+        kind: payload, force, torque, contact, fv, fc, f0 or fs.
         name: Link, geom or joint.
         component: Which of its values; '' where there is one.
     """
@@ -144,8 +145,8 @@ def _target(text: str, joints: Sequence[str], links: Sequence[str],
     raise ParameterError(
         'arm_driver.schedule.parameter', text,
         'payload, payload.LINK[.x|y|z|ixx|...|izz], force.LINK.x|y|z, torque.LINK.x|y|z, contact, '
-        f'contact.GEOM, fv_JOINT, fc_JOINT or f0_JOINT with a link of {", ".join(links)}; '
-        f'a geom of {", ".join(geoms) or "none"}; a joint of {", ".join(joints)}')
+        f'contact.GEOM, fv_JOINT, fc_JOINT, f0_JOINT or fs_JOINT; links: {", ".join(links)}; '
+        f'geoms: {", ".join(geoms) or "none"}; joints: {", ".join(joints)}')
 
 
 def _linked(text: str, components: Sequence[str]) -> tuple[str, str]:
@@ -157,7 +158,7 @@ def _linked(text: str, components: Sequence[str]) -> tuple[str, str]:
 
 def _value(change: Change, target: Target) -> float:
     value, kind = change.value, target.kind
-    positive = target.component == MASS or kind in ('fv', 'fc')
+    positive = target.component == MASS or kind in ('fv', 'fc', 'fs')
     accepted = math.isfinite(value) and not (positive and value < 0.0) and not (
         kind == CONTACT and value not in (0.0, 1.0))
     if not accepted:

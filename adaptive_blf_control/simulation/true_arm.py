@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, ForwardDynamics
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.identification.given_parameters import given_parameters
 from adaptive_blf_control.simulation.schedule import changes_of, Schedule
 from adaptive_blf_control.simulation.settings import PlantSettings
 
@@ -37,15 +36,14 @@ def true_theta(settings: PlantSettings, arm: Arm) -> np.ndarray:
             asked of an arm that cannot say where its tip is.
     """
     given, payload = settings.true_parameters, settings.payload
-    if settings.true_parameters_file:
-        given = _parameters_of_file(settings, arm)
     if settings.true_model == 'given':
-        if len(given) != arm.m:
+        if not isinstance(given, str) and len(given) != arm.m:
             raise ParameterError('arm_driver.true_parameters', given.tolist(),
                                  f'{arm.m} values: {" ".join(arm.parameters)}')
-        theta = given.copy()
-    elif np.any(given):
-        raise ParameterError('arm_driver.true_parameters', given.tolist(),
+        theta = given_parameters('arm_driver.true_parameters', given, arm)
+    elif isinstance(given, str) or np.any(given):
+        raise ParameterError('arm_driver.true_parameters',
+                             given if isinstance(given, str) else given.tolist(),
                              'no values, or true_model: given')
     else:
         theta = arm.nominal
@@ -55,16 +53,6 @@ def true_theta(settings: PlantSettings, arm: Arm) -> np.ndarray:
         raise ParameterError('arm_driver.payload', payload,
                              f'0.0: {type(arm).__name__} has no tip to put it on')
     return theta + payload * arm.payload_direction
-
-
-def _parameters_of_file(settings: PlantSettings, arm: Arm) -> np.ndarray:
-    name, file = 'arm_driver.true_parameters_file', settings.true_parameters_file
-    if settings.true_model != 'given':
-        raise ParameterError(name, file, 'no file, or true_model: given')
-    if np.any(settings.true_parameters):
-        raise ParameterError('arm_driver.true_parameters', settings.true_parameters.tolist(),
-                             'no values beside true_parameters_file')
-    return read_estimate(Path(file), arm.parameters, name)
 
 
 def true_epochs(settings: PlantSettings, arm: Arm) -> tuple[Epoch, ...]:

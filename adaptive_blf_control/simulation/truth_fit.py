@@ -1,25 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""θ* of a plant that is not linear in our parameters: least squares on its inverse dynamics.
-
-What such a plant can do besides the methods of a `Plant`, it says by having the method.
-"""
+"""θ* of a plant that is not linear in our parameters: least squares on its inverse dynamics."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 
-__all__ = ['HasFit', 'HasInverseDynamics', 'TruthFit', 'fit_truth', 'unexpressed_by']
+__all__ = ['TruthFit', 'fit_truth']
 
 InverseDynamics = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 _STATES_PER_PARAMETER = 10
-_EXACT = 1e-6  # part of a torque under which a fit counts as exact
 
 
 @dataclass(frozen=True)
@@ -40,41 +35,6 @@ class TruthFit:
     def unexpressed(self) -> np.ndarray:
         """Part of each joint's torque that no θ expresses, shape (n,)."""
         return np.asarray(self.residual / np.maximum(self.torque, 1e-300))
-
-
-@runtime_checkable
-class HasInverseDynamics(Protocol):
-    """A plant that tells the torque of a motion, whatever its parameters are."""
-
-    def inverse_dynamics(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray,
-                         t: float | None = None) -> np.ndarray:
-        """Return τ of a motion (q, q̇, q̈) at time ``t`` [s], now where None, shape (n,) [N·m]."""
-        ...
-
-
-@runtime_checkable
-class HasFit(Protocol):
-    """A plant whose θ* is a fit to its inverse dynamics."""
-
-    def fits(self, parameters: Sequence[str]) -> Sequence[TruthFit]:
-        """Return the fit of each epoch of its θ*."""
-        ...
-
-
-def unexpressed_by(plant: object, parameters: Sequence[str]) -> np.ndarray | None:
-    """Return the part of each joint's torque that no θ expresses, at worst over time.
-
-    Args:
-        plant: A plant.
-        parameters: Names of θ.
-
-    Returns:
-        Shape (n,); None where θ* is exact or not a fit.
-    """
-    if not isinstance(plant, HasFit):
-        return None
-    worst = np.max([fit.unexpressed for fit in plant.fits(parameters)], axis=0)
-    return worst if np.any(worst > _EXACT) else None
 
 
 def fit_truth(arm: Arm, parameters: Sequence[str], inverse_dynamics: InverseDynamics) -> TruthFit:

@@ -29,20 +29,24 @@ from adaptive_blf_control.identification.estimate_file import write_estimate
 from adaptive_blf_control.runs.identification import identify, joints_of, REAL_ROBOT
 from adaptive_blf_control.runs.log_report import table
 from adaptive_blf_control.runs.model_report import parameter_table
+from adaptive_blf_control.runs.rmse_requirement import RmseRequirement
+from adaptive_blf_control.tools.log_arguments import add_log_arguments, log_options
 
 __all__ = ['main']
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='identify', description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('log', type=Path, metavar='LOG',
-                        help='a bag (rosbag2 folder, .mcap or .db3) with a JointState topic, or '
-                        'CSV with a header t,q1..,qd1..,tau1.. [s, rad, rad/s, N·m]')
+    parser.add_argument('log', type=Path, nargs='+', metavar='LOG',
+                        help='a bag (rosbag2 folder, .mcap or .db3) with JointState or '
+                        'DynamicJointState, or CSV with a header such as t,q1..,qd1..,tau1.. [s, '
+                        'rad, rad/s, N·m]; all of several are learned from')
+    parser.add_argument('--validate', type=Path, action='append', default=[], metavar='LOG',
+                        help='another log to predict; the first are then learned from as a whole')
     parser.add_argument('--urdf', metavar='FILE', help='path or package://... of the robot')
     parser.add_argument('--joints', metavar='A,B,...',
                         help="joints to identify, the others are locked; default: the config's, "
                         "else the URDF's. For CSV: the names of its columns, in order")
-    parser.add_argument('--topic', metavar='T', help='JointState topic of the bag')
     parser.add_argument('--train', metavar='T0:T1',
                         help='span to learn from [s]; either end may be left out. Default: the '
                         'first half of the log after five time constants of the filter')
@@ -64,9 +68,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--urdf-out', type=Path, metavar='FILE',
                         help='where the URDF is written with identified inertials and friction, '
                         'those of the consistent model; the rest of it is untouched')
+    parser.add_argument('--overwrite', action='store_true',
+                        help='replace files that exist')
+    parser.add_argument('--require-rmse', metavar='E',
+                        help='exit with 1 where the RMSE of a joint in the test is more: N·m, or '
+                        'a part of its torque as in 5%%')
     parser.add_argument('--parameters', action='store_true',
                         help='also print every parameter with its standard deviation and whether '
                         'the log determines it')
+    add_log_arguments(parser)
     return parser
 
 
@@ -94,15 +104,23 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
                        ('--urdf-out', options.urdf_out)):
         if path is not None and not path.parent.is_dir():  # known before the work, not after
             raise ParameterError(name, str(path), 'a file in a folder that exists')
+        if path is not None and path.exists() and not options.overwrite:
+            raise ParameterError(name, str(path), 'a new file, or --overwrite')
+    if options.urdf_out is not None and str(options.urdf_out) == options.urdf:
+        raise ParameterError('--urdf-out', str(options.urdf_out), 'another file than --urdf')
     try:
         result = identify(options.log, settings=settings, train=options.train,
-                          test=options.test, topic=options.topic)
+                          test=options.test, validate=options.validate or None,
+                          options=log_options(options))
     except ParameterError as error:
-        if error.name not in ('train', 'test'):
+        if error.name not in ('train', 'test', 'gain', 'effort_delay'):
             raise
-        raise ParameterError(f'--{error.name}', error.value, error.expected) from None
-    if result.problem:
-        print(f'identify: {options.log}: {result.problem}', file=sys.stderr)
+        option = f'--{error.name.replace("_", "-")}'
+        raise ParameterError(option, error.value, error.expected) from None
+    for text in filter(None, (result.problem, *result.notes)):
+        print(f'identify: note: {text}', file=sys.stderr)
+    for finding in result.findings:
+        print(f'identify: {finding.level}: {finding}', file=sys.stderr)
     figures = {**result.figures, 'output': str(output)}
     snapshot = result.identifier.snapshot()
     _write('--output', output, lambda path: write_estimate(path, snapshot, std=result.std))
@@ -142,18 +160,27 @@ def _write(option: str, path: Path, write: Callable[[Path], Any]) -> None:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the command; 0 if parameters were learned, 2 on bad input."""
+    """Run the command; 0 if parameters were learned, 2 on bad input.
+
+    1 where they were learned, but not as well as ``--require-rmse`` asks for.
+    """
     options = _parser().parse_args(args)
     try:
+        required = RmseRequirement.of(options.require_rmse) if options.require_rmse else None
         with CompilationNotice():
             figures = _identify(options)
     except BlfError as error:
         print(f'identify: {" ".join(str(error).split())}', file=sys.stderr)
         return 2
-    print(json.dumps(figures, indent=2) if options.json else table(figures, str(options.log)))
+    print(json.dumps(figures, indent=2) if options.json else
+          table(figures, ', '.join(map(str, options.log))))
     if options.parameters and not options.json:
         print('\n' + parameter_table(figures))
-    return 0
+    missed = required.missed(figures) if required else []
+    for text in missed:
+        print(f'identify: --require-rmse {options.require_rmse} is missed: {text}',
+              file=sys.stderr)
+    return 1 if missed else 0
 
 
 if __name__ == '__main__':

@@ -53,7 +53,8 @@ def main(args: list[str] | None = None) -> int:
     try:
         if util.find_spec('rclpy') is None:
             raise MissingExtra('rclpy', 'ros', 'playing a bag')
-        from adaptive_blf_control.nodes.player import account, play, PlaySettings
+        from adaptive_blf_control.nodes.play_settings import PlaySettings
+        from adaptive_blf_control.nodes.player import account, play
         settings = PlaySettings(options.rate, tuple(options.topics), options.loop, options.wait,
                                 options.clock, options.lockstep, tuple(options.answers),
                                 options.timeout)

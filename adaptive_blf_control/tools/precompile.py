@@ -14,6 +14,7 @@ from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
 from adaptive_blf_control.errors import ArmError, BlfError, MissingExtra
+from adaptive_blf_control.runs.simulation import simulate
 from adaptive_blf_control.runtime.processes import scenario
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 
@@ -49,7 +50,8 @@ def main(args: list[str] | None = None) -> int:
     try:
         with CompilationNotice():
             for loop in _loops(options.config):
-                loop.warm_up()
+                loop.warm_up_parts()
+                repr(simulate(loop, 2.0 * loop.period))  # the figures, too
     except BlfError as error:
         print(f'precompile: {error}', file=sys.stderr)
         return 2

@@ -26,7 +26,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('bag', type=Path, help='bag folder, or a single .mcap file')
     parser.add_argument('--output', type=Path, metavar='DIR', default=None,
                         help='always write a finished copy, to this new folder\n'
-                        '(default: BAG_recovered, only if a file breaks off)')
+                        '(default: BAG_recovered, only if a file breaks off or is compressed)')
     return parser
 
 

@@ -12,10 +12,9 @@ from adaptive_blf_control.command_line import seconds
 from adaptive_blf_control.compilation_notice import CompilationNotice
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
-from adaptive_blf_control.control.arm_limits import limit_warnings
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.runs.simulation import duration_of, simulate
+from adaptive_blf_control.runs.start_check import start_warnings
 
 __all__ = ['main']
 
@@ -38,9 +37,7 @@ def main(args: list[str] | None = None) -> int:
     try:
         data = apply_settings(load_yaml(options.config), options.settings)
         loop = build_closed_loop(data)
-        for warning in filter(None, (
-                rank_warning(loop.identifier.settings, loop.arm.n, loop.arm.m),
-                *limit_warnings(loop.arm, loop.controller.settings))):
+        for warning in start_warnings(data, loop):
             print(f'simulate: warning: {warning}', file=sys.stderr)
         duration = duration_of(data, options.duration)
         with CompilationNotice():

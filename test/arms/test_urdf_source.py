@@ -78,7 +78,16 @@ def test_source_that_cannot_be_found_is_named(source: str, message: str) -> None
     ('<robot name="r"><link name="a">', 'well-formed'),
     ('<sdf version="1.6"/>', '<sdf>'),
     ('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>', 'xacro'),
+    ('<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arm/></robot>', 'xacro'),
+    ('<robot name="r" xmlns:x="http://wiki.ros.org/xacro"><x:arm/></robot>', 'xacro'),
+    ('<robot name="r" xmlns="http://www.ros.org/wiki/xacro"><arm/></robot>', 'xacro'),
+    ('<robot name="r"><xacro:include filename="a"/></robot>', 'xacro'),
+    ('<robot name="r"><link name="${n}"/></robot>', 'xacro'),
+    ('<robot name="r"><link name="a"/><include filename="$(find p)/a"/></robot>', 'xacro'),
+    ('<robot name="r"><link name="a">${body}</link></robot>', 'xacro'),
     (robot(link('base'), joint('j', 'base', 'ghost')), "child link 'ghost'"),
+    *((GOOD.replace('xyz="0 1 0"', f'xyz="{x}"'), f"joint 'ja' has the axis '{x}'")
+      for x in ('0 0 0', '0 1', 'x 0 1', 'nan 0 1')),
     (robot(link('base'), link('a'), '<joint name="j" type="fixed"><child link="a"/></joint>'),
      'parent link None'),
     (robot(link('base'), link('a'), joint('j', 'base', 'a', 'ball')), "type 'ball'"),
@@ -105,6 +114,23 @@ def test_joint_that_cannot_be_driven_is_named(wanted: list[str] | None, message:
                  UrdfJoint('slave', 'revolute', 'ja'), UrdfJoint('fly', 'floating', None)]
     with pytest.raises(ArmError, match=message):
         select_joints(available, wanted)
+
+
+def test_git_lfs_pointer_is_told_from_a_urdf(tmp_path: Path) -> None:
+    path = tmp_path / 'arm.urdf'
+    path.write_text('version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n')
+    with pytest.raises(ArmError, match='git lfs pull'):
+        read_urdf(path)
+
+
+def test_a_urdf_that_xacro_has_made_is_no_xacro_file() -> None:
+    made = GOOD.replace('name="r"', 'name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"')
+    assert urdf_joints(made) == urdf_joints(GOOD)
+
+
+def test_zero_axis_of_a_fixed_joint_says_nothing() -> None:
+    fixed = robot(link('base'), link('a'), joint('j', 'base', 'a', 'fixed'))
+    assert urdf_joints(fixed.replace('0 1 0', '0 0 0')) == (UrdfJoint('j', 'fixed', None),)
 
 
 def test_arm_without_inertia_is_refused() -> None:

@@ -251,3 +251,22 @@ def test_what_decides_over_the_outcomes_is_part_of_the_identity(config):
 def test_a_bound_beyond_what_is_accepted_is_refused(config):
     with pytest.raises(ParameterError, match='--runs'):
         campaign_of(config, runs=10**9)
+
+
+def test_a_change_after_the_end_of_the_runs_does_not_count(repository):
+    config = repository / 'config' / 'two_link_payload_step.yaml'  # its parameters jump at 50 s
+    plain = campaign_of(config, runs=1, given={'vary': {
+        'arm_driver.sensors.seed': {'integers': [0, 9]}}})
+    row, = outcomes(plain)
+    assert 0.0 < row['parameter_error'] < 2.0
+
+
+def test_an_arm_in_mujoco_is_varied_as_any(repository):
+    pytest.importorskip('mujoco', reason='MuJoCo is not installed: the extra mujoco')
+    varied = campaign_of(repository / 'config' / 'panda_mujoco.yaml', runs=2, given={'vary': {
+        'arm_driver.payload': {'uniform': [0.5, 2.0]},
+        'arm_driver.actuator.delay': {'uniform': [0.0, 0.004]}}})
+    first, second = outcomes(varied)
+    assert first['kept']
+    assert second['kept']
+    assert first['torque_error'] != second['torque_error']

@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
+import yaml
 
 from adaptive_blf_control.campaigns.variations import draw, read_vary_file, variations
 from adaptive_blf_control.configuration.build import build_closed_loop
@@ -107,3 +110,12 @@ def test_a_sampling_that_does_not_exist_is_refused(data):
     with pytest.raises(ParameterError, match='latin_hypercube'):
         variations({'sampling': 'sobol', 'vary': {'arm_driver.rate': {'uniform': [1.0, 2.0]}}},
                    data)
+
+
+def test_the_example_of_the_docs_fits_the_scenario_that_it_names(repository):
+    page = (repository / 'docs' / 'campaigns.md').read_text(encoding='utf-8')
+    config, = re.findall(r'campaign (config/\w+\.yaml)', page)
+    given = yaml.safe_load(re.search(r'```yaml\n(.*?)```', page, re.DOTALL).group(1))
+    data = load_yaml(repository / config)
+    for change in draw(variations(given, data), 5, 0, given['sampling']):
+        build_closed_loop(apply_changes(data, change))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.configuration.build import (
+    ArmStore,
     build_arm,
     build_identifier,
     build_plant,
@@ -140,11 +141,11 @@ def test_controller_takes_parameters_from_a_file_by_name(values, tmp_path, name,
     path = tmp_path / 'theta_hat.yaml'
     names = ('fv_joint2', 'p3', 'p2', 'p1', 'fv_joint1')
     write_estimate(path, Snapshot(names, np.array([0.8, 0.3, 0.2, 4.0, 5.6]), 5, 1.0, 9))
-    given = values('controller', *more, f'controller.{name}_file={path}')
+    given = values('controller', *more, f'controller.{name}={path}')
     np.testing.assert_array_equal(initial_theta(given, build_arm(given)),
                                   [4.0, 0.2, 0.3, 5.6, 0.8])
-    given = values('controller', *more, f'controller.{name}_file=/nowhere/theta.yaml')
-    with pytest.raises(ParameterError, match=rf'controller\.{name}_file.*nowhere'):
+    given = values('controller', *more, f'controller.{name}=/nowhere/theta.yaml')
+    with pytest.raises(ParameterError, match=rf'controller\.{name}.*nowhere'):
         initial_theta(given, build_arm(given))
 
 
@@ -209,3 +210,10 @@ def test_a_urdf_arm_needs_a_urdf(values):
     pytest.importorskip('pinocchio')
     with pytest.raises(ParameterError, match="'urdf'.*a path, package"):
         build_arm(values('arm_driver', 'arm=urdf'))
+
+
+def test_arms_of_the_same_settings_are_built_once(values):
+    arms = ArmStore()
+    controller = values('controller')
+    assert arms.arm(controller) is arms.arm(values('identifier'))
+    assert arms.arm(controller) is not arms.arm(values('controller', 'gravity=[0.0, 0.0, -1.6]'))

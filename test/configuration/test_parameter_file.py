@@ -207,6 +207,17 @@ def test_the_last_of_two_settings_wins(data):
     assert node_values(data, 'identifier')['kt'] == 9.0
 
 
+@pytest.mark.parametrize(('text', 'value'), [
+    ('1e-5', 1e-5), ('2E3', 2e3), ('-3.e+2', -300.0), ('.5e1', 5.0),
+    ('[1.0, -3e-05]', [1.0, -3e-05])])
+def test_a_number_without_a_point_before_its_exponent_is_a_number(tmp_path, text, value):
+    assert apply_settings({}, [f'identifier.gamma={text}']) == {
+        '/**/identifier': {'ros__parameters': {'gamma': value}}}
+    path = tmp_path / 'file.yaml'
+    path.write_text(f'/**/identifier: {{ros__parameters: {{gamma: {text}}}}}')
+    assert load_yaml(path)['/**/identifier']['ros__parameters']['gamma'] == value
+
+
 def test_settings_leave_the_data_they_are_applied_to_as_they_were(data):
     before = copy.deepcopy(data)
     apply_settings(data, ['identifier.kt=8.0'])
@@ -231,3 +242,14 @@ def test_a_malformed_setting_is_refused(data, setting, expected):
 def test_a_setting_is_checked_like_the_file(data, setting, expected):
     with pytest.raises(ParameterError, match=expected):
         node_values(apply_settings(data, [setting]), 'identifier')
+
+
+def test_a_number_with_an_exponent_needs_no_point(tmp_path):
+    """As in YAML 1.2 and for ROS; YAML 1.1 takes 1e-5 for a string."""
+    data = apply_settings({}, ['identifier.kt=1e-5', 'controller.k2=[1e2, -.5E+3]'])
+    assert data['/**/identifier']['ros__parameters'] == {'kt': 1e-5}
+    assert data['/**/controller']['ros__parameters'] == {'k2': [100.0, -500.0]}
+    path = tmp_path / 'file.yaml'
+    path.write_text('/**/identifier: {ros__parameters: {kt: 2e3, update_law: e5}}',
+                    encoding='utf-8')
+    assert load_yaml(path)['/**/identifier']['ros__parameters'] == {'kt': 2e3, 'update_law': 'e5'}

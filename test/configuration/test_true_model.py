@@ -14,6 +14,7 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import write_estimate
 from adaptive_blf_control.identification.identifier import Snapshot
 from adaptive_blf_control.simulation.true_arm import true_theta
+from spatial_arm import JOINTS, URDF
 
 
 def theta(*settings: str) -> np.ndarray:
@@ -53,17 +54,16 @@ def written(tmp_path):
 
 
 def test_they_may_come_from_a_file_by_name(written):
-    np.testing.assert_array_equal(theta(GIVEN, f'arm_driver.true_parameters_file={written}'),
+    np.testing.assert_array_equal(theta(GIVEN, f'arm_driver.true_parameters={written}'),
                                   [4.0, 0.2, 0.3, 5.6, 0.8])
 
 
 @pytest.mark.parametrize(('more', 'message'), [
-    ((), 'true_parameters_file.*true_model: given'),
-    ((GIVEN, 'arm_driver.true_parameters=[4.0, 0.2, 0.3, 5.6, 0.8]'), 'beside'),
-    ((GIVEN, *THREE), "true_parameters_file.*an entry 'p4'")])
+    ((), 'true_parameters.*true_model: given'),
+    ((GIVEN, *THREE), "true_parameters.*an entry 'p4'")])
 def test_a_file_that_does_not_fit_is_refused(written, more, message):
     with pytest.raises(ParameterError, match=message):
-        theta(f'arm_driver.true_parameters_file={written}', *more)
+        theta(f'arm_driver.true_parameters={written}', *more)
 
 
 @pytest.mark.parametrize(('settings', 'message'), [
@@ -76,3 +76,16 @@ def test_a_file_that_does_not_fit_is_refused(written, more, message):
 def test_what_does_not_fit_together_is_refused(settings, message):
     with pytest.raises(ParameterError, match=message):
         theta(*settings)
+
+
+def test_rotors_and_square_root_friction_of_the_true_arm_are_those_of_its_settings(tmp_path):
+    pytest.importorskip('pinocchio')
+    (tmp_path / 'arm.urdf').write_text(URDF, encoding='utf-8')
+    settings = node_settings(apply_settings({}, [
+        'arm=urdf', f'urdf={tmp_path / "arm.urdf"}', f'joints={list(JOINTS)}',
+        'arm_driver.true_friction.rotor_inertia=[0.3, 0.2, 0.1]',
+        'arm_driver.true_friction.square_root=[0.5]']), DriverSettings)
+    arm = build_arm(settings)
+    truth = true_theta(settings, arm)
+    np.testing.assert_array_equal(arm.rotor_inertia(truth), [0.3, 0.2, 0.1])
+    np.testing.assert_array_equal(arm.friction(truth)[3], [0.5, 0.5, 0.5])

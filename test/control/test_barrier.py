@@ -21,6 +21,9 @@ bounds = st.floats(0.01, 3.0)
 parts = st.floats(-0.99, 0.99)
 
 
+ONE = np.ones(1)  # J, the weight of the paper
+
+
 def one(value: float) -> np.ndarray:
     return np.array([value])
 
@@ -28,36 +31,46 @@ def one(value: float) -> np.ndarray:
 @hypothesis.given(parts, bounds)
 def test_barrier_equals_equation_23_inside_the_set(part, b):
     e = part * b
-    assert barrier(one(e), one(b)) == pytest.approx(0.5 * e * e / (b * b - e * e), rel=1e-12)
+    assert barrier(one(e), one(b), ONE) == pytest.approx(0.5 * e * e / (b * b - e * e), rel=1e-12)
 
 
 def test_barrier_sums_over_the_joints():
     e, b = np.array([0.1, -0.05, 0.0]), np.array([0.2, 0.17, 0.1])
-    assert barrier(e, b) == pytest.approx(sum(barrier(e[i:i + 1], b[i:i + 1]) for i in range(3)))
+    weight = np.array([1.0, 0.02, 5.0])
+    assert barrier(e, b, weight) == pytest.approx(sum(
+        weight[i] * barrier(e[i:i + 1], b[i:i + 1], ONE) for i in range(3)))
+
+
+@hypothesis.given(parts, bounds, st.floats(1e-4, 1e3))
+def test_a_weight_scales_the_barrier_and_its_gradient(part, b, weight):
+    for function in (barrier, barrier_gradient):
+        assert np.squeeze(function(one(part * b), one(b), one(weight))) == pytest.approx(
+            weight * float(np.squeeze(function(one(part * b), one(b), ONE))), rel=1e-12)
 
 
 @hypothesis.given(parts, bounds)
 def test_gradient_is_the_derivative_of_the_barrier(part, b):
     e, step = part * b, 1e-5 * b * (1.0 - abs(part))
-    slope = (barrier(one(e + step), one(b)) - barrier(one(e - step), one(b))) / (2 * step)
-    assert barrier_gradient(one(e), one(b))[0] == pytest.approx(slope, rel=1e-5, abs=1e-6 / b)
+    above, below = (barrier(one(x), one(b), ONE) for x in (e + step, e - step))
+    slope = (above - below) / (2 * step)
+    assert barrier_gradient(one(e), one(b), ONE)[0] == pytest.approx(slope, rel=1e-5, abs=1e-6 / b)
 
 
 @hypothesis.given(bounds)
 def test_barrier_and_gradient_grow_without_bound_towards_the_edge(b):
     distances = np.logspace(0, -7, 40)
     exact = [e * e / (b * b - e * e) / 2 for e in b * (1.0 - distances)]
-    values = [barrier(one(b * (1.0 - d)), one(b)) for d in distances]
+    values = [barrier(one(b * (1.0 - d)), one(b), ONE) for d in distances]
     inside = distances > 1.0 - INTERIOR
     np.testing.assert_allclose(np.array(values)[inside], np.array(exact)[inside], rtol=1e-9)
     assert np.all(np.diff(np.array(values)[inside]) > 0.0)
     assert values[-1] == max(values) > 200.0
-    assert abs(barrier_gradient(one(0.9995 * b), one(b))[0]) > 2e5 / b
+    assert abs(barrier_gradient(one(0.9995 * b), one(b), ONE)[0]) > 2e5 / b
 
 
 @hypothesis.given(st.floats(allow_nan=False), bounds)
 def test_barrier_is_finite_and_pushes_inward_everywhere(e, b):
-    value, gradient = barrier(one(e), one(b)), barrier_gradient(one(e), one(b))[0]
+    value, gradient = barrier(one(e), one(b), ONE), barrier_gradient(one(e), one(b), ONE)[0]
     assert np.isfinite(value)
     assert value >= 0.0
     assert np.isfinite(gradient)
@@ -81,14 +94,14 @@ def test_active_bound_is_that_of_the_side_where_the_error_is():
 def test_symmetric_barrier_is_the_case_of_equal_bounds(part, b):
     e = one(part * b)
     plus, minus = (active_bound(x, one(-b), one(b)) for x in (e, -e))
-    assert barrier(e, plus) == barrier(-e, minus)
-    assert barrier_gradient(e, plus) == -barrier_gradient(-e, minus)
+    assert barrier(e, plus, ONE) == barrier(-e, minus, ONE)
+    assert barrier_gradient(e, plus, ONE) == -barrier_gradient(-e, minus, ONE)
 
 
 def test_barrier_is_once_differentiable_across_zero():
     lower, upper = one(-0.1), one(0.3)
     below, above = one(-1e-9), one(1e-9)
     for function in (barrier, barrier_gradient):
-        left = function(below, active_bound(below, lower, upper))
-        right = function(above, active_bound(above, lower, upper))
+        left = function(below, active_bound(below, lower, upper), ONE)
+        right = function(above, active_bound(above, lower, upper), ONE)
         assert float(np.squeeze(left)) == pytest.approx(float(np.squeeze(right)), abs=1e-6)

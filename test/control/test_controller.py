@@ -12,8 +12,6 @@ from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.control.controller import (
     Controller,
     ControlOutput,
-    sampling_model,
-    sampling_number,
 )
 from adaptive_blf_control.control.reference import Reference, SmoothStart, SumOfSinusoids
 from adaptive_blf_control.control.sets import JointInterval
@@ -230,34 +228,6 @@ def test_gains_are_positive_and_finite(name, value):
 def test_an_unknown_coupling_is_named():
     with pytest.raises(ParameterError, match=r"'smooth'.*per_joint.*pseudoinverse"):
         ControllerSettings(coupling='smooth')
-
-
-def test_sampling_number_tells_where_a_sampled_loop_turns_unstable():
-    q = np.array([0.0, 1.0])
-    mass = np.column_stack([ARM.Y1(q, unit) @ THETA for unit in np.eye(2)])
-    for factor, stable in ((0.95, True), (1.05, False)):
-        dt = factor * 2.0 / sampling_number(ARM, K2, q, THETA, 1.0)
-        e2 = np.array([1e-3, -1e-3])
-        for _ in range(500):  # e2⁺ = e2 − dt M⁻¹ k2 e2
-            e2 = e2 - dt * np.linalg.solve(mass, K2 * e2)
-        assert (np.abs(e2).max() < 1e-3) == stable
-
-
-def test_sampling_number_takes_the_nominal_model_where_the_estimate_has_no_inertia():
-    q = np.array([0.0, 1.0])
-    nominal = sampling_number(ARM, K2, q, THETA, 1e-3)
-    assert sampling_model(ARM, q, 2.0 * THETA) == 'estimate'
-    assert sampling_number(ARM, K2, q, 2.0 * THETA, 1e-3) == pytest.approx(0.5 * nominal)
-    for theta in (np.zeros(5), np.array([0.0, 9.0, 6.0, 0.0, 0.0]), np.full(5, np.nan)):
-        assert sampling_model(ARM, q, theta) == 'nominal'
-        assert sampling_number(ARM, K2, q, theta, 1e-3) == nominal
-
-
-def test_sampling_number_without_any_model_is_not_a_number():
-    arm = TwoLinkArm()
-    arm.nominal = np.zeros(5)
-    assert sampling_model(arm, np.zeros(2), np.zeros(5)) == 'none'
-    assert np.isnan(sampling_number(arm, K2, np.zeros(2), np.zeros(5), 1e-3))
 
 
 @pytest.mark.parametrize('start', [[1.199, -2.169], [-1.16999, 2.19999], [0.3, 1.7]])

@@ -21,6 +21,8 @@ from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.errors import ParameterError
 
 ARM, ONES = TwoLinkArm(), np.ones(5)
+ONE = np.ones(2)  # J, the weight of the paper
+WEIGHT = np.array([0.3, 4.0])  # J
 PERFORMANCE = JointInterval([-0.17, -0.1], [0.2, 0.3])
 REFERENCE = (np.array([-1.0, -2.0]), np.array([1.0, 2.0]))
 
@@ -33,7 +35,7 @@ def states(count=50):
 
 
 def value(q, e1, e2, theta_hat, gamma=ONES):
-    return lyapunov_value(ARM, q, e1, e2, PERFORMANCE, theta_hat, ARM.nominal, gamma)
+    return lyapunov_value(ARM, q, e1, e2, PERFORMANCE, theta_hat, ARM.nominal, gamma, WEIGHT)
 
 
 def test_value_is_the_sum_of_barrier_kinetic_and_parameter_terms():
@@ -42,33 +44,33 @@ def test_value_is_the_sum_of_barrier_kinetic_and_parameter_terms():
         mass = np.column_stack([ARM.Y1(q, unit) @ ARM.nominal for unit in np.eye(2)])
         b = np.where(e1 > 0.0, PERFORMANCE.upper, -PERFORMANCE.lower)
         error = theta_hat - ARM.nominal
-        expected = (0.5 * np.sum(e1 ** 2 / (b ** 2 - e1 ** 2)) + 0.5 * e2 @ mass @ e2
+        expected = (0.5 * np.sum(WEIGHT * e1 ** 2 / (b ** 2 - e1 ** 2)) + 0.5 * e2 @ mass @ e2
                     + 0.5 * error @ np.diag(1.0 / gamma) @ error)
         assert value(q, e1, e2, theta_hat, gamma) == pytest.approx(expected, rel=1e-12)
 
 
 def test_an_error_within_u_e1_costs_no_more_than_v0_and_one_beyond_costs_more():
     """(61) and (62): U_e1 is where a single joint alone would take all of V(0)."""
-    guaranteed = guarantee(0.7, PERFORMANCE, REFERENCE, 0.1)
+    guaranteed = guarantee(0.7, PERFORMANCE, REFERENCE, 0.1, WEIGHT)
     for i in range(2):
         for bound in (guaranteed.error_lower, guaranteed.error_upper):
             e1 = np.zeros(2)
             e1[i] = bound[i]
             b = active_bound(e1, PERFORMANCE.lower, PERFORMANCE.upper)
-            assert barrier(e1, b) == pytest.approx(0.7, rel=1e-12)
+            assert barrier(e1, b, WEIGHT) == pytest.approx(0.7, rel=1e-12)
 
 
 def test_guaranteed_errors_lie_inside_the_performance_set_and_close_up_to_it():
     for v0 in (0.0, 1e-3, 1.0, 1e3, 1e9):
-        guaranteed = guarantee(v0, PERFORMANCE, REFERENCE, 0.1)
+        guaranteed = guarantee(v0, PERFORMANCE, REFERENCE, 0.1, ONE)
         assert np.all(PERFORMANCE.lower < guaranteed.error_lower)
         assert np.all(guaranteed.error_upper < PERFORMANCE.upper)
     np.testing.assert_allclose(guaranteed.error_upper, PERFORMANCE.upper, rtol=1e-9)
-    assert not guarantee(0.0, PERFORMANCE, REFERENCE, 0.1).error_upper.any()
+    assert not guarantee(0.0, PERFORMANCE, REFERENCE, 0.1, ONE).error_upper.any()
 
 
 def test_guaranteed_output_is_the_reference_widened_by_the_guaranteed_error():
-    guaranteed = guarantee(0.7, PERFORMANCE, REFERENCE, 0.1)
+    guaranteed = guarantee(0.7, PERFORMANCE, REFERENCE, 0.1, ONE)
     np.testing.assert_allclose(guaranteed.output_lower, REFERENCE[0] + guaranteed.error_lower)
     np.testing.assert_allclose(guaranteed.output_upper, REFERENCE[1] + guaranteed.error_upper)
 
@@ -77,10 +79,10 @@ def test_e2_within_its_bound_whatever_the_posture():
     smallest, largest = mass_range(ARM, ARM.nominal, np.full(2, -np.pi), np.full(2, np.pi))
     for q, e1, e2, theta_hat in states():
         v = value(q, e1, e2, theta_hat)
-        guaranteed = guarantee(v, PERFORMANCE, REFERENCE, smallest)
+        guaranteed = guarantee(v, PERFORMANCE, REFERENCE, smallest, WEIGHT)
         assert np.linalg.norm(e2) <= guaranteed.e2_norm
-        assert v <= bounded_value(e1, e2, PERFORMANCE, largest,
-                                  float(np.linalg.norm(theta_hat - ARM.nominal)), np.ones(5))
+        error = float(np.linalg.norm(theta_hat - ARM.nominal))
+        assert v <= bounded_value(e1, e2, PERFORMANCE, largest, error, ONES, WEIGHT)
 
 
 def test_mass_range_holds_the_eigenvalues_of_the_mass_matrix():
@@ -94,7 +96,7 @@ def test_mass_range_holds_the_eigenvalues_of_the_mass_matrix():
 def test_a_bound_on_the_parameter_error_counts_with_the_smallest_gain():
     gamma = np.array([1.0, 0.5])
     zero = np.zeros(2)
-    assert bounded_value(zero, zero, PERFORMANCE, 1.0, 3.0, gamma) == pytest.approx(9.0)
+    assert bounded_value(zero, zero, PERFORMANCE, 1.0, 3.0, gamma, ONE) == pytest.approx(9.0)
 
 
 @pytest.mark.parametrize(('arguments', 'name'), [((-1.0, 1.0), 'largest_mass'),
@@ -102,12 +104,12 @@ def test_a_bound_on_the_parameter_error_counts_with_the_smallest_gain():
 def test_unusable_bounds_are_refused_by_name(arguments, name):
     zero = np.zeros(2)
     with pytest.raises(ParameterError, match=name):
-        bounded_value(zero, zero, PERFORMANCE, *arguments, np.ones(5))
+        bounded_value(zero, zero, PERFORMANCE, *arguments, np.ones(5), ONE)
 
 
 def test_value_that_is_not_finite_promises_nothing():
     with pytest.raises(ParameterError, match=r'V\(0\)'):
-        guarantee(np.nan, PERFORMANCE, REFERENCE, 1.0)
+        guarantee(np.nan, PERFORMANCE, REFERENCE, 1.0, ONE)
 
 
 # -- SBLF -----------------------------------------------------------------------------------------
@@ -120,10 +122,11 @@ def test_equal_and_opposite_bounds_make_the_barrier_symmetric_joint_by_joint():
         e1 = np.array([e1[0], 0.0])
         b = active_bound(e1, mixed.lower, mixed.upper)
         opposite = active_bound(-e1, mixed.lower, mixed.upper)
-        assert barrier(e1, b) == barrier(-e1, opposite)
-        np.testing.assert_array_equal(torque(x, theta, k2, e1, e2, b, True),
-                                      -torque(x, theta, k2, -e1, -e2, opposite, True))
-    guaranteed = guarantee(0.7, mixed, REFERENCE, 0.1)
+        assert barrier(e1, b, ONE) == barrier(-e1, opposite, ONE)
+        np.testing.assert_array_equal(torque(x, theta, k2, e1, e2, b, ONE, True),
+                                      -torque(x, theta, k2, -e1, -e2, opposite, ONE,
+                                              True))
+    guaranteed = guarantee(0.7, mixed, REFERENCE, 0.1, ONE)
     assert guaranteed.error_lower[0] == -guaranteed.error_upper[0]
     assert guaranteed.error_lower[1] != -guaranteed.error_upper[1]
 
@@ -133,7 +136,8 @@ def test_equal_and_opposite_bounds_make_the_barrier_symmetric_joint_by_joint():
 
 @pytest.fixture
 def monitor():
-    return GuaranteeMonitor(guarantee(0.5, PERFORMANCE, REFERENCE, 0.1), PERFORMANCE, ('a', 'b'))
+    guaranteed = guarantee(0.5, PERFORMANCE, REFERENCE, 0.1, ONE)
+    return GuaranteeMonitor(guaranteed, PERFORMANCE, ('a', 'b'), ONE)
 
 
 def test_monitor_is_silent_inside(monitor):

@@ -24,6 +24,7 @@ hypothesis = pytest.importorskip('hypothesis')
 st = hypothesis.strategies
 
 speeds = st.floats(-5.0, 5.0)
+WEIGHT = np.array([0.2, 1.0, 3.0])  # J
 
 
 def vectors(count: int, seed: int = 1) -> np.ndarray:
@@ -74,19 +75,21 @@ def test_on_the_reference_alpha_is_its_velocity_and_alpha_dot_its_acceleration()
 def test_either_coupling_takes_the_power_of_the_barrier(coupling):
     b = np.full(3, 0.2)
     for e1, e2, *_ in vectors(50):
-        assert e2 @ coupling(e1, e2, b) == pytest.approx(barrier_gradient(e1, b) @ e2)
+        assert e2 @ coupling(e1, e2, b, WEIGHT) == pytest.approx(
+            barrier_gradient(e1, b, WEIGHT) @ e2)
 
 
 def test_pseudoinverse_coupling_is_the_moore_penrose_inverse_of_the_paper():
     b = np.full(3, 0.2)
     for e1, e2, *_ in vectors(50):
-        power = barrier_gradient(e1, b) @ e2
-        np.testing.assert_allclose(pseudoinverse_coupling(e1, e2, b),
+        power = barrier_gradient(e1, b, WEIGHT) @ e2
+        np.testing.assert_allclose(pseudoinverse_coupling(e1, e2, b, WEIGHT),
                                    np.linalg.pinv(e2[np.newaxis])[:, 0] * power, rtol=1e-9)
 
 
 def test_pseudoinverse_of_zero_is_zero():
-    coupling = pseudoinverse_coupling(np.full(2, 0.1), np.zeros(2), np.full(2, 0.2))
+    coupling = pseudoinverse_coupling(np.full(2, 0.1), np.zeros(2), np.full(2, 0.2),
+                                      np.ones(2))
     np.testing.assert_array_equal(coupling, np.zeros(2))
 
 
@@ -96,8 +99,9 @@ def test_torque_is_equation_38(smooth, coupling):
     random, b, k2 = np.random.default_rng(2), np.full(3, 0.2), np.array([10.0, 20.0, 30.0])
     for e1, e2, *_ in vectors(20):
         x, theta = random.normal(size=(3, 7)), random.normal(size=7)
-        np.testing.assert_allclose(torque(x, theta, k2, e1, e2, b, smooth),
-                                   x @ theta - np.diag(k2) @ e2 - coupling(e1, e2, b), rtol=1e-12)
+        np.testing.assert_allclose(torque(x, theta, k2, e1, e2, b, WEIGHT, smooth),
+                                   x @ theta - np.diag(k2) @ e2 - coupling(e1, e2, b, WEIGHT),
+                                   rtol=1e-12)
 
 
 @hypothesis.given(st.floats(), st.floats(1e-3, 1e6))

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.control.reference import (
+    along,
     Crossfade,
     DEEPEST,
     from_time,
     full_range,
     Posture,
     Reference,
+    ReferencePoint,
     SmoothStart,
     SumOfSinusoids,
 )
@@ -50,6 +52,26 @@ def test_derivatives_equal_finite_differences(reference: Reference):
                                    atol=1e-7)
         np.testing.assert_allclose(point.acceleration,
                                    (after.velocity - before.velocity) / (2 * step), atol=1e-7)
+
+
+class Line:
+    """A reference of the user's, which knows one time at once."""
+
+    def at(self, t):
+        return ReferencePoint(np.array([t, -t]), np.array([1.0, -1.0]), np.zeros(2))
+
+    def range(self):
+        return np.full(2, -9.0), np.full(2, 9.0)
+
+
+@pytest.mark.parametrize('reference', [*REFERENCES.values(), Line(), Posture(START)],
+                         ids=[*REFERENCES, 'line', 'posture'])
+def test_many_times_at_once_give_the_bits_of_one_after_the_other(reference: Reference):
+    times = np.concatenate([[0.0, 0.7, 1.25, T], np.linspace(0.0, 6.0, 61)])
+    rows = along(reference, np.sort(times))
+    for k, t in enumerate(np.sort(times)):
+        np.testing.assert_array_equal([row[k] for row in rows], reference.at(float(t)))
+    assert all(row.flags.c_contiguous and row.flags.writeable for row in rows)
 
 
 @pytest.mark.parametrize('reference', REFERENCES.values(), ids=REFERENCES)

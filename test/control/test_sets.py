@@ -138,6 +138,13 @@ def test_bounds_round_a_start_with_room_are_the_performance_set_at_once():
         np.testing.assert_array_equal(grown.at(t), plain.at(t))
 
 
+def test_bounds_at_many_times_are_those_at_each():
+    grown, times = GrowingBounds(PERFORMANCE, SAFETY, np.array([1.15, -2.1]), 2.0), [0.0, 1.3, 2.5]
+    rows = grown.along(np.array(times))
+    for k, t in enumerate(times):
+        np.testing.assert_array_equal([row[k] for row in rows], grown.at(t))
+
+
 def test_bounds_before_the_start_are_those_at_the_start():
     grown = GrowingBounds(PERFORMANCE, SAFETY, np.array([1.15, -2.1]), 2.0)
     np.testing.assert_array_equal(grown.at(-0.5), grown.at(0.0))

@@ -31,7 +31,7 @@ def recorded(pairs) -> HistoryStack:
 def subject(random: np.random.Generator, resolution: float = 0.0):
     """Return a monitor and ``watch(pair)``, which compares with 30 pairs of the true arm."""
     stack = recorded([noisy_pair(random, TRUE) for _ in range(30)])
-    monitor = ResidualMonitor(2, 0.1, 9.0, resolution)
+    monitor = ResidualMonitor(2, 3, 0.1, 9.0, resolution)
     return monitor, lambda pair: monitor.watch(1e-3, *pair, stack)
 
 
@@ -50,7 +50,7 @@ def test_pairs_with_noise_in_common_do_not_make_the_monitor_sure_far_from_them(s
     random = np.random.default_rng(seed)
     pairs = [noisy_pair(random, TRUE) for _ in range(8)]
     stack = recorded(pairs * 10)  # the very same noise ten times
-    monitor = ResidualMonitor(2, 0.1, 9.0, 0.0)
+    monitor = ResidualMonitor(2, 3, 0.1, 9.0, 0.0)
     for _ in range(500):
         regressor = 10.0 * random.normal(size=(2, 3))
         torque = regressor @ TRUE + 0.05 * random.normal(size=2)
@@ -76,7 +76,7 @@ def test_a_change_is_found_within_the_window_and_after_a_reset_again():
 
 
 def test_there_is_nothing_to_compare_with_until_the_stack_is_full_and_of_full_rank():
-    random, monitor = np.random.default_rng(3), ResidualMonitor(2, 0.1, 9.0, 0.0)
+    random, monitor = np.random.default_rng(3), ResidualMonitor(2, 3, 0.1, 9.0, 0.0)
     pairs = [noisy_pair(random, TRUE) for _ in range(30)]
     flat = [(regressor * [1.0, 1.0, 0.0], torque) for regressor, torque in pairs]
     growing = HistoryStack(2, 3, 31, 0.0)
@@ -100,7 +100,7 @@ def test_a_change_below_the_resolution_does_not_matter():
     ((float('nan'), 9.0, 0.0), 'window')])
 def test_monitors_that_cannot_be_used_are_refused_by_name(values, name):
     with pytest.raises(ParameterError, match=rf'identifier\.change\.{name}'):
-        ResidualMonitor(2, *values)
+        ResidualMonitor(2, 3, *values)
 
 
 def test_the_payload_step_is_found_within_half_a_second_and_learned_again(repository):
@@ -108,8 +108,8 @@ def test_the_payload_step_is_found_within_half_a_second_and_learned_again(reposi
     loop = build_closed_loop(apply_settings(data, [
         'arm_driver.schedule.time=[6.0, 6.0, 6.0, 6.0, 6.0]']))
     identifier, stack, seen = loop.identifier, loop.identifier.stack, []
-    trace = loop.run(10.0, lambda sample: seen.append((sample.t, identifier.changes,
-                                                       stack.count)))
+    for sample in loop.samples(10.0):
+        seen.append((sample.t, identifier.changes, stack.count))
     found = next(t for t, changes, _ in seen if changes)
     assert 6.0 < found < 6.5
     assert identifier.changes == 1
@@ -117,7 +117,7 @@ def test_the_payload_step_is_found_within_half_a_second_and_learned_again(reposi
     assert stack.full
     assert stack.rank == 5
     new = loop.plant.truth(loop.arm.parameters)[1][1]
-    assert np.linalg.norm(trace.theta_hat[-1] - new) < 0.01 * np.linalg.norm(new)
+    assert np.linalg.norm(identifier.theta - new) < 0.01 * np.linalg.norm(new)
 
 
 def test_without_the_monitor_old_pairs_hold_the_estimate_away(repository):
@@ -137,7 +137,7 @@ def test_a_changed_setting_acts_on_pairs_learned_before():
         watch(noisy_pair(np.random.default_rng(6), TRUE))
     changed.retune(0.1, 9.0, 0.2)
     for monitor in (changed, always):
-        monitor.statistic = np.zeros(2)
+        monitor.arrays.statistic[:] = 0.0
     for _ in range(200):
         pair = noisy_pair(pairs, TRUE)
         watch_changed(pair)
@@ -150,4 +150,5 @@ def test_a_monitor_is_retuned_all_or_none():
     for values in ((-0.1, 4.0, 0.1), (0.2, 1.0, 0.1), (0.2, 4.0, -1.0), (0.2, np.inf, 0.1)):
         with pytest.raises(ParameterError):
             monitor.retune(*values)
-        assert (monitor.window, monitor.threshold, monitor.resolution) == (0.1, 9.0, 0.2)
+        assert (monitor.arrays.window, monitor.arrays.threshold,
+                monitor.arrays.resolution) == (0.1, 9.0, 0.2)

@@ -24,7 +24,7 @@ def arm():
 
 
 def judged(arm, regressors, torques):
-    return uncertainty(regressors, torques, np.arange(float(len(torques))), np.full(arm.n, 0.1))
+    return uncertainty(regressors, torques, np.arange(float(len(torques))), 0.1)
 
 
 def told(arm, **changes):
@@ -32,7 +32,7 @@ def told(arm, **changes):
     theta = true_theta(arm)
     regressors, torques = pairs(arm, theta, **changes)
     return dict(zip(arm.parameters, confidence(
-        theta, judged(arm, regressors, torques), regressors), strict=True))
+        arm, theta, judged(arm, regressors, torques), regressors), strict=True))
 
 
 def test_rich_motion_determines_everything(arm):

@@ -14,10 +14,10 @@ from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import (
     estimate_path,
-    read_estimate,
     recent_estimate,
     write_estimate,
 )
+from adaptive_blf_control.identification.given_parameters import read_estimate
 from adaptive_blf_control.identification.identifier import (
     Identifier,
     IdentifierSettings,

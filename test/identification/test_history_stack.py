@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.history_stack import (
-    HistoryStack,
-    is_different,
-    squared_projections,
-)
+from adaptive_blf_control.identification.history_stack import HistoryStack
+from adaptive_blf_control.identification.pair_selection import is_different
+from adaptive_blf_control.identification.weak_directions import MOST
 
 hypothesis = pytest.importorskip('hypothesis')
 st = hypothesis.strategies
@@ -120,6 +118,35 @@ def test_pruned_search_equals_brute_force_on_hundreds_of_random_stacks(kind):
             assert_measured(stack)
             offers += 1
     assert offers > taken > 50
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_pruned_search_equals_brute_force_with_more_parameters_than_kept_directions(kind):
+    random, offers, taken = np.random.default_rng(100 + KINDS.index(kind)), 0, 0
+    n, m, size = 3, MOST + 6, 12
+    while offers < 250:
+        pairs = random_pairs(random, kind, size + 60, n, m)
+        random.shuffle(pairs)
+        stack = filled(pairs[:size])
+        for k, candidate in enumerate(pairs[size:]):
+            if stack.rank < m:
+                stack.offer(candidate, candidate.sum(axis=1))
+                continue
+            if k % 9 == 8:  # what the stack holds already, or hardly less
+                candidate = (1.0 - random.choice([0.0, 1e-9])) * stack.regressors[k % size]
+            taken += assert_offer_is_brute_force(stack, candidate)
+            offers += 1
+        assert_measured(stack)
+    assert offers > taken > 15
+
+
+def test_equal_pairs_are_found_equal_by_the_search():
+    random = np.random.default_rng(30)
+    pairs = np.repeat(random.normal(size=(5, 2, 4)), 3, axis=0)  # none is missed
+    stack = filled(pairs)
+    for _ in range(200):
+        assert_offer_is_brute_force(stack, random.normal(size=(2, 4)))
+        assert_measured(stack)
 
 
 def test_offering_a_stored_pair_again_does_not_lower_sigma_min():
@@ -267,13 +294,6 @@ def test_clearing_forgets_everything():
         assert used.offer(pair, pair.sum(axis=1)) == fresh.offer(pair, pair.sum(axis=1))
     np.testing.assert_array_equal(used.gram, fresh.gram)
     np.testing.assert_array_equal(used.moment, fresh.moment)
-
-
-def test_squared_projections_are_those_of_each_pair():
-    random = np.random.default_rng(14)
-    pairs, u = random.normal(size=(6, 2, 4)), random.normal(size=4)
-    np.testing.assert_allclose(squared_projections(pairs, u),
-                               [np.sum((pair @ u) ** 2) for pair in pairs])
 
 
 @pytest.mark.parametrize(('size', 'epsilon', 'name'), [

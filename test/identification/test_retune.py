@@ -11,9 +11,8 @@ import pytest
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.identification.parts import Given, PartMaker
-from adaptive_blf_control.identification.recorded_pairs import RecordedPairs
 from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.identification.stack_arrays import SIZE, THRESHOLD
 
 
 def named(**values):
@@ -268,8 +267,8 @@ def test_noise_is_not_switched_on_where_rank_is_full(record):
 
 
 def test_pairs_with_artificial_noise_follow_the_size_of_the_history():
-    settings = SETTINGS.replace(history={'noise': 0.1, 'size': 9})
-    recorded = RecordedPairs(PartMaker(ARM, Given()), settings)
-    recorded.retune(settings.replace(history={'size': 4, 'epsilon': 0.2}), None, None)
-    assert recorded.teaching is not recorded.stack
-    assert (recorded.teaching.size, recorded.teaching.epsilon) == (4, 0.2)
+    subject = identifier(history__noise=0.1, history__size=9)
+    retune(subject, history__size=4, history__epsilon=0.2)
+    noisy = subject.state.learner.noise.history
+    assert noisy is not subject.stack.pairs
+    assert (noisy.counters[SIZE], noisy.figures[THRESHOLD]) == (4, 0.2)

@@ -36,7 +36,7 @@ def fine_cascade(x: np.ndarray, u0: np.ndarray, u1: np.ndarray, dt: float,
 def test_the_filter_equals_a_fine_integration_of_its_equation(order, dt):
     random = np.random.default_rng(2)
     q, tau = random.normal(size=(10, 2)), random.normal(size=(10, 2))
-    state_filter = LowPass(order, T)
+    state_filter = LowPass(2, order, T)
     state_filter.update(0.0, q[0], UNUSED, tau[0])
     x, y = np.tile(q[0], (order, 1)), np.tile(tau[0], (order, 1))
     for k in range(1, 10):
@@ -49,7 +49,7 @@ def test_the_filter_equals_a_fine_integration_of_its_equation(order, dt):
 
 
 def test_velocity_is_the_derivative_of_the_filtered_position():
-    state_filter, last = LowPass(4, T), None
+    state_filter, last = LowPass(1, 4, T), None
     for k in range(2000):
         t = k * DT
         q, qd, _ = state_filter.update(DT, np.array([np.sin(3.0 * t)]), UNUSED, np.zeros(1))
@@ -59,7 +59,7 @@ def test_velocity_is_the_derivative_of_the_filtered_position():
 
 
 def test_a_ramp_lags_by_order_times_time_constant_and_keeps_its_slope():
-    state_filter = LowPass(4, T)
+    state_filter = LowPass(1, 4, T)
     for k in range(3000):
         q, qd, _ = state_filter.update(DT, np.array([0.7 * k * DT]), UNUSED, np.zeros(1))
     assert q[0] == pytest.approx(0.7 * (2999 * DT - 4 * T), abs=1e-9)
@@ -67,7 +67,7 @@ def test_a_ramp_lags_by_order_times_time_constant_and_keeps_its_slope():
 
 
 def test_it_starts_where_the_arm_is_and_again_after_a_reset():
-    state_filter = LowPass(4, T)
+    state_filter = LowPass(1, 4, T)
     for position in (0.4, -1.0):
         q, qd, tau = state_filter.update(DT, np.array([position]), UNUSED, np.array([2.0]))
         assert (q[0], qd[0], tau[0]) == (position, 0.0, 2.0)
@@ -77,7 +77,7 @@ def test_it_starts_where_the_arm_is_and_again_after_a_reset():
 
 def test_order_zero_passes_the_measured_state_on():
     state = np.array([1.0]), np.array([2.0]), np.array([3.0])
-    off = LowPass(0, T)
+    off = LowPass(1, 0, T)
     assert off.memory == 0.0
     assert all(got is given for got, given in zip(off.update(DT, *state), state))
 
@@ -87,4 +87,4 @@ def test_order_zero_passes_the_measured_state_on():
     (4, float('nan'), 'state_time_constant')])
 def test_filters_that_cannot_be_used_are_refused_by_name(order, constant, name):
     with pytest.raises(ParameterError, match=rf'identifier\.filter\.{name}'):
-        LowPass(order, constant)
+        LowPass(1, order, constant)

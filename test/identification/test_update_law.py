@@ -6,7 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adaptive_blf_control.identification.update_law import implicit_step
+from adaptive_blf_control.identification.update_law import (
+    advance,
+    implicit_step,
+    kept_history,
+)
 
 hypothesis = pytest.importorskip('hypothesis')
 st = hypothesis.strategies
@@ -136,3 +140,46 @@ def test_a_step_leaves_its_arguments_alone():
     new = data.step(data.theta, 0.1, 10.0, 10.0)
     np.testing.assert_array_equal(data.theta, before)
     assert new is not data.theta
+
+
+def dense_step(theta, dt, gamma, kt, kh, yf, tf, gram, moment, term):
+    """The same step by one solve of m equations."""
+    information = kt * yf.T @ yf + kh * gram
+    slope = kt * yf.T @ tf + kh * moment - term - information @ theta
+    return theta + np.linalg.solve(np.diag(1.0 / gamma) + dt * information, dt * slope)
+
+
+@hypothesis.given(seed=st.integers(0, 10_000), n=st.integers(1, 7), m=st.integers(1, 50),
+                  rows=st.integers(0, 60), kt=st.sampled_from([0.0, 1.0, 1e3]),
+                  kh=st.sampled_from([0.0, 1.0, 1e3]), decades=st.floats(0.0, 2.0))
+def test_a_step_is_that_of_a_dense_solve(seed, n, m, rows, kt, kh, decades):
+    random = np.random.default_rng(seed)
+    history = random.normal(size=(rows, m)) * 10.0 ** random.uniform(-decades, decades, m)
+    yf, truth = random.normal(size=(n, m)), random.normal(size=m)
+    step = (random.normal(size=m), 1e-2, random.uniform(0.1, 10.0, m), kt, kh, yf, yf @ truth,
+            history.T @ history, history.T @ (history @ truth), random.normal(size=m))
+    np.testing.assert_allclose(implicit_step(*step), dense_step(*step), rtol=1e-8, atol=1e-8)
+
+
+def test_what_is_kept_follows_the_history_and_gamma_and_serves_every_step_and_gain():
+    kept, theta, data = kept_history(N, M), Data().theta.copy(), Data()
+    for change in ('nothing', 'one element of G', 'Γ', 'dt', 'kt', 'kh', 'pair', 'all of G'):
+        dt, kt, kh = 0.05, 3.0, 0.7
+        if change == 'one element of G':
+            data.gram[2, 2] *= 1.5
+        elif change == 'Γ':
+            data.gamma[1] *= 2.0
+        elif change == 'dt':
+            dt = 0.01
+        elif change == 'kt':
+            kt = 0.0
+        elif change == 'kh':
+            kh = 70.0
+        elif change == 'pair':
+            data.yf = data.yf[::-1].copy()
+        elif change == 'all of G':
+            data = Data(1)
+        step = (dt, data.gamma, kt, kh, data.yf, data.tf, data.gram, data.moment, data.term)
+        expected = implicit_step(theta, *step)
+        advance(kept, theta, *step)
+        np.testing.assert_array_equal(theta, expected, err_msg=change)

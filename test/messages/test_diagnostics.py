@@ -7,8 +7,7 @@ import struct
 
 import pytest
 
-from adaptive_blf_control.messages.diagnostics import encode_diagnostics
-from adaptive_blf_control.messages.diagnostics_reader import decode_diagnostics
+from adaptive_blf_control.messages.diagnostics import decode_diagnostics, encode_diagnostics
 
 VALUES = {'rank': 5, 'V': '1e-3', 'last fault': "joint 'a' is 3° off", '': ''}
 ARGUMENTS = (2 * 10**9 + 7, b'\x02', 'arm_driver: arm_driver', 'läuft', 'arm')

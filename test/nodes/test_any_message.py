@@ -170,7 +170,7 @@ def _same(before: tuple, after: tuple) -> bool:
 
 
 def _refused(node: Any) -> int:
-    return sum(node.drops.values())
+    return sum(node.faults.drops.values())
 
 
 class _Watched:
@@ -188,7 +188,7 @@ class _Watched:
         self._handler(*message)
         if _refused(self.node) > drops:
             self.refused += 1
-            assert _same(before, self._state()), self.node.drops
+            assert _same(before, self._state()), self.node.faults.drops
         else:
             self.taken += 1
 
@@ -241,7 +241,7 @@ def test_joint_states_of_the_controller(moving) -> None:
     assert watched.taken > 1000
     assert watched.refused > 1000
     assert {'unusable joint state', 'non-finite joint state', 'joint state out of order',
-            'stamp jumps ahead'} <= set(node.drops)
+            'stamp jumps ahead'} <= set(node.faults.drops)
     for data, _ in heard:
         assert np.isfinite(decode_float64_array(data)).all()
 
@@ -254,7 +254,7 @@ def _begin_again(node: ControllerNode) -> None:
 
 def test_estimates_of_the_controller(moving) -> None:
     node, good, _ = moving
-    watched = _Watched(node, node.on_theta_hat, lambda: _motion(node))
+    watched = _Watched(node, node.estimates.receive, lambda: _motion(node))
 
     def handle(data: bytes, info: dict) -> None:
         watched(data, info)
@@ -267,7 +267,7 @@ def test_estimates_of_the_controller(moving) -> None:
     _feed(_vectors(PARAMETERS), handle)
     assert watched.taken > 200
     assert {'unusable estimate', 'non-finite estimate',
-            'estimate beyond its limit'} <= set(node.drops)
+            'estimate beyond its limit'} <= set(node.faults.drops)
 
 
 def _trajectory(drawn: _Drawn) -> JointTrajectory:
@@ -287,7 +287,7 @@ def _trajectory(drawn: _Drawn) -> JointTrajectory:
 
 def test_trajectories_of_the_controller(moving) -> None:
     node, good, _ = moving
-    watched = _Watched(node, node.on_joint_trajectory, lambda: _motion(node))
+    watched = _Watched(node, node.trajectories.receive, lambda: _motion(node))
 
     def handle(message: JointTrajectory, _: dict) -> None:
         before = watched.taken
@@ -362,8 +362,8 @@ def test_joint_states_of_the_identifier(graph) -> None:
     node = graph.make(IdentifierNode, filter__settle=0.0)
     identifier = node.identifier
     watched = _Watched(node, node.on_joint_states, lambda: (
-        identifier.theta, identifier.stack.count, identifier.stack.sigma_min, node._last_ns,
-        node._zero_ns, node.statistics.samples))
+        identifier.theta, identifier.stack.count, identifier.stack.sigma_min, node.last_ns,
+        node.statistics.samples))
 
     def handle(data: bytes, info: dict) -> None:
         before = identifier.theta, identifier.stack.insertions, sum(identifier.dropped.values())
@@ -382,8 +382,8 @@ def test_joint_states_of_the_identifier(graph) -> None:
 
 def test_adaptation_terms_of_the_identifier(graph) -> None:
     node = graph.make(IdentifierNode, filter__settle=0.0)
-    watched = _Watched(node, node.on_adaptation_term, lambda: (
-        len(node._terms), node._terms[-1][1] if node._terms else None, node.identifier.theta))
+    watched = _Watched(node, node.terms.receive, lambda: (
+        len(node.terms.terms), *(term for _, term in node.terms.terms), node.identifier.theta))
     stamps = itertools.count(FIRST, 10**6)
 
     def handle(data: bytes, info: dict) -> None:
@@ -394,8 +394,8 @@ def test_adaptation_terms_of_the_identifier(graph) -> None:
 
     _feed(_vectors(PARAMETERS), handle)
     assert watched.taken > 1000
-    assert {'unusable adaptation term', 'non-finite adaptation term'} <= set(node.drops)
-    assert len(node._terms) <= 100
+    assert {'unusable adaptation term', 'non-finite adaptation term'} <= set(node.faults.drops)
+    assert len(node.terms.terms) <= 100
 
 
 def _command(drawn: _Drawn) -> bytes:
@@ -432,40 +432,41 @@ def _check_commands(driver: ArmDriver, state: Callable[[], tuple],
     assert watched.taken > 1000
     assert watched.refused > 1000
     assert {'unreadable command', 'command of wrong length', 'non-finite command',
-            'command of a second publisher'} <= set(driver.drops)
+            'command of a second publisher'} <= set(driver.faults.drops)
 
 
 def test_commands_of_the_driver(graph) -> None:
     driver = graph.make(ArmDriver, rate=100.0, torque_limit=LIMIT.tolist(), command_timeout=60.0)
     driver.start_clock()
+    # That a command is kept by the plant shows from outside only when it advances.
     _check_commands(driver, lambda: (
         driver.plant.torque, driver.plant._commanded, driver.started,
-        driver.drives.timed_out, driver.commands.heard_ns, driver.commands._source._number),
+        driver.drives.timed_out, driver.commands.heard_ns,
+        driver.commands.source.number),
         lambda: driver.plant.torque / LIMIT)
     assert (np.abs(driver.plant.torque) <= LIMIT).all()
 
 
 def test_commands_and_answers_of_the_driver_in_lockstep(graph) -> None:
     driver = graph.make(ArmDriver, use_sim_time=True, command_timeout=60.0)
-    lockstep = driver._lockstep
+    answers = driver.stepping.answers
     _check_commands(driver, lambda: (
-        lockstep._torque, lockstep._commanded, driver.commands.heard_ns,
-        driver.commands._source._number),
-        lambda: lockstep._torque)
+        answers.torque, answers.commanded, driver.commands.heard_ns,
+        driver.commands.source.number),
+        lambda: answers.torque)
     awaited = FIRST + 500 * 10**6
-    lockstep._send(awaited, 1e-3)
-    lockstep.on_command(np.zeros(2))
-    hear = {name: lockstep._hears(name) for name in ('controller', 'identifier')}
-    hear['controller'](_good(PARAMETERS, awaited), {})
-    assert lockstep._missing_answers(awaited) == ['identifier']
-    answers = set()
+    answers.expect(awaited)
+    answers.command(np.zeros(2))
+    answers.hear('controller', _good(PARAMETERS, awaited))
+    assert answers.missing() == ['identifier']
+    missing = set()
 
     def handle(data: bytes, info: dict) -> None:
-        hear['controller'](data, info)
-        answers.update(lockstep._missing_answers(awaited))
+        answers.hear('controller', data)
+        missing.update(answers.missing())
 
     _feed(_vectors(PARAMETERS), handle)
-    assert answers == {'identifier'}  # what was answered stays so, whatever follows
+    assert missing == {'identifier'}  # an answer stays one, whatever follows
 
 
 def test_answers_that_a_player_waits_for(graph, wait_until) -> None:
@@ -500,7 +501,7 @@ def test_raw_input_of_the_recorder(graph, tmp_path, use_sim_time) -> None:
     def handle(data: bytes, info: dict) -> None:
         topic = next(turn)
         given[topic].append(data)
-        node._record(topic, 'sensor_msgs/msg/JointState', data, {
+        node.record(topic, 'sensor_msgs/msg/JointState', data, {
             'received_timestamp': FIRST, 'source_timestamp': FIRST, **info})
 
     _feed(_vectors(JOINTS), handle)

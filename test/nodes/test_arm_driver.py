@@ -222,7 +222,7 @@ def test_without_commands_the_torque_goes_to_zero_until_the_next_one(by_hand) ->
     np.testing.assert_array_equal(_arrays(state_at(110.0))[2], (0.0, 0.0))
     assert driver.drives.timed_out
     assert 'zero torque' in driver.status()[1]
-    assert driver.last_fault == 'no command for 0.1 s: zero torque'
+    assert driver.faults.last == 'no command for 0.1 s: zero torque'
     command_at(115.0, 6.0, 2.0)
     np.testing.assert_allclose(_arrays(state_at(120.0))[2], (3.0, 1.0), rtol=1e-12)
     assert not driver.drives.timed_out
@@ -245,7 +245,7 @@ def test_timeout_action_damping_brakes_the_motion_until_the_next_command(by_hand
         energy.append(0.5 * qd @ TwoLinkArm().Y1(q, qd) @ THETA)
     assert (np.diff(energy) < 0.0).all()
     assert driver.drives.timed_out
-    assert driver.last_fault == 'no command for 0.1 s: damping torque'
+    assert driver.faults.last == 'no command for 0.1 s: damping torque'
     assert 'damping torque' in driver.status()[1]
     command_at(300.0, 6.0, 2.0)
     np.testing.assert_allclose(_arrays(state_at(310.0))[2], (6.0, 2.0), rtol=1e-12)
@@ -266,18 +266,18 @@ def test_one_publisher_of_commands_is_obeyed_until_it_has_been_silent(by_hand) -
         command(number, b)
     np.testing.assert_allclose(_arrays(state_at(20.0))[2], a, rtol=1e-12)
     refused = 'command of a second publisher'
-    assert driver.drops == {refused: 7}
-    assert driver.last_fault == 'commands of a second publisher refused'
+    assert driver.faults.drops == {refused: 7}
+    assert driver.faults.last == 'commands of a second publisher refused'
     command(600, (1.0, 2.0))  # 99 were lost on the way
     np.testing.assert_allclose(_arrays(state_at(30.0))[2], (1.0, 2.0), rtol=1e-12)
     state_at(110.0)
     command(4, b)  # 600 was 90 ms ago: not silent for command_timeout
-    assert driver.drops == {refused: 8}
+    assert driver.faults.drops == {refused: 8}
     state_at(130.0)
     command(5, b)  # the second one takes over, and is the one now
     command(601, a)
     np.testing.assert_allclose(_arrays(state_at(140.0))[2], b, rtol=1e-12)
-    assert driver.drops == {refused: 9}
+    assert driver.faults.drops == {refused: 9}
 
 
 def test_a_new_rate_counts_from_the_last_state_on(by_hand) -> None:
@@ -307,7 +307,8 @@ def test_a_second_real_publisher_does_not_move_the_arm(rig, graph, wait_until) -
     wait_until(lambda: second.get_subscription_count() == 1)
     for _ in range(5):
         second.publish(Float64MultiArray(data=[50.0, 50.0]))
-    wait_until(lambda: driver.drops == {'command of a second publisher': 5}, what='five drops')
+    wait_until(lambda: driver.faults.drops == {'command of a second publisher': 5},
+               what='five drops')
     wait_until(lambda: driver.status()[1].startswith('several publishers of commands: /peer'))
     send(4.0, -1.0)
     wait_until(lambda: np.allclose(states[-1].effort, (4.0, -1.0)))
@@ -320,7 +321,7 @@ def test_a_command_while_inactive_is_dropped(by_hand) -> None:
     state_at(0.0)
     driver.trigger_deactivate()
     command_at(4.0, 10.0, -4.0)
-    assert driver.drops == {'command while inactive': 1}
+    assert driver.faults.drops == {'command while inactive': 1}
     state = state_at(10.0)
     assert (list(state.position), driver.started) == (START['initial_position'], False)
     assert np.isnan(state.effort).all()
@@ -461,8 +462,8 @@ def test_a_bad_command_is_dropped_whole_and_counted(rig, graph, wait_until) -> N
     begin = len(states)
     for bad in ((), (1.0,), (1.0, 2.0, 3.0), (9.0, np.nan), (np.inf, 9.0), (9.0, -np.inf)):
         send(*bad)
-    wait_until(lambda: sum(driver.drops.values()) == 6, what='six drops')
-    assert driver.drops == {'command of wrong length': 3, 'non-finite command': 3}
+    wait_until(lambda: sum(driver.faults.drops.values()) == 6, what='six drops')
+    assert driver.faults.drops == {'command of wrong length': 3, 'non-finite command': 3}
     wait_until(lambda: len(states) >= begin + 5)
     for i in range(begin, len(states)):
         np.testing.assert_allclose(states[i].effort, (3.0, -2.0), rtol=1e-9)
@@ -472,7 +473,7 @@ def test_a_bad_first_command_does_not_release_the_brakes(rig, graph, wait_until)
     driver, states, send = rig(rate=100.0)
     graph.run(driver)
     send(np.nan, 0.0)
-    wait_until(lambda: sum(driver.drops.values()) == 1 and len(states) > 5)
+    wait_until(lambda: sum(driver.faults.drops.values()) == 1 and len(states) > 5)
     assert not driver.started
     assert list(states[-1].position) == [0.1, 2.0]
 
@@ -494,7 +495,7 @@ def test_no_bytes_on_the_command_topic_make_the_state_non_finite(graph) -> None:
         assert np.isfinite([driver.plant.q, driver.plant.qd]).all()
 
     any_bytes()
-    assert driver.drops['unreadable command'] > 100
+    assert driver.faults.drops['unreadable command'] > 100
 
 
 def test_duration_ends_the_run_with_0_counted_from_the_first_command(rig, graph,

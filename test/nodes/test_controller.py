@@ -34,7 +34,7 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
     TRACKING_ERROR,
 )
-from adaptive_blf_control.nodes import controller as controller_module
+from adaptive_blf_control.nodes import trajectory_input
 from adaptive_blf_control.nodes.command_topic import GIVE_WAY
 from adaptive_blf_control.nodes.controller import ControllerNode
 
@@ -77,7 +77,7 @@ class _Rig:
                 (REFERENCE, JointState), (TRACKING_ERROR, JointState), (BARRIER, JointState))}
         heard = {f'{namespace}/{topic}' for topic in self.sent}
         wait_until(lambda: self.node.commands.someone_drives() and all(
-            publisher.get_subscription_count() for publisher in self.node._data_publishers
+            publisher.get_subscription_count() for publisher in self.node.topics.publishers
             if publisher.topic_name in heard), what='the match')
         self._answers = 0
 
@@ -97,7 +97,7 @@ class _Rig:
         if node.output is None:
             self._wait_until(answered, what='the first answer')
         else:
-            assert answered(), node.drops
+            assert answered(), node.faults.drops
         self._answers += 1
         self._wait_until(lambda: len(self.sent[COMMANDS]) == self._answers, what='the torque')
         return self.torques[-1]
@@ -121,9 +121,9 @@ class _Rig:
         node, data = self.node, state if isinstance(state, bytes) else serialize_message(state)
         before = (node.output, node.theta, node.motion.gate.last_ns, node.heard_at,
                   node.statistics.samples)
-        drops = dict(node.drops)
+        drops = dict(node.faults.drops)
         node.on_joint_states(data, {})
-        assert node.drops == {**drops, reason: drops.get(reason, 0) + 1}
+        assert node.faults.drops == {**drops, reason: drops.get(reason, 0) + 1}
         after = (node.output, node.theta, node.motion.gate.last_ns, node.heard_at,
                   node.statistics.samples)
         assert all(a is b or a == b for a, b in zip(before, after))
@@ -139,13 +139,15 @@ def _settings(rig_, **changed) -> ControllerNodeSettings:
     return rig_.node.settings.replace(**changed)
 
 
-def test_the_torque_is_that_of_the_law_for_the_state_and_the_time_since_the_start(rig) -> None:
+def test_the_torque_is_that_of_the_law_for_the_state_and_the_time_since_the_start(
+        rig, wait_until) -> None:
     rig = rig(state_timeout=1.0)
     law = Controller(TwoLinkArm(), _settings(rig), start=np.array(Q))
     theta = np.array(TASK['initial_estimate'])
     for ms, q, qd in ((0.0, Q, QD), (1.0, [0.02, 1.97], QD), (250.0, [0.1, 1.99], [0.5, -0.3])):
         expected = law.update(ms * 1e-3, np.array(q), np.array(qd), theta)
         np.testing.assert_allclose(rig.answer(_state(ms, q, qd)), expected.torque, rtol=1e-9)
+    wait_until(lambda: len(rig.sent[ADAPTATION_TERM]) == 3, what='the term of the last state')
     term = deserialize_message(rig.sent[ADAPTATION_TERM][-1][0], JointState)
     assert tuple(term.name) == PARAMETERS
     np.testing.assert_allclose(term.position, expected.adaptation_term, rtol=1e-9)
@@ -211,7 +213,7 @@ def test_states_that_cannot_be_used_are_dropped_and_counted(rig) -> None:
     np.testing.assert_array_equal(good, rig.torques[0])
     assert len(rig.torques) == 1
     assert not np.array_equal(rig.answer(_state(1.0, [0.05, 1.9])), good)
-    assert sum(rig.node.drops.values()) == 19
+    assert sum(rig.node.faults.drops.values()) == 19
 
 
 def test_one_wild_stamp_is_dropped_and_a_clock_that_stays_ahead_is_followed(rig) -> None:
@@ -263,7 +265,7 @@ def test_no_bytes_on_any_topic_give_a_non_finite_torque(rig) -> None:
         strategies.binary(max_size=120) | corrupted(state) | extreme,
         strategies.binary(max_size=120) | corrupted(estimate) | estimates)
     def any_bytes(joint_state: bytes, theta_hat: bytes) -> None:
-        node.on_theta_hat(theta_hat, {})
+        node.estimates.receive(theta_hat, {})
         node.motion.gate.last_ns = None  # every stamp is a new one
         with np.errstate(all='ignore'):
             node.on_joint_states(joint_state, {})
@@ -273,7 +275,7 @@ def test_no_bytes_on_any_topic_give_a_non_finite_torque(rig) -> None:
 
     any_bytes()
     assert node.statistics.samples > 500
-    assert len(node.drops) == 5, node.drops
+    assert len(node.faults.drops) == 5, node.faults.drops
     for torque in rig.torques:
         assert np.isfinite(torque).all()
 
@@ -292,8 +294,8 @@ def test_an_estimate_acts_from_the_next_state_on_matched_by_name(graph, wait_unt
     plain, other = _Rig(graph, wait_until), _Rig(graph, wait_until, '/other')
     theta = np.array([3.4, 0.19, 0.25, 5.2, 1.3])
     before = plain.answer(_state(0.0)), other.answer(_state(0.0))
-    plain.node.on_theta_hat(_estimate(theta), {})
-    other.node.on_theta_hat(_estimate(theta[::-1], PARAMETERS[::-1]), {})
+    plain.node.estimates.receive(_estimate(theta), {})
+    other.node.estimates.receive(_estimate(theta[::-1], PARAMETERS[::-1]), {})
     for ms in (1.0, 2.0):
         after = plain.answer(_state(ms)), other.answer(_state(ms))
     np.testing.assert_array_equal(*before)
@@ -305,15 +307,15 @@ def test_an_estimate_acts_from_the_next_state_on_matched_by_name(graph, wait_unt
 
 def test_an_estimate_that_cannot_be_used_leaves_the_last_one(rig) -> None:
     rig = rig()
-    rig.node.on_theta_hat(_estimate([3.4, 0.19, 0.25, 5.2, 1.3]), {})
+    rig.node.estimates.receive(_estimate([3.4, 0.19, 0.25, 5.2, 1.3]), {})
     kept = rig.node.theta
     for bad in ([3.0, math.nan, 0.3, 5.0, 1.0], [3.0, 0.2, 0.3, math.inf, 1.0]):
-        rig.node.on_theta_hat(_estimate(bad), {})
-    rig.node.on_theta_hat(_estimate([], []), {})
-    rig.node.on_theta_hat(_estimate([1.0] * 4, PARAMETERS[:4]), {})
-    rig.node.on_theta_hat(b'\0\1\0\0', {})
+        rig.node.estimates.receive(_estimate(bad), {})
+    rig.node.estimates.receive(_estimate([], []), {})
+    rig.node.estimates.receive(_estimate([1.0] * 4, PARAMETERS[:4]), {})
+    rig.node.estimates.receive(b'\0\1\0\0', {})
     assert rig.node.theta is kept
-    assert rig.node.drops == {'non-finite estimate': 2, 'unusable estimate': 3}
+    assert rig.node.faults.drops == {'non-finite estimate': 2, 'unusable estimate': 3}
 
 
 @pytest.mark.parametrize(('limit', 'believed', 'beyond', 'named'), [
@@ -324,12 +326,12 @@ def test_an_estimate_that_cannot_be_used_leaves_the_last_one(rig) -> None:
 def test_an_estimate_beyond_the_limit_is_refused_and_the_last_good_one_kept(
         rig, capfd, limit, believed, beyond, named) -> None:
     rig = rig(estimate_limit=limit)
-    rig.node.on_theta_hat(_estimate(believed), {})
-    rig.node.on_theta_hat(_estimate(beyond), {})
+    rig.node.estimates.receive(_estimate(believed), {})
+    rig.node.estimates.receive(_estimate(beyond), {})
     np.testing.assert_array_equal(rig.node.theta, believed)
-    assert rig.node.drops == {'estimate beyond its limit': 1}
+    assert rig.node.faults.drops == {'estimate beyond its limit': 1}
     assert named in capfd.readouterr().err
-    assert named in rig.node.last_fault
+    assert named in rig.node.faults.last
 
 
 def test_an_estimate_limit_of_another_length_is_refused(graph) -> None:
@@ -468,7 +470,7 @@ def test_when_states_stop_one_zero_torque_is_sent_and_the_next_state_resumes(gra
     assert rig.torques[0].any()
     np.testing.assert_array_equal(rig.torques[1], 0.0)
     assert 'lost' in rig.node.status()[1]
-    assert rig.node.last_fault == 'no joint state for 0.2 s: zero torque'
+    assert rig.node.faults.last == 'no joint state for 0.2 s: zero torque'
     states.publish(_state(1.0))
     wait_until(lambda: len(rig.torques) == 4)
     assert rig.torques[2].any()
@@ -491,7 +493,7 @@ def test_of_a_backlog_only_the_newest_state_is_answered(rig, wait_until) -> None
     rig.node.spin_data(1.0)
     assert rig.node.statistics.samples == 2
     assert rig.node.motion.gate.last_ns == 10**12 + 8_000_000
-    assert rig.node.superseded == 8
+    assert rig.node.statistics.superseded == 8
     wait_until(lambda: len(rig.torques) == 2)
 
 
@@ -535,10 +537,10 @@ def test_a_trajectory_that_took_long_to_compute_begins_later(rig, monkeypatch) -
             rig.answer(_state(200.0))  # past the moment that was meant
         return way_through(points, controller, t)
 
-    monkeypatch.setattr(controller_module, 'way_through', slow)
-    rig.node.on_joint_trajectory(_trajectory([1.0, -0.5]))
+    monkeypatch.setattr(trajectory_input, 'way_through', slow)
+    rig.node.trajectories.receive(_trajectory([1.0, -0.5]))
     np.testing.assert_allclose(begins, [0.1, 0.6])
-    assert rig.node.drops == {}
+    assert rig.node.faults.drops == {}
     np.testing.assert_allclose(rig.node.motion.controller.reference.at(2.0).position, [-0.5, 1.0])
 
 
@@ -557,7 +559,7 @@ def test_a_controller_gives_way_to_another_that_appears_at_its_start_not_to_any_
     assert rig.node.active
     rig.node.look_around(late - 0.01)
     assert rig.node.active is not of_our_kind
-    assert ('gives way' in rig.node.last_fault) is of_our_kind
+    assert ('gives way' in rig.node.faults.last) is of_our_kind
     if of_our_kind:
         wait_until(lambda: np.array_equal(rig.torques[-1], [0.0, 0.0]), what='zero torque')
 
@@ -578,7 +580,7 @@ def test_where_nobody_listens_any_longer_the_torque_counts_as_lost(
                and not rig.node.commands.someone_drives())
     rig.node.look_around(time.monotonic())
     assert rig.node.motion.lost
-    assert 'nobody listens' in rig.node.last_fault
+    assert 'nobody listens' in rig.node.faults.last
     assert rig.node.status()[:2] == (DiagnosticStatus.ERROR, 'nobody listens: zero torque')
 
 
@@ -597,8 +599,8 @@ def test_a_clock_that_is_set_back_while_states_come_is_followed_once_they_count_
         return rig.node.statistics.samples > samples + 3
 
     wait_until(followed)
-    assert rig.node.drops['joint state out of order'] > 0
-    assert 'no joint state for 0.1 s' in rig.node.last_fault
+    assert rig.node.faults.drops['joint state out of order'] > 0
+    assert 'no joint state for 0.1 s' in rig.node.faults.last
     np.testing.assert_allclose(rig.node.output.reference.position, [-0.6, 0.4], atol=1e-3)
     assert sum(not torque.any() for torque in rig.torques) == 1
 
@@ -631,7 +633,7 @@ def test_on_violation_stop_brings_the_torque_to_zero_over_the_ramp_and_deactivat
     wait_until(lambda: rig.node.count_publishers(COMMANDS) == 0, what='the topic given back')
     rig.node.on_joint_states(serialize_message(_state(2.0)), {})
     assert rig.node.statistics.samples == 2
-    assert "'joint1' has left its performance set" in rig.node.last_fault
+    assert "'joint1' has left its performance set" in rig.node.faults.last
     assert rig.node.status()[:2] == (b'\x01', 'inactive')
 
 
@@ -645,7 +647,7 @@ def test_a_set_that_was_left_for_one_sample_stays_in_the_diagnostics(rig) -> Non
     assert all(part in text for part in ("'joint1'", 'performance', '0.2 rad'))
     assert values['samples outside a set'] == 1
     assert rig.node.active
-    assert "'joint1' has left its performance set: 0.24" in rig.node.last_fault
+    assert "'joint1' has left its performance set: 0.24" in rig.node.faults.last
 
 
 def test_a_recorder_that_listens_does_not_begin_the_motion(graph, wait_until) -> None:
@@ -667,7 +669,7 @@ def test_theorem_2_is_stated_at_the_start_from_bounds(rig, wait_until) -> None:
     guaranteed = dict(zip(message.name, message.position))
     e2 = np.array(rig.node.output.e2)
     output = rig.node.output
-    value = (barrier(output.e1, output.bound) + 0.5 * 5.0 * e2 @ e2 + 0.5 * 0.5**2)
+    value = (barrier(output.e1, output.bound, np.ones(2)) + 0.5 * 5.0 * e2 @ e2 + 0.5 * 0.5**2)
     part = math.sqrt(2 * value / (1 + 2 * value))
     assert guaranteed['V0'] == pytest.approx(value)
     assert guaranteed['joint1.error_upper'] == pytest.approx(0.2 * part)
@@ -702,7 +704,7 @@ def _trajectory(positions, seconds=1.0, names=('joint2', 'joint1'), **fields) ->
 def test_a_trajectory_replaces_the_reference_smoothly_and_by_joint_name(rig) -> None:
     rig = rig(state_timeout=10.0)
     rig.answer(_state(0.0))
-    rig.node.on_joint_trajectory(_trajectory([1.0, -0.5]))
+    rig.node.trajectories.receive(_trajectory([1.0, -0.5]))
     before = rig.node.motion.controller.reference.at(0.1)
     rig.answer(_state(50.0))
     for part, want in zip(rig.node.motion.controller.reference.at(0.1), before):
@@ -710,7 +712,7 @@ def test_a_trajectory_replaces_the_reference_smoothly_and_by_joint_name(rig) -> 
     rig.answer(_state(1100.0, [-0.5, 1.0], [0.0, 0.0]))
     np.testing.assert_allclose(rig.node.output.reference.position, [-0.5, 1.0])
     np.testing.assert_allclose(rig.node.output.e1, 0.0, atol=1e-12)
-    assert rig.node.drops == {}
+    assert rig.node.faults.drops == {}
 
 
 def _from_where_it_is(start, *goals) -> JointTrajectory:
@@ -725,8 +727,8 @@ def test_a_first_point_at_0_s_is_checked_and_not_gone_through(rig) -> None:
     rig = rig(state_timeout=10.0)
     rig.answer(_state(0.0))
     wanted = rig.node.motion.controller.reference.at(0.1).position
-    rig.node.on_joint_trajectory(_from_where_it_is(wanted[::-1] + 0.1, [1.0, -0.5]))
-    assert rig.node.drops == {}
+    rig.node.trajectories.receive(_from_where_it_is(wanted[::-1] + 0.1, [1.0, -0.5]))
+    assert rig.node.faults.drops == {}
     reference = rig.node.motion.controller.reference
     np.testing.assert_allclose(reference.at(0.1).position, wanted, atol=1e-12)
     np.testing.assert_allclose(reference.at(1.1).position, [-0.5, 1.0], atol=1e-12)
@@ -746,8 +748,8 @@ def test_a_trajectory_that_cannot_be_followed_is_dropped_whole(rig, capfd, messa
     rig = rig()
     rig.answer(_state(0.0))
     reference = rig.node.motion.controller.reference
-    rig.node.on_joint_trajectory(message)
-    assert rig.node.drops == {'unusable trajectory': 1}
+    rig.node.trajectories.receive(message)
+    assert rig.node.faults.drops == {'unusable trajectory': 1}
     assert what in capfd.readouterr().err
     rig.answer(_state(1.0))
     assert rig.node.motion.controller.reference is reference

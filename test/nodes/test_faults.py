@@ -80,7 +80,7 @@ class _Arm:
 
     def __init__(self, graph, wait_until, **parameters: Any) -> None:
         self.node = graph.make(ControllerNode, **{**TASK, **parameters})
-        peer = self._peer = graph.peer()
+        peer = self.peer = graph.peer()
         self.commands = peer.listen(Float64MultiArray, COMMANDS)
         self.errors = peer.listen(JointState, TRACKING_ERROR)
         self.references = peer.listen(JointState, REFERENCE)
@@ -152,7 +152,7 @@ def test_after_a_clock_that_jumps_back_the_torque_is_zero_and_the_motion_begins_
     assert np.abs(torques[1]).max() < 1.0
     times = [info['source_timestamp'] for _, info in arm.commands[sent - 1:sent + 1]]
     assert 0.2e9 < times[1] - times[0] < 1.5e9  # state_timeout, and what a busy machine adds
-    assert arm.node.drops['joint state out of order'] > 0
+    assert arm.node.faults.drops['joint state out of order'] > 0
     wait_until(lambda: decode_joint_state(arm.errors[-1][0]).stamp_ns < EPOCH - 10**12)
     first = next(error for error in (decode_joint_state(data) for data, _ in arm.errors)
                  if error.stamp_ns < EPOCH - 10**12)
@@ -168,7 +168,7 @@ def test_after_a_clock_that_jumps_ahead_the_motion_begins_again_with_the_second_
 
     def seen() -> bool:
         arm.publish([0.3, 0.1], ms=0.0)
-        return 'stamp jumps ahead' in arm.node.drops
+        return 'stamp jumps ahead' in arm.node.faults.drops
 
     def anew() -> list:
         arm.publish([0.3, 0.1])
@@ -234,7 +234,7 @@ def test_with_stop_a_set_that_is_left_deactivates_the_controller_at_zero_torque(
 
     wait_until(heard, what='a state while inactive')
     assert len(arm.commands) == sent
-    assert 'joint1' in arm.node.last_fault
+    assert 'joint1' in arm.node.faults.last
 
 
 def test_late_states_cost_the_torque_and_the_next_one_brings_it_back(arm, wait_until) -> None:
@@ -271,7 +271,7 @@ def loop(graph, wait_until) -> Iterator[tuple]:
 
 def test_a_publisher_that_shouts_commands_is_refused_and_named(loop, wait_until) -> None:
     driver, controller, peer, states, diagnostics = loop
-    wait_until(lambda: driver.commands._source._number > 300
+    wait_until(lambda: driver.commands.source.number > 300
                and time.monotonic() - controller.commands.claimed_at > GIVE_WAY,
                what='the arm is taken')
     stranger = peer.create_publisher(Float64MultiArray, COMMANDS, 100)
@@ -280,10 +280,10 @@ def test_a_publisher_that_shouts_commands_is_refused_and_named(loop, wait_until)
 
     def refused() -> bool:
         number = next(sent)  # far below that of the controller, whatever is lost on the way
-        wait_until(lambda: driver.commands._source._number > number + 200,
+        wait_until(lambda: driver.commands.source.number > number + 200,
                    'the controller to go on')
         stranger.publish(Float64MultiArray(data=[-77.0, 77.0]))
-        return driver.drops.get('command of a second publisher', 0) >= 100
+        return driver.faults.drops.get('command of a second publisher', 0) >= 100
 
     wait_until(refused, 'a hundred refused commands')
     seen = len(states)
@@ -302,13 +302,13 @@ def test_an_estimate_beyond_its_limit_does_not_reach_the_torque(loop, wait_until
     wait_until(lambda: estimates.get_subscription_count() == 1)
     kept = controller.theta
     for bad in (1e9, math.nan, -math.inf, 1e300):
-        reasons = sum(controller.drops.values())
+        reasons = sum(controller.faults.drops.values())
         estimates.publish(JointState(name=list(PARAMETERS), position=[bad] * 5))
-        wait_until(lambda reasons=reasons: sum(controller.drops.values()) > reasons)
+        wait_until(lambda reasons=reasons: sum(controller.faults.drops.values()) > reasons)
     begin = len(states)
     wait_until(lambda: len(states) > begin + 20)
     assert controller.theta is kept
-    assert {'estimate beyond its limit', 'non-finite estimate'} == set(controller.drops)
+    assert {'estimate beyond its limit', 'non-finite estimate'} == set(controller.faults.drops)
 
 
 class _Counts(NamedTuple):
@@ -377,8 +377,8 @@ def test_an_estimate_that_cannot_be_written_is_a_fault_and_learning_goes_on(
             return condition()
         wait_until(step)
 
-    learns_until(lambda: 'estimate not written' in node.last_fault)
-    assert str(path) in node.last_fault
+    learns_until(lambda: 'estimate not written' in node.faults.last)
+    assert str(path) in node.faults.last
     theta = node.identifier.theta
     learns_until(lambda: not np.array_equal(node.identifier.theta, theta))
     wait_until(lambda: any(value.key == 'last fault' and str(path) in value.value
@@ -456,7 +456,7 @@ def test_an_identifier_that_was_killed_goes_on_learning_where_it_was(
 
 def test_an_estimate_that_does_not_come_or_is_old_is_a_warning(arm, wait_until) -> None:
     arm = arm(state_timeout=60.0, reference__joint1__amplitude=[0.0])
-    estimates = arm._peer.create_publisher(JointState, THETA_HAT, 10)
+    estimates = arm.peer.create_publisher(JointState, THETA_HAT, 10)
     arm.begin([0.0, 0.0])
     warn = DiagnosticStatus.WARN
     wait_until(lambda: _says(arm.diagnostics, 'controller', warn, 'no estimate yet',

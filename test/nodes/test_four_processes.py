@@ -23,15 +23,16 @@ from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.configuration.parameter_file import load_yaml, node_values
 from adaptive_blf_control.errors import ArmError
 from adaptive_blf_control.executables import NODES
-from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.identification.given_parameters import read_estimate
 from adaptive_blf_control.messages.cdr import decode_float64_array
-from adaptive_blf_control.messages.diagnostics_reader import decode_diagnostics
+from adaptive_blf_control.messages.diagnostics import decode_diagnostics
 from adaptive_blf_control.messages.topics import (
     COMMANDS,
+    CONSISTENT_MODEL,
     GUARANTEE,
     JOINT_STATES,
     JOINT_TRAJECTORY,
-    TOPICS,
+    RECORDED,
 )
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
@@ -42,8 +43,8 @@ from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 from patience import PATIENCE
 
-# Spoken on only if asked for, and where a parameter changes.
-QUIET = (GUARANTEE, JOINT_TRAJECTORY, '/parameter_events')
+# Spoken on only if asked for, where a parameter changes, and for an arm from a URDF.
+QUIET = (GUARANTEE, JOINT_TRAJECTORY, '/parameter_events', CONSISTENT_MODEL)
 
 
 def _left_over(folder: Path) -> list[str]:
@@ -89,7 +90,7 @@ def test_the_demo_leaves_a_picture_a_complete_bag_and_no_process(demo) -> None:
     assert _left_over(output) == []
     bag = read_bag(output / 'bag')
     assert bag.complete, bag.problem
-    assert set(bag.topics) >= {topic if topic[0] == '/' else f'/{topic}' for topic in TOPICS
+    assert set(bag.topics) >= {topic if topic[0] == '/' else f'/{topic}' for topic in RECORDED
                                if topic not in QUIET}
     log = (output / 'recorder.txt').read_text(encoding='utf-8')
     for topic, info in bag.topics.items():
@@ -218,7 +219,7 @@ def test_an_arm_is_built_from_the_urdf_on_a_latched_topic(graph, pair_urdf, kind
 
 
 def test_a_urdf_that_does_not_come_is_an_error_that_names_the_topic(graph, monkeypatch) -> None:
-    monkeypatch.setattr(robot_description, 'PATIENCE', 0.2)
+    monkeypatch.setattr(robot_description, 'URDF_TIMEOUT', 0.2)
     with pytest.raises(ArmError, match="no URDF arrived on topic 'nowhere' within 0.2 s"):
         graph.make(ControllerNode, arm='urdf', urdf='topic:nowhere', joints=['shoulder', 'elbow'])
 

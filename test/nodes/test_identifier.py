@@ -76,7 +76,7 @@ def _feed(node: IdentifierNode, samples) -> list[np.ndarray]:
     for state, term, _ in samples:
         node.on_joint_states(state, {})
         learned.append(node.identifier.theta)
-        node.on_adaptation_term(term, {})
+        node.terms.receive(term, {})
     return learned
 
 
@@ -227,7 +227,7 @@ def test_states_that_cannot_be_read_are_counted_and_leave_no_trace(graph) -> Non
                 _named(EPOCH, ('joint1', 'joint2', 'joint2'), [0.0] * 3, [0.0] * 3, [0.0] * 3),
                 _named(EPOCH, JOINTS, [0.0], [0.0, 0.0], [0.0, 0.0])):
         node.on_joint_states(bad, {})
-    assert node.drops == {'unusable joint state': 5}
+    assert node.faults.drops == {'unusable joint state': 5}
     assert node.identifier.theta is theta
 
 
@@ -266,18 +266,18 @@ def test_an_old_adaptation_term_counts_as_none(graph) -> None:
         fresh.on_joint_states(_state(k), {})
         none.on_joint_states(_state(k), {})
         if k == 9:
-            fresh.on_adaptation_term(_named(EPOCH + 9_000_000, PARAMETERS, [30.0] * 5), {})
+            fresh.terms.receive(_named(EPOCH + 9_000_000, PARAMETERS, [30.0] * 5), {})
         same = np.allclose(fresh.identifier.theta, none.identifier.theta, rtol=1e-12, atol=0.0)
         assert same == (k <= 9) or k > 59
-    assert fresh._held_term(EPOCH + 59_000_000) is not None
-    assert fresh._held_term(EPOCH + 60_000_000) is None
+    assert fresh.terms.held(EPOCH + 59_000_000) is not None
+    assert fresh.terms.held(EPOCH + 60_000_000) is None
 
 
 def test_a_state_takes_the_term_of_the_interval_before_it_also_from_a_backlog(
         configured, repository) -> None:
     samples = _run(repository, 0.05)
     for _, term, _ in samples[:40]:  # the terms came faster than the states
-        configured.on_adaptation_term(term, {})
+        configured.terms.receive(term, {})
     learned = []
     for state, _, _ in samples[:40]:
         configured.on_joint_states(state, {})
@@ -288,11 +288,11 @@ def test_a_state_takes_the_term_of_the_interval_before_it_also_from_a_backlog(
 
 def test_an_adaptation_term_that_cannot_be_used_leaves_the_last_one(graph) -> None:
     node = graph.make(IdentifierNode)
-    node.on_adaptation_term(_named(EPOCH, PARAMETERS, [1.0] * 5), {})
-    node.on_adaptation_term(_named(EPOCH, PARAMETERS, [1.0, math.nan, 1.0, 1.0, 1.0]), {})
-    node.on_adaptation_term(_named(EPOCH, PARAMETERS[:4], [1.0] * 4), {})
-    np.testing.assert_array_equal(node._held_term(EPOCH + 10**6), np.ones(5))
-    assert node.drops == {'non-finite adaptation term': 1, 'unusable adaptation term': 1}
+    node.terms.receive(_named(EPOCH, PARAMETERS, [1.0] * 5), {})
+    node.terms.receive(_named(EPOCH, PARAMETERS, [1.0, math.nan, 1.0, 1.0, 1.0]), {})
+    node.terms.receive(_named(EPOCH, PARAMETERS[:4], [1.0] * 4), {})
+    np.testing.assert_array_equal(node.terms.held(EPOCH + 10**6), np.ones(5))
+    assert node.faults.drops == {'non-finite adaptation term': 1, 'unusable adaptation term': 1}
 
 
 def test_no_bytes_make_the_estimate_non_finite(graph) -> None:
@@ -319,7 +319,7 @@ def test_no_bytes_make_the_estimate_non_finite(graph) -> None:
                       strategies.binary(max_size=150) | terms)
     def any_bytes(state: bytes, term: bytes) -> None:
         with np.errstate(all='ignore'):
-            node.on_adaptation_term(term, {})
+            node.terms.receive(term, {})
             node.on_joint_states(state, {})
         assert np.isfinite(node.identifier.theta).all()
         assert math.isfinite(node.identifier.stack.sigma_min)

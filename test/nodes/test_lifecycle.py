@@ -63,7 +63,7 @@ class Cell:
                  arm: dict[str, Any] | None = None, law: dict[str, Any] | None = None,
                  executor: str = 'direct') -> None:
         """Start the nodes; ``arm`` and ``law`` change their parameters."""
-        self._wait_until = wait_until
+        self.wait_until = wait_until
         self._graph = graph
         self.peer = graph.peer()
         self.sent = {topic: self.peer.listen(kind, f'/{topic}') for topic, kind in (
@@ -101,16 +101,16 @@ class Cell:
         """Wait for that many more messages on a topic and return all of it."""
         heard = self.sent[topic]
         count = len(heard) + more
-        self._wait_until(lambda: len(heard) >= count, what=f'{topic} to go on')
+        self.wait_until(lambda: len(heard) >= count, what=f'{topic} to go on')
         return [data for data, _ in heard]
 
     def knows_the_arm(self) -> None:
         """Wait until the controller has heard a state."""
-        self._wait_until(lambda: self.controller.heard_at is not None)
+        self.wait_until(lambda: self.controller.heard_at is not None)
 
     def is_released(self) -> None:
         """Wait until the driver follows commands."""
-        self._wait_until(lambda: self.driver.started, what='the brakes')
+        self.wait_until(lambda: self.driver.started, what='the brakes')
 
     @property
     def torques(self) -> np.ndarray:
@@ -175,7 +175,7 @@ def test_a_transition_that_there_is_not_from_here_is_answered_and_changes_nothin
         for number in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE, 77):
             request = ChangeState.Request(transition=Transition(id=number))
             assert not cell.peer.call(ChangeState, f'/{node}/change_state', request).success
-            assert f"transition {number}: there is none from 'unconfigured'" in machine.last_fault
+            assert f"transition {number}: there is none from 'unconfigured'" in machine.faults.last
         assert not cell.change(node, 'activate')
         assert cell.state(node) == 'unconfigured'
     cell.moves('arm_driver configure', 'arm_driver activate')
@@ -199,8 +199,8 @@ def test_a_node_that_waits_to_be_configured_says_so_in_its_diagnostics(
     wait_until(both, what='diagnostics of both')
     for status in told.values():
         assert (status.level, status.message) == (DiagnosticStatus.WARN, 'unconfigured')
-    assert not cell.driver.drops
-    assert cell.driver.last_fault == ''
+    assert not cell.driver.faults.drops
+    assert cell.driver.faults.last == ''
 
 
 def test_a_request_in_the_middle_of_a_transition_waits_for_its_end(cell, monkeypatch) -> None:
@@ -222,7 +222,7 @@ def test_a_request_in_the_middle_of_a_transition_waits_for_its_end(cell, monkeyp
     cell.hears(JOINT_STATES)  # time for it to be taken
     assert not future.done()
     go_on.set()
-    cell._wait_until(future.done, what='the answer')
+    cell.wait_until(future.done, what='the answer')
     assert future.result().success
     assert cell.state('controller') == 'inactive'
 
@@ -252,10 +252,10 @@ def test_what_cannot_be_used_is_refused_while_configuring_with_its_reason(cell) 
     assert not cell.change('controller', 'configure')
     assert cell.state('controller') == 'unconfigured'
     for told in ("'joint2'", '2.9', '2.2'):  # 2 rad of reference + 0.9 > 2.2
-        assert told in cell.controller.last_fault
+        assert told in cell.controller.faults.last
     assert not cell.change('arm_driver', 'configure')
     assert cell.state('arm_driver') == 'unconfigured'
-    assert 'true_parameters' in cell.driver.last_fault
+    assert 'true_parameters' in cell.driver.faults.last
     assert cell.peer.count_publishers(f'/{JOINT_STATES}') == 0
 
 
@@ -264,11 +264,11 @@ def test_activation_needs_a_state_inside_the_safety_set_and_the_topic_for_itself
     cell = cell(arm={'initial_position': [0.5, -2.3]})
     cell.moves('controller configure')
     assert not cell.change('controller', 'activate')
-    assert f'/{JOINT_STATES}: no joint state within 2 s' in cell.controller.last_fault
+    assert f'/{JOINT_STATES}: no joint state within 2 s' in cell.controller.faults.last
     cell.moves('arm_driver configure', 'arm_driver activate')
     cell.knows_the_arm()
     assert not cell.change('controller', 'activate')
-    fault = cell.controller.last_fault
+    fault = cell.controller.faults.last
     assert all(told in fault for told in ("'joint2'", '-2.3', '-2.17')), fault
     cell.driver.plant.q = np.array([0.5, -2.0])
     wait_until(lambda: cell.controller.motion.q[1] == -2.0)
@@ -276,7 +276,7 @@ def test_activation_needs_a_state_inside_the_safety_set_and_the_topic_for_itself
     other = intruder.create_publisher(Float64MultiArray, f'/{COMMANDS}', 1)
     wait_until(lambda: cell.controller.count_publishers(COMMANDS) == 1)
     assert not cell.change('controller', 'activate')
-    assert f'/{COMMANDS}: /intruder sends commands already' in cell.controller.last_fault
+    assert f'/{COMMANDS}: /intruder sends commands already' in cell.controller.faults.last
     intruder.destroy_publisher(other)
     wait_until(lambda: cell.controller.count_publishers(COMMANDS) == 0)
     assert cell.state('controller') == 'inactive'
@@ -331,7 +331,7 @@ def test_deactivation_brings_the_torque_down_to_zero_and_gives_the_topic_back(
         np.testing.assert_array_equal(ramp[-1], 0.0)
         assert cell.peer.count_publishers(f'/{COMMANDS}') == 0
         cell.hears(JOINT_STATES)
-    assert cell.driver.drops == {}  # it has followed the second motion from its beginning
+    assert cell.driver.faults.drops == {}  # it has followed the second motion from its beginning
 
 
 def test_a_deactivated_driver_ramps_down_and_then_brakes(cell, wait_until) -> None:
@@ -355,7 +355,7 @@ def test_a_deactivated_driver_ramps_down_and_then_brakes(cell, wait_until) -> No
     sizes = np.abs([state.effort for state in states[:braked]])
     ramp = sizes[np.argmax(np.abs(np.diff(sizes, axis=0)).max(axis=1) > 0.0) + 2:]
     assert len(ramp) >= 10
-    assert cell.driver.drops['command while inactive'] > 0
+    assert cell.driver.faults.drops['command while inactive'] > 0
     assert (ramp[-1] <= 0.2 * np.abs(sizes[0]) + 1e-9).all()
 
 
@@ -367,11 +367,11 @@ def test_cleaned_up_nodes_are_configured_again_while_their_loops_run(cell) -> No
                    'arm_driver cleanup')
         cell.moves('arm_driver configure', 'arm_driver activate', 'controller configure')
         cell.knows_the_arm()
-        cell._wait_until(lambda: cell.change('controller', 'activate'), what='a joint state')
+        cell.wait_until(lambda: cell.change('controller', 'activate'), what='a joint state')
     cell.hears(COMMANDS)
     for node in (cell.driver, cell.controller):
-        assert len(node._topics) == (1 if node is cell.driver else 2)
-        cell._wait_until(lambda node=node: not node._leaving)
+        assert len(node.topics) == (1 if node is cell.driver else 2)
+        cell.wait_until(lambda node=node: node.topics.leaving == 0)
     assert {runner.error for runner in cell.runners.values()} == {None}
     assert {runner.code for runner in cell.runners.values()} == {None}
 
@@ -385,7 +385,7 @@ def test_shutdown_ends_the_nodes_and_a_moving_arm_gets_zero_torque(cell, autosta
         cell.moves(f'{node} shutdown')
         assert cell.runners[node].join() == 0
     if autostart:  # delivered is not yet handled: the peer takes one message at a time
-        cell._wait_until(lambda: not cell.torques[-1].any(), 'zero torque as the last one')
+        cell.wait_until(lambda: not cell.torques[-1].any(), 'zero torque as the last one')
 
 
 @pytest.mark.parametrize('kind', [ArmDriver, ControllerNode])

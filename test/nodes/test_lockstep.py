@@ -26,7 +26,7 @@ from adaptive_blf_control.configuration.parameter_file import (
 )
 from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.joint_state import decode_joint_state
-from adaptive_blf_control.messages.topics import TOPICS
+from adaptive_blf_control.messages.topics import RECORDED
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.arm_lockstep import EPOCH_NS, LockstepTimeout
 from adaptive_blf_control.nodes.controller import ControllerNode
@@ -71,7 +71,7 @@ class Run:
                  leave_out: tuple[str, ...] = (), **driver: Any) -> None:
         """Start the nodes but ``leave_out``; ``driver``: its parameters."""
         self._bag = bag
-        settings = {'recorder': {'bag': str(bag), 'topics': [*TOPICS, '/clock']},
+        settings = {'recorder': {'bag': str(bag), 'topics': [*RECORDED, '/clock']},
                     'arm_driver': driver}
         self.nodes = {}
         for name, kind in KINDS.items():
@@ -101,11 +101,12 @@ def _simulate(config: Path, bag: Path, duration: float, change=None) -> dict[str
     data = load_yaml(config)
     loop = build_closed_loop(data)
     with BagObserver(bag, loop, data) as observer:
-        def observe(sample) -> None:
-            observer(sample)
-            if change is not None:
+        if change is None:
+            loop.run(duration, observer)
+        else:  # who changes the loop while it runs takes it sample by sample
+            for sample in loop.samples(duration):
+                observer(sample)
                 change(loop, sample)
-        loop.run(duration, observe)
     return _messages(read_bag(bag))
 
 

@@ -25,14 +25,16 @@ from adaptive_blf_control.configuration.parameter_file import (
     node_settings,
 )
 from adaptive_blf_control.errors import BagError, ParameterError
-from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.identification.given_parameters import read_estimate
 from adaptive_blf_control.messages.cdr import decode_joint_state
 from adaptive_blf_control.messages.joint_state import JointStateCodec
-from adaptive_blf_control.messages.topics import TOPICS
+from adaptive_blf_control.messages.stamp import stamp_of
+from adaptive_blf_control.messages.topics import RECORDED
 from adaptive_blf_control.nodes.identifier import IdentifierNode
-from adaptive_blf_control.nodes.player import account, Player, PlaySettings
+from adaptive_blf_control.nodes.play_settings import PlaySettings
+from adaptive_blf_control.nodes.player import account, Player
 from adaptive_blf_control.runtime import answers
-from adaptive_blf_control.runtime.answers import NoAnswer, stamp_of
+from adaptive_blf_control.runtime.answers import NoAnswer
 from adaptive_blf_control.tools.identify import main as identify
 from adaptive_blf_control.tools.simulate import main as simulate
 
@@ -75,7 +77,7 @@ def _player(graph, path: Path, **settings) -> Player:
 def _small_bag(folder: Path, names: list[list[str]]) -> Path:
     """Write a state per entry of ``names``, 1 ms apart."""
     with BagWriter(folder) as writer:
-        writer.add_topic(STATES, TOPICS['joint_states'])
+        writer.add_topic(STATES, RECORDED['joint_states'])
         for k, joints in enumerate(names):
             stamp = START + k * 10**6
             writer.write(STATES, JointStateCodec(joints).encode(
@@ -144,8 +146,8 @@ def _thinned(folder: Path, bag: Path) -> Path:
     states, terms = (list(read_bag(bag).messages((topic,))) for topic in (STATES, TERMS))
     kept = [m for k, m in enumerate(terms) if 20 <= k < 2980 and k % 50 not in (7, 8)]
     with BagWriter(folder) as writer:
-        writer.add_topic(STATES, TOPICS['joint_states'])
-        writer.add_topic(TERMS, TOPICS['controller/adaptation_term'])
+        writer.add_topic(STATES, RECORDED['joint_states'])
+        writer.add_topic(TERMS, RECORDED['controller/adaptation_term'])
         for first in range(0, len(states), 10):
             begin, end = (states[min(k, len(states) - 1)].log_time_ns for k in (first, first + 10))
             for message in states[first:first + 10]:
@@ -295,7 +297,7 @@ def test_states_of_another_robot_and_unreadable_ones_hold_nothing_up(
     ours, gripper = ['joint1', 'joint2'], ['finger']
     bag = _small_bag(tmp_path / 'bag', [gripper, ours, gripper, ours, ours])
     with BagWriter(tmp_path / 'mixed') as writer:
-        writer.add_topic(STATES, TOPICS['joint_states'])
+        writer.add_topic(STATES, RECORDED['joint_states'])
         for message in read_bag(bag):
             writer.write(STATES, message.data, message.log_time_ns)
             writer.write(STATES, message.data.replace(b'joint2', b'joint1'), message.log_time_ns)
@@ -316,7 +318,7 @@ def test_what_the_live_nodes_send_is_left_out_unless_it_is_named(graph, bag: Pat
                                 '/controller/tracking_error'}
     assert player.skipped['/effort_controller/commands'].startswith('it moves an arm')
     assert player.skipped[THETA] == 'it is the answer that lockstep waits for'
-    assert player.skipped['/identifier/history_rank'] == 'whoever answers sends it'
+    assert player.skipped['/identifier/history_rank'] == 'the node that answers sends it'
     named = _player(graph, bag, topics=('joint_states', 'effort_controller/commands'))
     assert set(named.sent) == {STATES, '/effort_controller/commands'}
     with pytest.raises(BagError, match=f'{THETA} is the answer'):

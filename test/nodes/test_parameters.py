@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import importlib
 import os
 from pathlib import Path
+import re
 import signal
 import time
 
@@ -78,12 +79,22 @@ def test_every_parameter_of_the_table_is_declared_with_text_type_and_access(
 
 def test_no_attribute_of_ours_takes_the_place_of_one_of_rclpy(graph, repository: Path) -> None:
     theirs = set(vars(graph.add(LifecycleNode('plain', context=graph.context))))
-    for source in (repository / 'adaptive_blf_control' / 'nodes').glob('*.py'):
-        ours = {target.attr for node in ast.walk(ast.parse(source.read_text(encoding='utf-8')))
-                if isinstance(node, (ast.Assign, ast.AnnAssign))
-                for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
-                if isinstance(target, ast.Attribute)}
-        assert not ours & theirs, source.name
+    checked = []
+    for source in (repository / 'adaptive_blf_control').glob('*/*.py'):
+        for kind in ast.walk(ast.parse(source.read_text(encoding='utf-8'))):
+            if isinstance(kind, ast.ClassDef) and any(
+                    re.search(r'(Node|Driver)\b', ast.unparse(base)) for base in kind.bases):
+                checked.append(kind.name)
+                assert not _assigned(kind) & theirs, f'{source.name}: {kind.name}'
+    assert {'DataNode', 'ManagedNode', 'ControllerNode', 'IdentifierNode', 'ArmDriver',
+            'Recorder'} <= set(checked)
+
+
+def _assigned(kind: ast.ClassDef) -> set[str]:
+    """Return the attributes that a class sets."""
+    return {target.attr for node in ast.walk(kind) if isinstance(node, (ast.Assign, ast.AnnAssign))
+            for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
+            if isinstance(target, ast.Attribute)}
 
 
 @pytest.mark.parametrize('given', [{}, {'rate': 500.0, 'substeps': 3, 'torque_limit': [5.0]}])
@@ -314,7 +325,7 @@ def test_a_port_that_a_killed_process_left_empty_is_named(tmp_path, monkeypatch,
         path = tmp_path / name
         path.write_bytes(b'x' * size)
         os.utime(path, (time.time() - age, time.time() - age))
-    process._warn_of_leftovers('controller')
+    process.warn_of_leftovers('controller')
     said = capsys.readouterr().err
     assert 'fastrtps_port7004 is empty' in said
     assert len(said.splitlines()) == 1

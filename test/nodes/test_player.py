@@ -31,8 +31,10 @@ from adaptive_blf_control.messages.cdr import (
     Float64MultiArrayCodec,
     JointStateCodec,
 )
-from adaptive_blf_control.messages.topics import TOPICS
-from adaptive_blf_control.nodes.player import Player, PlaySettings, qos_of
+from adaptive_blf_control.messages.topics import RECORDED
+from adaptive_blf_control.nodes.play_qos import qos_of
+from adaptive_blf_control.nodes.play_settings import PlaySettings
+from adaptive_blf_control.nodes.player import Player
 from adaptive_blf_control.nodes.recorder import Recorder
 from patience import PATIENCE
 
@@ -50,7 +52,7 @@ def _write(folder: Path, count: int = COUNT, **qos: list) -> Path:
                                                                         ['position'])
     with BagWriter(folder) as writer:
         for name in PLAYED:
-            writer.add_topic(f'/{name}', TOPICS[name], qos=qos.get(name))
+            writer.add_topic(f'/{name}', RECORDED[name], qos=qos.get(name))
         for i in range(count):
             values = rng.normal(size=(3, 2)) * 10.0 ** rng.integers(-300, 300)
             if i % 7 == 0:
@@ -74,6 +76,12 @@ def _payloads(bag: Bag) -> dict[str, list[bytes]]:
 def _play(graph, path: Path, **settings) -> Player:
     player = graph_player(graph, path, **settings)
     assert player.wait_for_subscribers() == []
+    player.play()
+    return player
+
+
+def _play_unheard(graph, path: Path) -> Player:
+    player = graph_player(graph, path, wait=0.0, clock=0.0)
     player.play()
     return player
 
@@ -119,7 +127,7 @@ def test_clock_leads_the_messages_and_covers_the_bag(
     wait_until(lambda: len(order) == 101 + 6, what='the last message')
     ticks = [time for kind, time in order if kind == 'clock']
     assert ticks == [START + 20 * STEP * i for i in range(6)]
-    assert player.ticks == 6
+    assert player.clock.ticks == 6
     states = [time for kind, time in order if kind == 'state']
     assert states == sorted(states)
     assert len(states) == 101
@@ -143,7 +151,7 @@ def test_messages_are_sent_in_the_order_of_their_times_not_of_the_file(
     topics = ('/identifier/history_rank', '/identifier/history_sigma_min')
     with BagWriter(tmp_path / 'bag') as writer:
         for topic in topics:
-            writer.add_topic(topic, TOPICS[topic[1:]])
+            writer.add_topic(topic, RECORDED[topic[1:]])
         for i in range(200):
             writer.write(topics[0], encode_int32(i), START + i * STEP)
         for i in range(200):
@@ -209,6 +217,54 @@ def test_what_cannot_be_played_is_said(graph, tmp_path: Path) -> None:
     for settings in ({'rate': 0.0}, {'rate': float('nan')}, {'clock': -1.0}, {'wait': -1.0}):
         with pytest.raises(ParameterError, match=next(iter(settings))):
             PlaySettings(**settings)
+
+
+def _foreign(path: Path, encoding: str, schema: str, data: bytes) -> Path:
+    """Write an MCAP file with one message of a foreign kind, and one of ours."""
+    mcap_writer = pytest.importorskip('mcap.writer')
+    with path.open('wb') as stream:
+        writer = mcap_writer.Writer(stream)
+        writer.start('ros2', 'test')
+        numbers = writer.register_schema('std_msgs/msg/Int32', 'ros2msg', b'int32 data')
+        kind = writer.register_schema(schema, 'ros2msg', b'') if schema else 0
+        for topic, code, number, content in (('/n', 'cdr', numbers, encode_int32(1)),
+                                             ('/foreign', encoding, kind, data)):
+            writer.add_message(writer.register_channel(topic, code, number), 1, content, 1)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize(('encoding', 'schema', 'reason'), [
+    ('json', 'std_msgs/msg/Int32', "encoded as 'json', not as CDR"),
+    ('cdr', '', 'the bag states no type'),
+    ('cdr', 'other_msgs/msg/Unknown', 'not installed')])
+def test_a_topic_that_is_not_what_ros_speaks_is_left_out_with_the_reason(
+        graph, tmp_path: Path, encoding: str, schema: str, reason: str) -> None:
+    player = _play_unheard(graph, _foreign(tmp_path / 'x.mcap', encoding, schema, b'{"data": 1}'))
+    assert list(player.skipped) == ['/foreign']
+    assert reason in player.skipped['/foreign']
+    assert player.sent == {'/n': 1}
+
+
+def test_bytes_that_are_no_cdr_are_not_published(graph, tmp_path: Path) -> None:
+    path = _foreign(tmp_path / 'x.mcap', 'cdr', 'std_msgs/msg/Int32', b'{"data": 1}')
+    player = graph_player(graph, path, wait=0.0, clock=0.0)
+    with pytest.raises(BagError, match='a message of /foreign is no CDR: first bytes 0x7b226461'):
+        player.play()
+    assert player.sent['/foreign'] == 0
+
+
+def test_messages_compressed_one_by_one_are_published_unpacked(
+        graph, wait_until: Callable, tmp_path: Path) -> None:
+    zstandard = pytest.importorskip('zstandard')
+    path = _foreign(tmp_path / 'x.mcap', 'cdr', 'std_msgs/msg/Int32',
+                    zstandard.ZstdCompressor().compress(encode_int32(5)))
+    heard = graph.peer().listen(Int32, '/foreign')
+    player = graph_player(graph, path, wait=20.0, clock=0.0, topics=('/foreign',))
+    assert player.wait_for_subscribers() == []
+    player.play()
+    wait_until(lambda: len(heard) == 1, what='the message')
+    assert heard[0][0] == encode_int32(5)
 
 
 def test_the_process_plays_to_the_end_and_ends_cleanly_on_ctrl_c(

@@ -24,7 +24,8 @@ COMMON = {'/rosout', '/parameter_events'}
 MANAGED = {'/arm_driver/transition_event', '/controller/transition_event'}
 # What the driver uses under use_sim_time only; the others use no less there.
 LOCKSTEP = {'publish': {'/clock'},
-            'subscribe': {'/controller/adaptation_term', '/identifier/theta_hat'}}
+            'subscribe': {f'/{topic.name}' for topic in TOPICS.values()
+                          if 'arm_driver' in topic.lockstep_subscribers}}
 Granted = dict[str, dict[str, set[str]]]
 
 
@@ -59,16 +60,20 @@ def test_policy_has_one_enclave_for_every_node(policy: Granted) -> None:
 
 def test_policy_grants_every_topic_of_ours_once_to_publish_and_nothing_foreign(
         policy: Granted) -> None:
-    ours = {'/' + topic.lstrip('/') for topic in TOPICS}
+    ours = {_absolute(topic) for topic in TOPICS}
     published = [topic for rules in policy.values() for topic in rules['publish'] - COMMON
                  if topic != '/diagnostics']
     # A trajectory comes from a planner, which is not one of ours.
     assert sorted(published) == sorted(
-        (ours | MANAGED | {'/clock'}) - COMMON - {'/diagnostics', f'/{JOINT_TRAJECTORY}'})
+        (ours | MANAGED) - COMMON - {'/diagnostics', _absolute(JOINT_TRAJECTORY)})
     heard = set().union(*(rules['subscribe'] for rules in policy.values()))
-    assert heard == ours | {'/clock'} == policy['recorder']['subscribe']
+    assert heard == ours == policy['recorder']['subscribe']
     for rules in policy.values():
         assert {'/diagnostics', *COMMON} <= rules['publish']
+
+
+def _absolute(topic: str) -> str:
+    return '/' + topic.lstrip('/')
 
 
 def test_only_the_controller_may_command_and_only_the_driver_listens(policy: Granted) -> None:
@@ -91,7 +96,8 @@ def test_everything_a_running_node_uses_is_granted_and_the_other_way_round(
     wait_until(lambda: made['controller'].output, what='the controller, which has the arm now')
     # The recorder asks each of the others for its parameters, once it hears it.
     others = {f'/{name}' for name in KINDS} - {'/recorder'}
-    wait_until(lambda: others <= set(made['recorder']._askers), what='clients of the recorder')
+    wait_until(lambda: others <= set(made['recorder'].survey.clients),
+               what='clients of the recorder')
     # From outside, as `ros2 node info` looks.
     observer = graph_of(graph.context.get_domain_id()).peer()
     for name in made:

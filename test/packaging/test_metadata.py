@@ -33,6 +33,8 @@ MODULES = {
     'numpy': Declared('numpy', 'python3-numpy'),
     'yaml': Declared('PyYAML', 'python3-yaml'),
     'mcap': Declared('mcap', 'mcap-ros2-support'),
+    'zstandard': Declared('zstandard', 'mcap-ros2-support'),
+    'lz4': Declared('lz4', 'mcap-ros2-support'),
     'pinocchio': Declared('pin', 'pinocchio'),
     'numba': Declared('numba', 'python3-numba'),
     'scipy': Declared('scipy', 'python3-scipy'),
@@ -185,4 +187,5 @@ def test_colcon_test_would_run_pytest(metadata: Metadata) -> None:
 
 
 def test_nodes_with_a_closed_form_arm_need_few_packages(metadata: Metadata) -> None:
-    assert set(map(_distribution, metadata.requires[''])) == {'numpy', 'mcap', 'PyYAML'}
+    assert set(map(_distribution, metadata.requires[''])) == {
+        'numpy', 'mcap', 'zstandard', 'lz4', 'PyYAML'}

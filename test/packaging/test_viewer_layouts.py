@@ -15,7 +15,7 @@ import pytest
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.configuration.parameter_file import load_yaml, node_values
 from adaptive_blf_control.control.constraints import MarginName
-from adaptive_blf_control.messages.controller_codecs import barrier_names
+from adaptive_blf_control.messages.controller_codecs import margin_names
 from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
     BARRIER,
@@ -23,9 +23,9 @@ from adaptive_blf_control.messages.topics import (
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
+    RECORDED,
     REFERENCE,
     THETA_HAT,
-    TOPICS,
     TRACKING_ERROR,
 )
 
@@ -43,16 +43,16 @@ def named(repository: Path) -> dict[str, tuple[list[str], tuple[str, ...]]]:
     return {
         JOINT_STATES: (joints, STATE), REFERENCE: (joints, STATE),
         TRACKING_ERROR: (joints, STATE[:2]), THETA_HAT: (parameters, STATE[:1]),
-        ADAPTATION_TERM: (parameters, STATE[:1]), BARRIER: (barrier_names(
+        ADAPTATION_TERM: (parameters, STATE[:1]), BARRIER: (margin_names(
             [MarginName(joint, what) for what in ('safety', 'performance') for joint in joints]),
             STATE[:1])}
 
 
 def test_the_types_behind_the_series_are_those_of_the_topic_table(named) -> None:
-    assert {TOPICS[topic] for topic in named} == {'sensor_msgs/msg/JointState'}
-    assert TOPICS[COMMANDS] == 'std_msgs/msg/Float64MultiArray'
-    assert TOPICS[HISTORY_RANK] == 'std_msgs/msg/Int32'
-    assert TOPICS[HISTORY_SIGMA_MIN] == 'std_msgs/msg/Float64'
+    assert {RECORDED[topic] for topic in named} == {'sensor_msgs/msg/JointState'}
+    assert RECORDED[COMMANDS] == 'std_msgs/msg/Float64MultiArray'
+    assert RECORDED[HISTORY_RANK] == 'std_msgs/msg/Int32'
+    assert RECORDED[HISTORY_SIGMA_MIN] == 'std_msgs/msg/Float64'
 
 
 @pytest.fixture(scope='module')
@@ -123,7 +123,7 @@ def test_foxglove_paths_are_fields_of_our_topics(foxglove, named) -> None:
             match = PLOT_PATH.fullmatch(path['value'])
             assert match is not None, path['value']
             topic, field, index = match[1][1:], match[2], match[3]
-            assert topic in TOPICS
+            assert topic in RECORDED
             if topic in plain:
                 assert (field, index) == ('data', None)
             elif topic == COMMANDS:

@@ -17,9 +17,9 @@ from adaptive_blf_control.messages.topics import (
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
+    RECORDED,
     REFERENCE,
     THETA_HAT,
-    TOPICS,
     TRACKING_ERROR,
 )
 from adaptive_blf_control.report.panels import sections
@@ -57,7 +57,7 @@ def test_a_truncated_file_is_shown_up_to_the_break(bag: Path, tmp_path: Path,
 def test_an_empty_bag_and_a_missing_one_cannot_be_shown(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     writer = BagWriter(tmp_path / 'empty')
-    writer.add_topic('/joint_states', TOPICS[JOINT_STATES])
+    writer.add_topic('/joint_states', RECORDED[JOINT_STATES])
     writer.close()
     for path, reason in ((tmp_path / 'empty', 'no message'), (tmp_path / 'none', 'none')):
         assert main([str(path), '-o', str(tmp_path / 'page.html')]) == 2
@@ -104,7 +104,7 @@ def test_joint_states_alone_give_positions_torques_and_timing(
 @pytest.mark.parametrize('topic', SHOWN)
 def test_any_one_topic_may_be_missing(make_bag: MakeBag, tmp_path: Path, topic: str,
                                       capsys: pytest.CaptureFixture[str]) -> None:
-    bag = make_bag(tmp_path / 'bag_without', 0.3, topics=set(TOPICS) - {topic})
+    bag = make_bag(tmp_path / 'bag_without', 0.3, topics=set(RECORDED) - {topic})
     numbers, _ = _report(bag, page=tmp_path / 'page.html', capsys=capsys)
     missing = numbers['bags'][0]['missing']
     assert any(repr(topic) in sentence for sentence in missing), missing

@@ -17,7 +17,7 @@ from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.messages.cdr_cursor import encode_string
-from adaptive_blf_control.messages.diagnostics_reader import drop_counters
+from adaptive_blf_control.messages.diagnostics import drop_counters
 from adaptive_blf_control.runs.bag_observer import BagObserver
 from adaptive_blf_control.runs.lyapunov import guarantee_of_recording
 from adaptive_blf_control.runs.numbers import figures, verdict

@@ -54,7 +54,7 @@ def test_a_motion_that_begins_settles_anew() -> None:
     statistics.callback.add(30 * MS)
     for k in range(4000):
         if k == 2500:
-            statistics.begin_anew()
+            statistics.restart()
         statistics.sample((k + 1) * MS)
         statistics.callback.add(MS if k < 2500 else 2 * MS)
     assert statistics.span_ns == 1499 * MS

@@ -36,12 +36,14 @@ def gravity_of(arm, q=(0.0, 0.0)):
     return arm.Y(np.array(q), still, still) @ arm.nominal
 
 
-def test_without_anything_it_is_the_simulated_arm_bit_by_bit(arm, made):
-    settings = {'initial_velocity': [1.0, -0.5]}
+@pytest.mark.parametrize('dead_time', [0, 1, 3])
+def test_without_anything_it_is_the_simulated_arm_bit_by_bit(arm, made, dead_time):
+    settings = {'initial_velocity': [1.0, -0.5], 'dead_time': dead_time}
     plain, actuated = SimulatedArm(PlantSettings(**settings), arm), made(**settings)
     for k in range(50):
         torque = np.array([0.1 * k, -0.2])
         for plant in (plain, actuated):
+            plant.measure(torque, 0.0)
             plant.apply(torque)
             plant.advance(0.001)
     assert np.array_equal(plain.q, actuated.q)
@@ -99,11 +101,14 @@ def test_the_brakes_drop_what_is_under_way(made):
 def test_another_limit_and_another_schedule_are_taken(made):
     plant = made((0.0, 'force.lower.z', 10.0), actuator={'delay': 0.001})
     plant.advance(0.01)
+    plant.apply(np.full(2, 0.2))
     plant.retune(PlantSettings(torque_limit=[0.5], actuator={'delay': 0.001}))
+    plant.advance(0.002)
+    assert plant.torque.tolist() == [0.2, 0.2]  # what was commanded is not forgotten
     plant.apply(np.ones(2))
     plant.advance(0.002)
     assert plant.torque.tolist() == [0.5, 0.5]
-    assert plant.t == pytest.approx(0.012)
+    assert plant.t == pytest.approx(0.014)
 
 
 def test_it_is_built_where_something_asks_for_it():
@@ -128,8 +133,3 @@ def test_an_arm_without_links_cannot_be_pushed():
     with pytest.raises(ParameterError, match='an arm from a URDF: this one has none'):
         ActuatedArm(PlantSettings(schedule={
             'time': [0.0], 'parameter': ['force.hand.z'], 'value': [1.0]}), TwoLinkArm())
-
-
-def test_samples_and_seconds_of_delay_exclude_each_other(made):
-    with pytest.raises(ParameterError, match='dead_time'):
-        made(dead_time=2, actuator={'delay': 0.001})

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.simulation.actuators import Actuators
-from adaptive_blf_control.simulation.settings import ActuatorSettings
+from adaptive_blf_control.simulation.settings import PlantSettings
 
-LIMIT = np.array([5.0, 1.0])
+LIMIT = [5.0, 1.0]
 
 
-def actuators(**settings) -> Actuators:
-    return Actuators(ActuatorSettings(**settings).resolved(joints=2), LIMIT)
+def actuators(dead_time: int = 0, **settings) -> Actuators:
+    return Actuators(PlantSettings(actuator=settings, dead_time=dead_time,
+                                   torque_limit=LIMIT).resolved(joints=2))
 
 
 def test_without_delay_a_command_acts_at_once_within_the_limit():
@@ -61,7 +62,7 @@ def test_a_gain_error_is_in_the_torque_that_acts_and_not_in_what_is_measured():
     subject.command(0.0, np.array([1.0, 1.0]))
     np.testing.assert_allclose(subject.torque, [1.03, 0.9])
     subject.act(0.001)
-    np.testing.assert_allclose(subject.sample(), [1.5, 1.0])
+    np.testing.assert_allclose(subject.sample(0.0), [1.5, 1.0])
 
 
 def test_the_measured_torque_is_the_mean_since_the_last_sample_or_that_of_now():
@@ -71,9 +72,9 @@ def test_the_measured_torque_is_the_mean_since_the_last_sample_or_that_of_now():
         subject.act(0.001)
         subject.command(0.001, np.full(2, 2.0))
         subject.act(0.003)
-        np.testing.assert_allclose(subject.sample(), [expected, 1.0])
+        np.testing.assert_allclose(subject.sample(0.0), [expected, 1.0])
         subject.act(0.001)
-        np.testing.assert_allclose(subject.sample(), [2.0, 1.0])
+        np.testing.assert_allclose(subject.sample(0.0), [2.0, 1.0])
 
 
 def test_a_stop_drops_what_is_under_way():
@@ -84,3 +85,28 @@ def test_a_stop_drops_what_is_under_way():
     subject.stop()
     assert not subject.torque.any()
     assert subject.next_switch == math.inf
+
+
+def test_a_dead_time_counts_samples_and_a_delay_comes_on_top():
+    subject, acting = actuators(dead_time=2, delay=0.0005), []
+    for k in range(6):
+        subject.sample(0.001 * k)
+        subject.command(0.001 * k + 1e-4, np.array([0.1 * (k + 1), 0.0]))
+        subject.advance_to(0.001 * k + 0.0004)
+        acting.append(round(subject.torque[0], 9))
+        subject.advance_to(0.001 * k + 0.0006)
+        acting.append(round(subject.torque[0], 9))
+    # The command after sample 0 acts from half a millisecond after sample 2 on.
+    assert acting == [0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.4]
+
+
+def test_another_dead_time_keeps_what_was_commanded_last_under_way():
+    subject = actuators()
+    subject.command(0.0, np.array([2.0, 0.5]))
+    subject.retune(PlantSettings(dead_time=2, torque_limit=[0.4]).resolved(joints=2))
+    subject.command(0.0, np.array([3.0, 0.0]))
+    assert subject.torque.tolist() == [2.0, 0.5]
+    subject.sample(0.001)
+    assert subject.torque.tolist() == [2.0, 0.5]
+    subject.sample(0.002)
+    assert subject.torque.tolist() == [0.4, 0.0]

@@ -17,7 +17,8 @@ from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import ParameterError, SetViolation
 from adaptive_blf_control.runs.summary import run_of_trace, summarise
-from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Sample, sample_time
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop
+from adaptive_blf_control.simulation.sample import Sample, sample_time
 
 PAPER_GAINS = ('controller.k1=[40.0, 30.0]', 'controller.k2=[30.0, 40.0]',
                'identifier.kt=10.0', 'identifier.kh=10.0')

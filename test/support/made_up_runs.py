@@ -16,7 +16,7 @@ from adaptive_blf_control.configuration.node_settings import ControllerNodeSetti
 from adaptive_blf_control.configuration.parameter_file import node_settings, PARAMETERS_KEY
 from adaptive_blf_control.control.constraints import MarginName
 from adaptive_blf_control.messages.cdr import encode_float64, encode_int32, Float64MultiArrayCodec
-from adaptive_blf_control.messages.controller_codecs import barrier_names
+from adaptive_blf_control.messages.controller_codecs import margin_names
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import (
     BARRIER,
@@ -24,9 +24,9 @@ from adaptive_blf_control.messages.topics import (
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
+    RECORDED,
     REFERENCE,
     THETA_HAT,
-    TOPICS,
     TRACKING_ERROR,
 )
 
@@ -49,7 +49,7 @@ def run_parameters(arm: str, n: int) -> dict[str, Any]:
 
 
 def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: float = 0.05,
-             parameters: bool = True, topics: Collection[str] = tuple(TOPICS),
+             parameters: bool = True, topics: Collection[str] = tuple(RECORDED),
              skip: Collection[int] = (), first_estimate: float = 0.0) -> Path:
     """Write a run: q follows sin t with an error that decays from ``error`` within 0.5 s.
 
@@ -65,10 +65,10 @@ def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: fl
               TRACKING_ERROR: JointStateCodec(model.joints, fields=('position', 'velocity')),
               THETA_HAT: JointStateCodec(model.parameters, fields=('position',)),
               BARRIER: JointStateCodec(
-                  barrier_names([MarginName(joint, what) for what in ('safety', 'performance')
+                  margin_names([MarginName(joint, what) for what in ('safety', 'performance')
                                  for joint in model.joints]), fields=('position',))}
     torque = Float64MultiArrayCodec(model.n)
-    for topic, type_name in TOPICS.items():
+    for topic, type_name in RECORDED.items():
         if topic in topics and topic != '/diagnostics':
             writer.add_topic(f'/{topic}', type_name)
     scale = 1.0 / (1.0 + np.arange(model.n))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ pytest.importorskip('pinocchio')
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.bags.logs import read_log
 from adaptive_blf_control.bags.writer import BagWriter
-from adaptive_blf_control.identification.estimate_file import read_estimate
+from adaptive_blf_control.identification.given_parameters import read_estimate
 from adaptive_blf_control.identification.torque_filter import TorqueFilter
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.tools.identify import main
@@ -81,7 +82,8 @@ def files(tmp_path, motion):
     (tmp_path / 'config.yaml').write_text(CONFIG)
     write_csv(tmp_path / 'log.csv', motion)
     return [str(tmp_path / 'log.csv'), '--urdf', str(tmp_path / 'arm.urdf'),
-            '--config', str(tmp_path / 'config.yaml'), '--output', str(tmp_path / 'theta.yaml')]
+            '--config', str(tmp_path / 'config.yaml'), '--overwrite',
+            '--output', str(tmp_path / 'theta.yaml')]
 
 
 def figures(capsys, arguments):
@@ -277,7 +279,9 @@ def test_log_of_nothing_but_nan_is_named(capsys, tmp_path, files, motion):
 
 def test_log_without_an_unbroken_stretch_is_told(capsys, tmp_path, files, motion):
     write_csv(tmp_path / 'log.csv', motion[::100])  # 0.2 s apart
-    assert 'gaps of more than 0.05 s' in complaint(capsys, files)
+    text = complaint(capsys, files)
+    assert 'the log has 5 Hz, and the filters restart after 0.05 s' in text
+    assert '--set filter.gap=0.6' in text
 
 
 def test_bag_without_effort_names_the_joint(capsys, tmp_path, files):
@@ -292,7 +296,7 @@ def test_bag_without_effort_names_the_joint(capsys, tmp_path, files):
 
 @pytest.mark.parametrize(('more', 'words'), [
     (['--joints', 'shoulder,wrist'], "no joint 'wrist'"),
-    (['--joints', 'shoulder,shoulder'], 'distinct joint names'),
+    (['--joints', 'shoulder,shoulder'], "'shoulder' is named twice"),
     (['--joints', 'elbow'], 'log.csv has 2 joints'),
     (['--urdf', 'nowhere.urdf'], "'nowhere.urdf' does not exist"),
     (['--config', 'nowhere.yaml'], "'nowhere.yaml'"),
@@ -305,6 +309,138 @@ def test_bad_option_is_named(capsys, files, more, words):
     assert words in complaint(capsys, [*files, *more])
 
 
+def test_nothing_is_overwritten_without_being_told_to(capsys, tmp_path, files):
+    once = [option for option in files if option != '--overwrite']
+    for option in ('--output', '--model-out', '--urdf-out'):
+        path = tmp_path / f'precious{option}'
+        path.write_text('kept')
+        text = complaint(capsys, [*once, option, str(path)])
+        assert f"'{option}'" in text
+        assert 'expected a new file, or --overwrite' in text
+        assert path.read_text() == 'kept'
+
+
+def test_a_log_that_is_too_short_says_how_long_it_has_to_be(capsys, tmp_path, files, motion):
+    write_csv(tmp_path / 'log.csv', motion[:240])
+    text = complaint(capsys, files)
+    assert 'the log of 0.478 s is too short' in text
+    assert 'expected more than 0.5 s' in text
+    write_csv(tmp_path / 'log.csv', motion[:300])
+    assert main(files) == 0
+
+
+def test_exit_status_tells_whether_the_test_was_good_enough(capsys, tmp_path, files):
+    assert main([*files, '--require-rmse', '1%']) == 0
+    assert main([*files, '--require-rmse', '1e-9']) == 1
+    printed = capsys.readouterr()
+    assert '--require-rmse 1e-9 is missed: shoulder: ' in printed.err
+    assert (tmp_path / 'theta.yaml').exists()
+    assert main([*files, '--train', ':', '--test', 'none', '--require-rmse', '5%']) == 1
+    assert 'shoulder: not tested' in capsys.readouterr().err
+    for wrong in ('much', '-1', '0%', 'nan'):
+        assert "'--require-rmse'" in complaint(capsys, [*files, '--require-rmse', wrong])
+
+
+def test_several_logs_are_learned_from_and_another_one_predicted(capsys, tmp_path, files, motion,
+                                                                 arm):
+    first, second, third = (write_csv(tmp_path / f'{name}.csv', motion[rows]) for name, rows in (
+        ('first', slice(0, 1000)), ('second', slice(1000, 2000)), ('third', slice(2000, None))))
+    several = [str(first), str(second), *files[1:]]
+    result = figures(capsys, [*several, '--validate', str(third)])
+    assert [span['train'] for span in result['spans']] == [
+        pytest.approx([0.0, 1.998]), pytest.approx([0.0, 1.998]), [0.0, 0.0]]
+    assert result['spans'][2]['test'] == pytest.approx([0.0, 2.0])
+    assert result['samples'] == 3001
+    counts = [result[name] for name in ('train_samples', 'test_samples')]
+    assert counts == pytest.approx([1900, 951], abs=2)  # each log settles for 0.1 s
+    np.testing.assert_allclose(list(result['theta_hat'].values()), arm.nominal, atol=0.01)
+    halves = figures(capsys, several)
+    assert [span['train'] for span in halves['spans']] == [pytest.approx([0.25, 0.999])] * 2
+    assert halves['test_samples'] == pytest.approx(1000, abs=2)
+    assert main([*several, '--validate', str(third)]) == 0
+    text = capsys.readouterr().out
+    assert 'log 1: learned from 0.00 .. 2.00 s in one pass, not tested' in text
+    assert 'log 3: not learned, tested on 0.00 .. 2.00 s' in text
+
+
+def test_the_logs_that_are_predicted_teach_nothing(capsys, tmp_path, files, motion):
+    other = motion.copy()
+    other[:, 5:] *= 2.0
+    write_csv(tmp_path / 'other.csv', other)
+    alone = figures(capsys, [*files, '--train', ':', '--test', 'none'])
+    judged = figures(capsys, [*files, '--validate', str(tmp_path / 'other.csv')])
+    assert judged['theta_hat'] == alone['theta_hat']
+    assert min(np.divide(judged['test_rmse'], judged['test_torque_rms'])) > 0.4
+
+
+def test_clock_that_is_set_back_restarts_the_filters(capsys, tmp_path, files, motion, arm):
+    rows = motion.copy()
+    rows[700:, 0] -= 100.0
+    write_csv(tmp_path / 'log.csv', rows)
+    result = figures(capsys, files)
+    assert (result['restarts'], result['dropped']) == (1, 0)
+    assert 'the clock goes back by 100 s' in result['notes'][0]
+    np.testing.assert_allclose(list(result['theta_hat'].values()), arm.nominal, atol=0.01)
+
+
+def test_velocities_are_not_needed_with_the_state_filter(capsys, tmp_path, files, motion, arm):
+    state = ['--set', 'filter.state_order=4', '--set', 'filter.state_time_constant=0.005']
+    whole = figures(capsys, [*files, *state])
+    rows = motion.copy()
+    rows[:, 3:5] = np.nan
+    write_csv(tmp_path / 'log.csv', rows)
+    assert "no row has qd of 'shoulder', qd of 'elbow'" in complaint(capsys, files)
+    assert figures(capsys, [*files, *state])['theta_hat'] == whole['theta_hat']
+    write_csv(tmp_path / 'log.csv', np.delete(motion, [3, 4], axis=1), 't,q1,q2,tau1,tau2')
+    assert figures(capsys, [*files, *state])['theta_hat'] == whole['theta_hat']
+    np.testing.assert_allclose(list(whole['theta_hat'].values()), arm.nominal, atol=0.05)
+
+
+def test_degrees_gains_and_delays_are_undone(capsys, tmp_path, files, motion):
+    plain = figures(capsys, [*files, '--train', '0.3:3'])
+    rows = motion.copy()
+    rows[:, 1:5] = np.rad2deg(rows[:, 1:5])
+    rows[:, 5:] /= [8.0, 4.0]
+    rows[10:, 5:] = rows[:-10, 5:]  # 20 ms late
+    write_csv(tmp_path / 'log.csv', rows)
+    assert '--degrees' in complaint(capsys, files)
+    undone = ['--degrees', '--gain', 'shoulder:8,elbow:4', '--effort-delay', '0.02']
+    result = figures(capsys, [*files, *undone, '--train', '0.3:3'])
+    np.testing.assert_allclose(list(result['theta_hat'].values()),
+                               list(plain['theta_hat'].values()), rtol=1e-5)
+    assert "'gain' is 'wrist'" in complaint(capsys, [*files, '--gain', 'wrist:3']).replace(
+        '--gain', 'gain')
+    for wrong in ('shoulder', 'shoulder:x', 'shoulder:nan'):
+        assert "'--gain'" in complaint(capsys, [*files, '--gain', wrong])
+
+
+def test_a_log_that_cannot_be_right_is_learned_from_by_force_only(capsys, tmp_path, files, motion):
+    rows = motion.copy()
+    rows[:, 5] = 0.0
+    write_csv(tmp_path / 'log.csv', rows)
+    text = complaint(capsys, files)
+    assert "joint 'shoulder': the effort is zero in the whole log while the joint moves" in text
+    assert '--force' in text
+    assert main([*files, '--force']) == 0
+    printed = capsys.readouterr()
+    assert "identify: refused: joint 'shoulder'" in printed.err
+    assert '1 of 2 joints sound' in printed.out
+
+
+def test_urdf_without_masses_teaches_the_same(capsys, tmp_path, files):
+    whole = figures(capsys, files)
+    bare = re.sub(r'<inertial>.*?</inertial>', '', URDF, flags=re.DOTALL)
+    (tmp_path / 'arm.urdf').write_text(bare)
+    result = figures(capsys, files)
+    assert result['theta_hat'] == whole['theta_hat']
+    assert result['notes'] == ['the URDF has no mass for upper, fore: 1 kg is taken, which no '
+                               'regressor depends on']
+
+
+def test_the_given_urdf_is_not_overwritten(capsys, files):
+    assert 'another file than --urdf' in complaint(capsys, [*files, '--urdf-out', files[2]])
+
+
 def test_missing_urdf_is_asked_for(capsys, files):
     assert '--urdf FILE' in complaint(capsys, [files[0], *files[3:]])
 
@@ -314,16 +450,26 @@ def test_missing_urdf_is_asked_for(capsys, files):
     (['--train', 'a:2'], "'--train' is 'a:2': expected T0:T1"),
     (['--train', '2:2'], 'T0 < T1'),
     (['--train', 'nan:2'], 'T0 < T1'),
-    (['--train', '1:7'], 'inside the log'),
+    (['--train', '1:7'], 'nothing of the log is left'),
+    (['--train', '7:8', '--test', 'none'], 'inside the log'),
     (['--train=-1:3'], 'inside the log'),
     (['--train', '1.0001:1.0002'], 'samples in it'),
-    (['--train', '1:'], 'T0 < T1'),
+    (['--train', '1:'], 'nothing of the log is left'),
     (['--test', '2:5'], 'after the training, which ends at 3 s'),
     (['--train', '4:5', '--test', '1:2'], 'after the training, which ends at 5 s')])
 def test_bad_span_is_answered_with_the_span_of_the_log(capsys, files, spans, words):
     text = complaint(capsys, [*files, *spans])
     assert words in text
     assert 'the log goes from 0 to 6 s' in text
+
+
+def test_spans_beyond_the_log_are_cut_with_a_note(capsys, files):
+    assert main([*files, '--json', '--train', '1:3', '--test', '4:99']) == 0
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
+    assert (result['train_span'], result['test_span']) == ([1.0, 3.0], [4.0, 6.0])
+    assert 'the test span up to 99 s is cut where the log ends, at 6 s' in printed.err
+    assert result['notes'] == ['the test span up to 99 s is cut where the log ends, at 6 s']
 
 
 def test_open_ended_spans_reach_to_the_ends_of_the_log(capsys, files):
@@ -351,7 +497,7 @@ def real_arguments(robot, realdata, repository, tmp_path):
     log, urdf, *_ = ROBOTS[robot]
     return [str(realdata / log), '--urdf', str(realdata / urdf), '--config',
             str(repository / f'config/{robot}_identification.yaml'),
-            '--output', str(tmp_path / 'theta.yaml')]
+            '--output', str(tmp_path / 'theta.yaml'), '--overwrite']
 
 
 @pytest.mark.parametrize('robot', ROBOTS)

@@ -11,7 +11,7 @@ from adaptive_blf_control.tools.simulate import main
 
 KEYS = ('set_violations', 'max_abs_error', 'rms_error_last_quarter', 'min_margin', 'theta_hat',
         'theta_error_norm', 'theta_settling_time_s', 'history_rank', 'history_sigma_min', 'wall_s',
-        'real_time_factor')
+        'real_time_factor', 'chatter', 'saturated', 'torque_reserve', 'oscillation')
 
 
 @pytest.fixture
@@ -33,6 +33,24 @@ def test_the_table_is_printed(config, capsys):
     out = capsys.readouterr().out
     for part in ('sets: KEPT', 'joint2', 'parameter error', 'rank', 'x real time'):
         assert part in out
+
+
+def test_a_joint_that_oscillates_inside_its_sets_does_not_read_kept_without_a_word(
+        config, capsys):
+    late = ['--set', 'arm_driver.dead_time=15', '--set', 'controller.k2=[60.0, 30.0]']
+    assert main([config, '--duration', '4', *late]) == 0
+    captured = capsys.readouterr()
+    assert 'sets: KEPT' in captured.out
+    assert 'attention: joint1 oscillates with' in captured.out
+    assert 'simulate: warning: ' in captured.err
+
+
+def test_an_unstable_loop_is_refused_where_the_scenario_asks_for_it(config, capsys):
+    strict = ['--set', 'controller.loop.unstable=refuse', '--set', 'arm_driver.dead_time=40']
+    assert main([config, '--duration', '0.1', *strict]) == 2
+    error = capsys.readouterr().err
+    assert "'controller.k2' is [60.0, 8.0]: expected a stable loop" in error
+    assert 'would do' in error
 
 
 def test_settings_change_the_run(config, capsys):

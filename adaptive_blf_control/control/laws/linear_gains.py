@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The gains of the laws that ours is compared with, derived from those of ours.
 
-Near e1 = 0 our law (38) is a PD around the model: e2 ≈ ė1 + k1 b⁴ e1 and the coupling ≈ e1/b², so
+Near e1 = 0 our law (38) is a PD around the model: e2 ≈ ė1 + k1 b⁴ e1 and the coupling ≈ c e1/b²
+with c the weight of the barrier, so
 
-    damping K_d = k2,    stiffness K_p = k2 k1 b⁴ + 1/b²,    b² the mean of both sides.
+    damping K_d = k2,    stiffness K_p = k2 k1 b⁴ + c/b²,    b² the mean of both sides.
 
 * PD and computed torque get exactly this stiffness and damping: the linearised loop is ours.
 * Slotine-Li gets K_D = k2 on the sliding variable and Λ = √(K_p/M_ii), the natural frequency of
@@ -40,7 +41,8 @@ class LinearGains(NamedTuple):
 def linear_gains(settings: ControllerSettings) -> LinearGains:
     """Return stiffness and damping of (38) near e1 = 0; the arrays of full length."""
     square = 0.5 * (settings.performance.lower ** 2 + settings.performance.upper ** 2)
-    return LinearGains(settings.k2, settings.k2 * settings.k1 * square ** 2 + 1.0 / square)
+    return LinearGains(settings.k2, settings.k2 * settings.k1 * square ** 2
+                       + settings.barrier_weight / square)
 
 
 def joint_inertia(arm: Arm, q: np.ndarray) -> np.ndarray:

@@ -54,26 +54,31 @@ class ArmModel:
     Attributes:
         model: The ``mujoco.MjModel``.
         joints: Joint names, length n.
+        ids: Numbers of the joints in the model, shape (n,).
         position: Addresses of the joints in qpos, shape (n,).
         velocity: Addresses of the joints in qvel, shape (n,).
         turns: Whether each joint is a hinge, not a slide, shape (n,).
         offset: Constant torque that each joint resists with, shape (n,) [N·m].
+        square_root: Friction that grows with √|q̇|, which MuJoCo does not have, shape (n,)
+            [N·m·(s/rad)^½].
     """
 
-    def __init__(self, model: Any, joints: Sequence[str], loads: dict[str, str]) -> None:
+    def __init__(self, model: Any, joints: Sequence[str], names: Sequence[str],
+                 loads: dict[str, str]) -> None:
         """Take over a compiled model; its loads start without mass.
 
         Args:
             model: The ``mujoco.MjModel``.
             joints: Names in the order of every array.
+            names: Their names in the model.
             loads: Body of the load of each link, see `load_body`.
         """
         self._mujoco = load_mujoco()
         self.model, self.joints = model, tuple(joints)
-        ids = [model.joint(name).id for name in joints]
-        self.position, self.velocity = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
-        self.turns = model.jnt_type[ids] == self._mujoco.mjtJoint.mjJNT_HINGE
-        self.offset = np.zeros(len(ids))
+        self.ids = np.array([model.joint(name).id for name in names])
+        self.position, self.velocity = model.jnt_qposadr[self.ids], model.jnt_dofadr[self.ids]
+        self.turns = model.jnt_type[self.ids] == self._mujoco.mjtJoint.mjJNT_HINGE
+        self.offset, self.square_root = np.zeros((2, len(self.ids)))
         self._bodies = {link: model.body(name).id for link, name in loads.items()}
         self._centres = {link: model.body_ipos[body].copy() for link, body in self._bodies.items()}
         self._masses = dict.fromkeys(loads, 0.0)
@@ -86,7 +91,7 @@ class ArmModel:
         """Return an independent copy."""
         other = copy.copy(self)
         other.model = copy.copy(self.model)
-        other.offset = self.offset.copy()
+        other.offset, other.square_root = self.offset.copy(), self.square_root.copy()
         other._masses = dict(self._masses)
         other._centres = {link: centre.copy() for link, centre in self._centres.items()}
         other._inertias = {link: inertia.copy() for link, inertia in self._inertias.items()}
@@ -110,11 +115,15 @@ class ArmModel:
             self._set_load(link)
 
     def _set_friction(self, kind: str, joint: int, value: float) -> None:
-        if kind == 'f0':
-            self.offset[joint] = value
+        if kind in ('f0', 'fs'):
+            {'f0': self.offset, 'fs': self.square_root}[kind][joint] = value
         else:
             field = {'fv': self.model.dof_damping, 'fc': self.model.dof_frictionloss}[kind]
             field[self.velocity[joint]] = value
+
+    def resistance(self, qd: np.ndarray) -> np.ndarray:
+        """Return the friction that is not MuJoCo's own, f_0 + f_s √|q̇| sign(q̇), (n,) [N·m]."""
+        return np.asarray(self.offset + self.square_root * np.sqrt(np.abs(qd)) * np.sign(qd))
 
     def _note_load(self, target: Target, value: float) -> None:
         link, component = target.name, target.component
@@ -161,4 +170,4 @@ class ArmModel:
         finally:
             model.opt.disableflags = flags
         dry = model.dof_frictionloss[self.velocity] * np.sign(qd)
-        return np.asarray(data.qfrc_inverse[self.velocity] + dry + self.offset)
+        return np.asarray(data.qfrc_inverse[self.velocity] + dry + self.resistance(qd))

@@ -90,8 +90,7 @@ def _axes_of_model(model: ArmModel, q: np.ndarray) -> np.ndarray:
     data = mujoco.MjData(model.model)
     data.qpos[model.position] = q
     mujoco.mj_kinematics(model.model, data)
-    ids = [model.model.joint(name).id for name in model.joints]
-    directions, points = data.xaxis[ids], data.xanchor[ids]
+    directions, points = data.xaxis[model.ids], data.xanchor[model.ids]
     moments = np.where(model.turns[:, None], np.cross(points, directions), 0.0)
     return np.hstack([directions, moments])
 

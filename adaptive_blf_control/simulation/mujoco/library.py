@@ -20,4 +20,9 @@ def load_mujoco() -> Any:
         import mujoco
     except ImportError as error:
         raise MissingExtra('mujoco', 'mujoco', 'arm_driver.plant: mujoco') from error
+    mujoco.set_mju_user_warning(_ignore)
     return mujoco
+
+
+def _ignore(warning: str) -> None:
+    """Take a warning that MuJoCo would write to a file: what it is about is looked at instead."""

@@ -26,7 +26,7 @@ __all__ = ['MujocoPlant']
 
 ROUNDING = 1e-9  # s that summed intervals may differ from the time of a change
 # First letters of the parameters that make the scene and can change while it runs.
-OF_THE_SCENE = ('true_model', 'true_parameters', 'payload', 'dead_time', 'schedule.')
+OF_THE_SCENE = ('true_model', 'true_parameters', 'payload', 'schedule.')
 
 
 class MujocoPlant(Plant):
@@ -63,7 +63,7 @@ class MujocoPlant(Plant):
         self.t = 0.0
         self._enter(Scene(settings, arm, gravity), settings.initial_position,
                     settings.initial_velocity)
-        self._actuators = Actuators(settings.actuator, settings.torque_limit)
+        self._actuators = Actuators(settings)
         self._sensor = made_sensor(settings.sensors, arm, sensor)
 
     def _enter(self, scene: Scene, q: np.ndarray, qd: np.ndarray) -> None:
@@ -96,7 +96,7 @@ class MujocoPlant(Plant):
             touched = self._surroundings.touched
             self._enter(scene, self.q, self.qd)
             self._surroundings.touched = touched
-        self._actuators.torque_limit = settings.torque_limit.copy()
+        self._actuators.retune(settings)
         self._settings = settings
 
     @property
@@ -125,7 +125,7 @@ class MujocoPlant(Plant):
         The torque is what the actuators measure, see `Actuators.sample`, except for an interval
         of 0 s: before the first motion there is none.
         """
-        measured = self._actuators.sample()
+        measured = self._actuators.sample(self.t)
         torque = measured if dt > 0.0 else torque
         return self._sensor.measure(self.q, self.qd, torque, dt)
 
@@ -201,17 +201,19 @@ class MujocoPlant(Plant):
         model, data, outside = self.arm_model, self.data, self._surroundings
         steps = max(math.ceil((until - self.t) / self._settings.mujoco.step - 1e-6), 1)
         step = model.model.opt.timestep = (until - self.t) / steps
-        held = self._actuators.torque - model.offset
-        data.qfrc_applied[model.velocity] = held
-        if outside.act:
+        torque = self._actuators.torque
+        data.qfrc_applied[model.velocity] = torque - model.offset
+        if outside.act or model.square_root.any():
             for k in range(steps):
-                data.qfrc_applied[model.velocity] = held + outside.torque(data)[model.velocity]
+                data.qfrc_applied[model.velocity] = (
+                    torque - model.resistance(self.qd) + outside.torque(data)[model.velocity])
                 self._mujoco.mj_step(model.model, data)
                 outside.watch(data, self.t + k * step, self.t + (k + 1) * step)
         else:
             self._mujoco.mj_step(model.model, data, steps)
         if not np.all(np.isfinite(data.qvel)):
-            raise ArmError(f'MuJoCo diverges at {self.t:.4f} s with the torque {held.tolist()}')
+            raise ArmError(f'MuJoCo diverges at {self.t:.4f} s with the torque '
+                           f'{torque.tolist()}')
         self._actuators.act(until - self.t)
         self.t = until
 

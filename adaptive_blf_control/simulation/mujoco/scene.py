@@ -44,13 +44,14 @@ class Scene:
     def __init__(self, settings: PlantSettings, arm: Arm,
                  gravity: Sequence[float] | np.ndarray) -> None:
         """Build it; see `MujocoPlant`."""
-        _refuse_what_is_not_of_the_model(settings)
+        _refuse_true_parameters(settings)
         source = settings.mujoco.model or _own_urdf(arm)
-        name = 'XML text' if source.lstrip().startswith('<') else source
-        spec = arm_spec(source, arm.joints)
+        shown = 'XML text' if source.lstrip().startswith('<') else source
+        names = _names_in_the_model(settings, arm)
+        spec = arm_spec(source, names)
         _set_options(spec, settings, gravity)
-        bare = ArmModel(compiled(spec, arm.joints), arm.joints, {})
-        tip = tip_of(arm, bare, settings.mujoco.tolerance, name)
+        bare = ArmModel(compiled(spec, arm.joints), arm.joints, names, {})
+        tip = tip_of(arm, bare, settings.mujoco.tolerance, shown)
         links = [bare.model.body(i).name for i in range(1, bare.model.nbody)]
         start = [Change(0.0, PAYLOAD, settings.payload)] if settings.payload > 0.0 else []
         changes = start + changes_of(settings.schedule)
@@ -63,18 +64,23 @@ class Scene:
                                  f'one of {", ".join(links)}')
         add_obstacle(spec, contact, *touching)
         model = compiled(spec, arm.joints)
-        self.arm_model = ArmModel(model, arm.joints, loads)
+        self.arm_model = ArmModel(model, arm.joints, names, loads)
         _set_friction(self.arm_model, settings)
         self.surroundings = Surroundings(model, contact)
 
 
-def _refuse_what_is_not_of_the_model(settings: PlantSettings) -> None:
+def _refuse_true_parameters(settings: PlantSettings) -> None:
     if settings.true_model != 'nominal' or np.any(settings.true_parameters):
         raise ParameterError('arm_driver.true_model', settings.true_model,
                              'nominal: the arm in MuJoCo is that of its model')
-    if settings.dead_time:
-        raise ParameterError('arm_driver.dead_time', settings.dead_time,
-                             '0: the arm in MuJoCo has actuator.delay in seconds')
+
+
+def _names_in_the_model(settings: PlantSettings, arm: Arm) -> tuple[str, ...]:
+    names = tuple(filter(None, settings.mujoco.joints)) or arm.joints
+    if len(names) != arm.n or len(set(names)) != arm.n:
+        raise ParameterError('arm_driver.mujoco.joints', list(names),
+                             f'the names of {", ".join(arm.joints)} in the model, each once')
+    return tuple(names)
 
 
 def _own_urdf(arm: Arm) -> str:
@@ -115,6 +121,6 @@ def _set_friction(model: ArmModel, settings: PlantSettings) -> None:
                           (friction.rotor_inertia, fields.dof_armature)):
         if np.any(values):
             field[model.velocity] = values
-    model.offset[:] = friction.offset
+    model.offset[:], model.square_root[:] = friction.offset, friction.square_root
     # Dry friction that holds: by default MuJoCo's creeps at several hundredths of a rad/s.
     fields.dof_solref[:, 0], fields.dof_solimp[:, :2] = _STICTION_TIME, _STICTION_IMPEDANCE

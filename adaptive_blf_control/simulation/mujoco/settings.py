@@ -51,6 +51,10 @@ class MujocoSettings(Settings, where='arm_driver.mujoco'):
         '',
         'URDF or MJCF of the arm in MuJoCo: a path or package://...; empty: the URDF of the arm. '
         'Joints that are not those of the arm are locked.')
+    joints: tuple[str, ...] = parameter(
+        [''],
+        "Names of the arm's joints in the model, in the arm's order, where they have others "
+        'there.')
     step: float = parameter(
         0.00025, 'Longest time step.', 's', 1e-6, 0.00025)
     integrator: str = parameter(

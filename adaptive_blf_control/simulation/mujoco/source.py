@@ -111,7 +111,8 @@ def _keep_joints(mujoco: Any, spec: Any, joints: Sequence[str], source: str) -> 
     for name in joints:
         if name not in offered:
             raise ParameterError(MODEL, source, f'a model with the hinge or slide joint {name!r}: '
-                                 f'it has {", ".join(offered) or "none"}')
+                                 f'it has {", ".join(offered) or "none"}; mujoco.joints says '
+                                 'which are those of the arm')
     for kind in _OTHER_DRIVES:
         for element in list(getattr(spec, kind)):
             spec.delete(element)

@@ -16,6 +16,7 @@ from adaptive_blf_control.simulation.wrenches import Wrenches
 __all__ = ['Surroundings', 'add_obstacle', 'touchable_geoms']
 
 _OBSTACLE, _TOUCHING = 'obstacle of the schedule', 'sphere that touches'
+_BOUNCE = 0.05  # s, longest time off the obstacle that does not end a contact
 _AWAY = (0.0, 0.0, -100.0)  # m, where nothing touches it
 
 
@@ -48,7 +49,7 @@ class Surroundings:
     """Forces and contacts, each absent until `set`.
 
     Attributes:
-        touched: Intervals of contact up to now, (begin, end) [s].
+        touched: Intervals of contact up to now, (begin, end) [s]; bounces are within one.
     """
 
     def __init__(self, model: Any, settings: ContactSettings) -> None:
@@ -59,7 +60,6 @@ class Surroundings:
         self._allow_contacts()
         self._wrenches = Wrenches()
         self.touched: list[tuple[float, float]] = []
-        self._touching = False
 
     @property
     def act(self) -> bool:
@@ -97,12 +97,10 @@ class Surroundings:
 
     def watch(self, data: Any, begin: float, end: float) -> None:
         """Note whether the arm touched something in a step from ``begin`` to ``end`` [s]."""
-        touching = bool(data.ncon)
-        if touching and self._touching:
-            self.touched[-1] = (self.touched[-1][0], end)
-        elif touching:
+        if data.ncon:
+            if self.touched and begin - self.touched[-1][1] < _BOUNCE:
+                begin = self.touched.pop()[0]
             self.touched.append((begin, end))
-        self._touching = touching
 
     def _allow_contacts(self) -> None:
         """Let the sphere touch what is there, and nothing else touch anything.

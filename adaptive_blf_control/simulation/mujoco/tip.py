@@ -41,7 +41,7 @@ def tip_of(arm: Arm, model: ArmModel, tolerance: float, source: str) -> Place:
     data = mujoco.MjData(compiled)
     data.qpos[model.position] = 0.0
     mujoco.mj_kinematics(compiled, data)
-    body = max(int(compiled.joint(name).bodyid[0]) for name in model.joints)
+    body = int(compiled.jnt_bodyid[model.ids].max())
     if isinstance(arm, UrdfArm):
         base = check_kinematics(arm, model, tolerance, source).base
         point = arm.link_points(np.zeros(arm.n))[-1] + base

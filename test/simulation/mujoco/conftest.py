@@ -9,8 +9,6 @@ import pytest
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.simulation.settings import PlantSettings
 
-pytest.importorskip('mujoco', reason='MuJoCo is not installed: the extra mujoco')
-
 PANDA = 'package://panda_description/urdf/panda.urdf'
 JOINTS = [f'panda_joint{i}' for i in range(1, 8)]
 POSTURE = [0.0, -0.3, 0.0, -1.9, 0.0, 1.9, 0.5]
@@ -34,6 +32,11 @@ URDF = """<robot name="two"><link name="base"/><link name="a"><inertial><mass va
 <origin xyz="0 0 1"/><axis xyz="0 1 0"/></joint>
 <joint name="elbow" type="continuous"><parent link="a"/><child link="b"/>
 <origin xyz="{length} 0 0"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+@pytest.fixture(scope='session', autouse=True)
+def _installed() -> None:
+    pytest.importorskip('mujoco', reason='MuJoCo is not installed: the extra mujoco')
 
 
 @pytest.fixture(scope='session')

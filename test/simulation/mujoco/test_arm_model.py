@@ -45,11 +45,12 @@ def test_joints_in_another_order_are_those_of_the_user(states):
 
 def test_friction_and_rotors_add_what_they_are_defined_to(panda, panda_settings, states):
     friction = {'viscous': np.arange(1.0, 8.0), 'coulomb': [0.5], 'offset': [0.1],
-                'rotor_inertia': [0.2]}
+                'square_root': [0.3], 'rotor_inertia': [0.2]}
     plain = MujocoPlant(panda_settings.replace(true_friction={'viscous': [1e-300]}), panda)
     full = MujocoPlant(panda_settings.replace(true_friction=friction), panda)
     for q, qd, qdd in states(7):
-        expected = np.arange(1.0, 8.0) * qd + 0.5 * np.sign(qd) + 0.1 + 0.2 * qdd
+        dry = (0.5 + 0.3 * np.sqrt(np.abs(qd))) * np.sign(qd)
+        expected = np.arange(1.0, 8.0) * qd + dry + 0.1 + 0.2 * qdd
         np.testing.assert_allclose(full.inverse_dynamics(q, qd, qdd)
                                    - plain.inverse_dynamics(q, qd, qdd), expected, atol=1e-10)
 

@@ -6,10 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.errors import ArmError, ParameterError
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.plant import MujocoPlant
 from adaptive_blf_control.simulation.plant import truth_of
+from adaptive_blf_control.simulation.rotation import rotation
 
 
 @pytest.fixture
@@ -101,6 +102,15 @@ def test_the_drives_saturate(made):
     assert plant.torque.tolist() == [4.0, -4.0]
 
 
+def test_a_simulation_that_diverges_is_an_error_and_no_file(made, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    plant = made(torque_limit=[1e300])
+    plant.apply(np.full(2, 1e300))
+    with pytest.raises(ArmError, match='MuJoCo diverges at 0.0000 s with the torque'):
+        plant.advance(0.001)
+    assert list(tmp_path.iterdir()) == []  # MuJoCo's own log
+
+
 def test_the_brakes_hold_without_torque(made):
     plant = made(initial_velocity=[1.0, 1.0], actuator={'delay': 0.01})
     plant.apply(np.ones(2))
@@ -122,7 +132,7 @@ def test_a_change_acts_from_its_time_on_to_the_step(made):
 
 
 def test_a_payload_goes_as_it_came(made):
-    plant = made(**scheduled((0.1, 'payload.hand', 2.0), (0.1, 'payload.hand.izz', 0.1),
+    plant = made(**scheduled((0.1, 'payload.hand', 2.0), (0.1, 'payload.hand.iyy', 0.1),
                              (0.2, 'payload.hand', 0.0)))
     q = [0.2, 0.3]
     plain = held(made(), q, 1.0)
@@ -137,6 +147,13 @@ def test_friction_changes_by_the_names_of_theta(made):
     q, qd = np.zeros(2), np.array([-1.0, 2.0])
     change = (plant.inverse_dynamics(q, qd, q, 2.0) - plant.inverse_dynamics(q, qd, q, 0.0))
     np.testing.assert_allclose(change, [-0.7, (5.0 - 0.2) * 2.0 - 0.2], atol=1e-12)
+
+
+def test_a_constant_friction_is_overcome_by_as_much_torque(made):
+    plant = made(true_friction={'offset': [2.0, -1.0]})
+    plant.apply(held(made(), [0.0, 0.0]) + [2.0, -1.0])
+    plant.advance(0.3)
+    np.testing.assert_allclose(plant.q, 0.0, atol=1e-9)
 
 
 def test_dry_friction_holds_what_it_can(made):
@@ -183,6 +200,15 @@ def test_an_obstacle_ahead_stops_the_arm_and_goes(made, mjcf, contact):
     assert plant.q[0] > stopped + 0.1  # it falls on
 
 
+def test_bounces_are_one_contact_and_a_later_touch_is_another(made):
+    plant = made(initial_velocity=[1.0, 0.0], **scheduled(
+        (0.0, 'contact', 1.0), (0.3, 'contact', 0.0), (0.5, 'contact', 1.0)))
+    plant.advance(0.8)
+    (_, end), (again, _) = plant.touched
+    assert end <= 0.3
+    assert again >= 0.5
+
+
 def test_an_obstacle_at_a_fixed_place_is_hit_there(made, mjcf):
     """A plane 0.3 m below, tilted by nothing: the tip, a sphere of 5 cm, comes to 0.25 m."""
     plant = made(mujoco={'model': mjcf, 'contact': {
@@ -195,6 +221,18 @@ def test_an_obstacle_at_a_fixed_place_is_hit_there(made, mjcf):
     assert lowest == pytest.approx(-0.25, abs=0.02)
 
 
+def test_an_obstacle_stands_as_its_orientation_says(made, mjcf):
+    angles = [0.3, -0.5, 0.7]
+    plant = made(mujoco={'model': mjcf, 'contact': {
+        'place': 'fixed', 'position': [0.0, 1.0, -2.0], 'orientation': angles}},
+        **scheduled((0.0, 'contact', 1.0)))
+    plant.advance(0.001)
+    obstacle = plant.data.geom('obstacle of the schedule')
+    np.testing.assert_allclose(obstacle.xpos, [0.0, 1.0, -2.0])
+    np.testing.assert_allclose(obstacle.xmat.reshape(3, 3), rotation(np.array(angles)),
+                               atol=1e-12)
+
+
 def test_a_geom_of_the_model_can_be_touched(made):
     plant = made(**scheduled((0.0, 'contact.table', 1.0)))
     for _ in range(200):
@@ -204,10 +242,10 @@ def test_a_geom_of_the_model_can_be_touched(made):
 
 
 @pytest.mark.parametrize(('change', 'message'), [
-    ((1.0, 'payload.gripper', 1.0), "is 'payload.gripper': .*with a link of upper, lower, hand"),
+    ((1.0, 'payload.gripper', 1.0), "is 'payload.gripper': .*links: upper, lower, hand"),
     ((1.0, 'force.upper', 1.0), "is 'force.upper'"),
-    ((1.0, 'contact.wall', 1.0), 'a geom of table'),
-    ((1.0, 'fv_wrist', 1.0), 'a joint of shoulder, elbow'),
+    ((1.0, 'contact.wall', 1.0), 'geoms: table'),
+    ((1.0, 'fv_wrist', 1.0), 'joints: shoulder, elbow'),
     ((1.0, 'contact', 0.5), '0.0 or 1.0'),
     ((1.0, 'payload.hand', -1.0), 'for payload.hand a finite value >= 0'),
     ((1.0, 'fc_elbow', -1.0), 'for fc_elbow a finite value >= 0')])
@@ -240,6 +278,14 @@ def test_other_settings_are_taken_while_it_moves(made, two_link_settings):
     np.testing.assert_allclose(heavier, [-9.81 * 2.0 * 0.5, 0.0])  # the URDF's tip is the elbow
 
 
+def test_what_was_touched_is_known_after_other_settings(made, two_link_settings):
+    plant = made(**scheduled((0.0, 'contact.table', 1.0)))
+    while not plant.touched:
+        plant.advance(0.01)
+    plant.retune(two_link_settings.replace(payload=1.0))
+    assert len(plant.touched) == 1
+
+
 def test_a_schedule_that_cannot_be_taken_changes_nothing(made, two_link_settings):
     plant = made()
     model = plant.arm_model
@@ -251,7 +297,6 @@ def test_a_schedule_that_cannot_be_taken_changes_nothing(made, two_link_settings
 
 
 @pytest.mark.parametrize(('settings', 'message'), [
-    ({'dead_time': 2}, 'actuator.delay in seconds'),
     ({'true_model': 'given', 'true_parameters': [1.0]}, 'nominal: the arm in MuJoCo'),
     ({'schedule': {'time': [1.0, 2.0]}}, 'of the same length'),
     ({'mujoco': {'contact': {'link': 'gripper'}}}, 'contact.link.*one of upper, lower, hand'),

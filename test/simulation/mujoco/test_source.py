@@ -44,6 +44,18 @@ def test_joints_that_are_not_named_are_locked(two_links, two_link_settings):
     assert model.nu == 0
 
 
+def test_joints_may_have_other_names_in_the_model(mjcf, two_links, two_link_settings):
+    text = mjcf.replace('"shoulder"', '"j1"').replace('"elbow"', '"j2"')
+    plant = MujocoPlant(two_link_settings.replace(
+        mujoco={'model': text, 'joints': ['j1', 'j2']}, initial_position=[0.1, 0.2],
+        schedule={'time': [0.0], 'parameter': ['fv_elbow'], 'value': [7.0]}), two_links)
+    assert plant.data.joint('j2').qpos[0] == 0.2
+    assert plant.arm_model.model.dof_damping.tolist() == [0.3, 7.0]
+    with pytest.raises(ParameterError, match='mujoco.joints.*shoulder, elbow in the model'):
+        MujocoPlant(two_link_settings.replace(mujoco={'model': text, 'joints': ['j1']}),
+                    two_links)
+
+
 def test_armature_and_damping_of_an_mjcf_stay_unless_others_are_given(two_links,
                                                                      two_link_settings):
     model = MujocoPlant(two_link_settings, two_links).arm_model.model

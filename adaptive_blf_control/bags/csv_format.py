@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a file of comma-separated values is written: encoding, separator, decimal comma, header.
+
+The standard library's ``csv`` splits the rows. Its ``Sniffer`` takes decimal commas and digits for
+separators, and libraries that guess better (pandas, clevercsv) read whole files into memory or
+know neither decimal commas nor cut last lines: little is left to guess where columns are numbers.
+"""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Iterator
+import csv
+from itertools import chain
+from pathlib import Path
+from typing import NamedTuple, TextIO
+
+from adaptive_blf_control.errors import GIT_LFS_POINTER, LogError
+
+__all__ = ['CsvFile', 'is_number', 'number_of', 'open_csv', 'opened']
+
+_BOMS = ((codecs.BOM_UTF8, 'utf-8-sig'), (codecs.BOM_UTF16_LE, 'utf-16'),
+         (codecs.BOM_UTF16_BE, 'utf-16'))
+_SEPARATORS = (';', '\t', '|', ',')  # a comma may also be inside of numbers
+_COMMENTS = ('#', '%')
+_MISSING = ('', 'nan', '-nan', 'null', 'none', 'n/a', 'na', '-')
+
+
+class CsvFile(NamedTuple):
+    """A file that is open at its first row of numbers.
+
+    Attributes:
+        header: Cells of the header; () where there is none.
+        rows: Line number and cells of each row that is neither empty nor a comment.
+    """
+
+    header: tuple[str, ...]
+    rows: Iterator[tuple[int, list[str]]]
+
+
+def open_csv(path: Path, stream: TextIO) -> CsvFile:
+    """Return the header and the rows of a file.
+
+    Args:
+        path: For error messages.
+        stream: The file as `opened` gives it.
+
+    Raises:
+        LogError: the file is a Git LFS pointer.
+    """
+    comments: list[str] = []
+    line, separator, number = '', None, 0
+    for line in stream:
+        number += 1
+        text = line.strip().lstrip('\ufeff')
+        if text.encode().startswith(GIT_LFS_POINTER):
+            raise LogError(f'{path} is a Git LFS pointer, not the file: fetch it with '
+                           '"git lfs pull"')
+        if text.lower().startswith('sep=') and len(text) == 5:  # as Excel writes it
+            separator = text[-1]
+        elif text.startswith(_COMMENTS) and not text.startswith('%time'):
+            comments.append(text.lstrip('#% '))
+        elif text:
+            break
+    else:
+        return CsvFile((), iter(()))
+    following = stream.readline()
+    if separator is None:
+        separator = _separator(line, following)
+    first = _cells([line], separator)[0]
+    header, rest = tuple(first), [(number + 1, following)]
+    if all(map(is_number, first)):
+        rest.insert(0, (number, line))
+        header = ()
+        if comments:
+            header = tuple(_cells(comments[-1:], _separator(comments[-1], line))[0])
+    lines = chain(rest, enumerate(stream, number + 2))
+    return CsvFile(tuple(cell.strip() for cell in header), _rows(lines, separator))
+
+
+def opened(path: Path) -> TextIO:
+    """Open a file in its encoding, that of its byte order mark or of its zeros, else UTF-8.
+
+    Bytes that are not of the encoding are replaced: they are in units, as in ``[°]``.
+    """
+    with path.open('rb') as stream:
+        start = stream.read(64)
+    encoding = next((name for bom, name in _BOMS if start.startswith(bom)), 'utf-8')
+    if encoding == 'utf-8' and b'\0' in start:
+        encoding = 'utf-16-be' if start[:1] == b'\0' else 'utf-16-le'
+    return path.open(newline='', encoding=encoding, errors='replace')
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell holds a number, maybe with a decimal comma, or stands for none."""
+    text = cell.strip().lower()
+    if text in _MISSING:
+        return True
+    try:
+        float(text.replace(',', '.'))
+    except ValueError:
+        return False
+    return True
+
+
+def number_of(cell: str) -> float:
+    """Return the number in a cell, NaN where it stands for none.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    text = cell.strip()
+    return float('nan') if text.lower() in _MISSING else float(text.replace(',', '.'))
+
+
+def _separator(first: str, second: str) -> str:
+    for separator in _SEPARATORS:
+        if separator in first and (separator in second or not second.strip()):
+            return separator
+    return ' '
+
+
+def _rows(lines: Iterator[tuple[int, str]], separator: str) -> Iterator[tuple[int, list[str]]]:
+    for number, line in lines:
+        if line.strip() and not line.startswith(_COMMENTS):
+            yield number, _cells([line], separator)[0]
+
+
+def _cells(lines: list[str], separator: str) -> list[list[str]]:
+    if separator == ' ':
+        return [line.split() for line in lines]
+    return list(csv.reader(lines, delimiter=separator, skipinitialspace=True))

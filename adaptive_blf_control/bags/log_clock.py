@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clocks of measured logs: units, single wild stamps, and clocks that were set back."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+__all__ = ['LogClock', 'UNITS', 'epoch_unit', 'log_clock', 'period_unit']
+
+UNITS = {'s': 1.0, 'ms': 1e3, 'us': 1e6, 'ns': 1e9}  # per second
+JUMP = 1.0  # s: a smaller step back is a message out of order
+PAUSE = 60.0  # s: a longer one before the last or after the first few rows is no pause
+FEW = 5  # rows in a row that may be wild; more of them are a clock that was set
+
+
+class LogClock(NamedTuple):
+    """What the clock of a log says.
+
+    Attributes:
+        keep: Which rows can be used, shape (N,).
+        t: Their times, strictly increasing from 0, shape (K,) [s].
+        breaks: Rows among those kept at which a clock that was set back goes on.
+        notes: What is wrong with the clock, in sentences.
+    """
+
+    keep: np.ndarray
+    t: np.ndarray
+    breaks: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def log_clock(clock: np.ndarray, usable: np.ndarray, per_second: float) -> LogClock:
+    """Return which rows have a time that can be used, and that time.
+
+    A few stamps far ahead of or behind both neighbours are left out. Where a clock is set back
+    the log goes on one median period later, and filters have to restart. Any other row that
+    does not come after the rows before it is left out.
+
+    Args:
+        clock: Times of the rows, shape (N,), integers or floats.
+        usable: Rows whose other values can be used, shape (N,); not changed.
+        per_second: How much the clock advances in a second.
+    """
+    keep = usable & np.isfinite(clock)
+    rows = np.flatnonzero(keep)
+    if rows.size == 0:
+        return LogClock(keep, np.empty(0), (), ())
+    # Subtracted first: seconds since 1970 as a double would be good to 0.2 µs only.
+    t = ((clock[rows] - clock[rows[0]]) / per_second).astype(np.float64)
+    wild, starts = _wild_and_starts(t)
+    good = ~wild
+    notes = [f'{wild.sum()} stamps far from their neighbours are left out, the first in row '
+             f'{rows[wild.argmax()] + 1}'] if wild.any() else []
+    edges = [0, *starts, t.size]
+    for begin, end in zip(edges, edges[1:]):
+        good[begin:end] &= _rising(t[begin:end], good[begin:end])
+    keep[rows[~good]] = False
+    for start in starts:
+        notes.append(f'the clock goes back by {t[:start].max() - t[start]:.4g} s in row '
+                     f'{rows[start] + 1}: the filters restart there')
+    t = _joined([t[begin:end][good[begin:end]] for begin, end in zip(edges, edges[1:])])
+    breaks = np.cumsum([good[begin:end].sum() for begin, end in zip(edges, edges[1:])])[:-1]
+    return LogClock(keep, t, tuple(int(row) for row in breaks if 0 < row < t.size), tuple(notes))
+
+
+def _wild_and_starts(t: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    """Return which times are wild, shape (N,), and where a clock that was set back goes on."""
+    wild = np.zeros(t.size, dtype=bool)
+    starts: list[int] = []
+    steps = np.diff(t)
+    far = np.flatnonzero(steps > PAUSE)
+    if far.size and far[0] < FEW < t.size - FEW:
+        wild[:far[0] + 1] = True
+    if far.size and t.size - 1 - far[-1] <= FEW < far[-1]:
+        wild[far[-1] + 1:] = True
+    for last in np.flatnonzero(steps < -JUMP):
+        before, after = t[max(last - FEW, 0):last + 1], t[last + 1:last + 2 + FEW]
+        lower = np.flatnonzero(before < after[0])
+        higher = np.flatnonzero(after > t[last])
+        begun = starts[-1] if starts else 0
+        if lower.size or last - begun < FEW:  # those ahead, up to here, are wild
+            wild[last - (before.size - 2 - lower[-1] if lower.size else last - begun):
+                 last + 1] = True
+        elif higher.size or t.size - 1 - last <= FEW:  # those behind, from here on, are
+            wild[last + 1:last + 1 + (higher[0] if higher.size else FEW)] = True
+        elif not wild[last]:
+            starts.append(int(last) + 1)
+    return wild, starts
+
+
+def _rising(t: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Return which times come after all good ones before them, shape (N,)."""
+    if good.all() and (t[1:] > t[:-1]).all():
+        return good  # as nearly always; a long log has no memory to waste
+    latest = np.maximum.accumulate(np.where(good, t, -np.inf))
+    return good & np.concatenate(([True], t[1:] > latest[:-1]))
+
+
+def _joined(sections: list[np.ndarray]) -> np.ndarray:
+    """Put sections behind each other at the distance of a median period, from 0 on."""
+    if len(sections) == 1:
+        return sections[0] - sections[0][:1]
+    periods = np.concatenate([np.diff(section) for section in sections])
+    period = float(np.median(periods)) if periods.size else 1.0
+    joined: list[np.ndarray] = []
+    for section in sections:
+        if section.size:
+            begin = joined[-1][-1] + period if joined else 0.0
+            joined.append(section - section[0] + begin)
+    return np.concatenate(joined) if joined else np.empty(0)
+
+
+def epoch_unit(first: float) -> str | None:
+    """Return the unit of a time since 1970 by its size; None where it is none."""
+    for unit, per_second in UNITS.items():
+        if 5e8 < first / per_second < 5e9:  # years 1985 to 2128
+            return unit
+    return None
+
+
+def period_unit(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None) -> tuple[str, str]:
+    """Return the unit of times that count from some start, and why it is not the second, or ''.
+
+    Velocities tell: Δq is the integral of q̇ over time. Without them a log is taken to have 2 Hz
+    or more, and 10 kHz or less.
+
+    Args:
+        t: Times, shape (N,) [unit].
+        q: Positions, shape (N, n) [rad].
+        qd: Velocities, shape (N, n) [rad/s], or None.
+    """
+    period = float(np.median(np.diff(t))) if t.size > 10 else 0.0
+    if period < 0.5:
+        return 's', ''
+    if qd is not None:
+        moved = 0.5 * (qd[1:] + qd[:-1]) * np.diff(t)[:, None]
+        stepped = np.diff(q, axis=0)
+        with np.errstate(over='ignore', invalid='ignore'):
+            slope = float((moved * stepped).sum() / max((moved * moved).sum(), 1e-300))
+        for unit, per_second in UNITS.items():
+            if 1.0 / 3.0 < slope * per_second < 3.0:
+                return unit, '' if unit == 's' else f'the velocities say so, with {slope:.3g} s'
+    unit = next((unit for unit in ('ms', 'us', 'ns') if 1e-4 <= period / UNITS[unit] < 0.5), 's')
+    return unit, '' if unit == 's' else f'the rows are {period:g} apart'

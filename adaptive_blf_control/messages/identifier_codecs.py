@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the identifier publishes about each sample, for the node and for a simulated bag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.identification.republish import HistoryPublication
+from adaptive_blf_control.messages.cdr import encode_float64, encode_int32
+from adaptive_blf_control.messages.joint_state import JointStateCodec
+from adaptive_blf_control.messages.topics import (
+    EXCITATION,
+    HISTORY_RANK,
+    HISTORY_SIGMA_MIN,
+    THETA_HAT,
+)
+
+__all__ = ['EstimateStream', 'HistoryFigures']
+
+
+class HistoryFigures(NamedTuple):
+    """Rank and σ_min of the history, and the excitation index, None where switched off."""
+
+    rank: int
+    sigma_min: float
+    excitation: float | None
+
+
+class EstimateStream:
+    """The estimate after every sample, the figures of the history where they have changed."""
+
+    def __init__(self, parameters: Sequence[str]) -> None:
+        """Prepare the messages for the names of the parameters."""
+        self._theta = JointStateCodec(parameters, fields=('position',))
+        self._history = HistoryPublication()
+
+    def messages(self, stamp: int, theta: np.ndarray, insertions: int,
+                 figures: Callable[[], HistoryFigures]) -> dict[str, bytes]:
+        """Return the messages of a sample by topic; the estimate, which answers it, is the last.
+
+        Args:
+            stamp: Of the sample [ns].
+            theta: θ̂ after the sample, shape (m,).
+            insertions: Pairs that the history has taken so far.
+            figures: Called where those of the history are due.
+        """
+        messages: dict[str, bytes] = {}
+        if self._history.due(insertions):
+            rank, sigma_min, excitation = figures()
+            messages[HISTORY_RANK] = encode_int32(rank)
+            messages[HISTORY_SIGMA_MIN] = encode_float64(sigma_min)
+            if excitation is not None:
+                messages[EXCITATION] = encode_float64(excitation)
+        messages[THETA_HAT] = self._theta.encode(stamp, theta)
+        return messages

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Decoder for sensor_msgs/msg/JointState that matches joints by name, fast for known layouts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import struct
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.cdr_cursor import align, Cursor, HEADER_SIZE, STAMP
+from adaptive_blf_control.messages.joint_state import (
+    decode_head,
+    FIELDS,
+    NANOSECONDS,
+    refuse_duplicates,
+)
+
+__all__ = ['JointStateReader']
+
+_COUNT = struct.Struct('<I')
+_DOUBLE = np.dtype('<f8')
+_FRAME_OFFSET = HEADER_SIZE + STAMP.size
+# There is one layout per publisher of the topic; more than this many are a fault.
+_MAX_LAYOUTS = 8
+
+
+class _Layout(NamedTuple):
+    """What one publisher's messages have in common.
+
+    Attributes:
+        key: Bytes of frame_id and names; they fix where the arrays begin.
+        first: Offset of the count of `position`.
+        size: Number of names.
+        order: Index of each of our joints among the names, shape (n,).
+    """
+
+    key: bytes
+    first: int
+    size: int
+    order: np.ndarray
+
+
+class JointStateReader:
+    """Decoder that returns the numbers in the order of given joints, matched by name.
+
+    The permutation is kept for each layout (frame_id and names as bytes), so that only the first
+    message of a publisher is parsed name by name.
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        """Take the joints; BagError if one is listed twice."""
+        self.joints = tuple(joints)
+        refuse_duplicates(self.joints, 'reader')
+        self._layouts: list[_Layout] = []
+        self._nothing = np.full(len(self.joints), np.nan)
+
+    def read(self, data: bytes) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+        """Return stamp [ns], position [rad], velocity [rad/s], effort [N·m].
+
+        Each array is fresh, float64, of shape (n,) in the order of `joints`; all NaN where the
+        message leaves it empty. Other joints of the message are skipped.
+
+        Raises:
+            BagError: a joint is missing, a name occurs twice, an array is neither empty nor as
+                long as the names, or the message is truncated.
+        """
+        if type(data) is not bytes:
+            data = bytes(data)
+        for layout in self._layouts:
+            if data.startswith(layout.key, _FRAME_OFFSET) and data.startswith(b'\0\1'):
+                try:
+                    return self._read_arrays(data, layout)
+                except (struct.error, ValueError):  # the slow decoder finds out what is wrong
+                    break
+        return self._read_slowly(data)
+
+    def _read_arrays(self, data: bytes, layout: _Layout
+                     ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+        """Read a message of known layout; struct.error or ValueError where it is not sound."""
+        _, _, size, order = layout
+        position, arrays = layout.first, []
+        for _ in FIELDS:
+            (count,) = _COUNT.unpack_from(data, position)
+            position += 4
+            if count == 0:
+                arrays.append(self._nothing.copy())
+                continue
+            if count != size:
+                raise ValueError
+            position += (HEADER_SIZE - position) % 8
+            arrays.append(np.frombuffer(data, _DOUBLE, size, position).take(order))
+            position += 8 * size
+        sec, nanosec = STAMP.unpack_from(data, HEADER_SIZE)
+        return sec * NANOSECONDS + nanosec, arrays[0], arrays[1], arrays[2]
+
+    def _read_slowly(self, data: bytes) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+        cursor = Cursor(data, 'JointState')
+        stamp_ns, _, names = decode_head(cursor)
+        order = self._match(names)
+        layout_end = cursor.pos
+        arrays = []
+        for field in FIELDS:
+            values = cursor.doubles(field)
+            if len(values) == 0:
+                arrays.append(self._nothing.copy())
+            elif len(values) == len(names):
+                arrays.append(values[order])
+            else:
+                raise BagError(f'JointState.{field} has {len(values)} values for {len(names)} '
+                               'names: expected as many, or none')
+        if cursor.order == '<' and self.joints:
+            self._remember(data[_FRAME_OFFSET:layout_end], names, order)
+        return stamp_ns, arrays[0], arrays[1], arrays[2]
+
+    def _match(self, names: tuple[str, ...]) -> np.ndarray:
+        """Return the index of each of our joints in `names`, shape (n,)."""
+        refuse_duplicates(names, 'message')
+        where = {name: i for i, name in enumerate(names)}
+        if missing := [joint for joint in self.joints if joint not in where]:
+            raise BagError(f'JointState lacks joint {", ".join(map(repr, missing))}: '
+                           f'it has {list(names)}')
+        return np.array([where[joint] for joint in self.joints], dtype=np.intp)
+
+    def _remember(self, key: bytes, names: tuple[str, ...], order: np.ndarray) -> None:
+        if any(layout.key == key for layout in self._layouts):
+            return
+        first = align(_FRAME_OFFSET + len(key), 4)
+        self._layouts.insert(0, _Layout(key, first, len(names), order))
+        del self._layouts[_MAX_LAYOUTS:]

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Checks of a measured log against a model of the arm: delay, gravity and unit of the effort.
+
+All work on filtered pairs Y_f θ = τ_f of a few blocks of the log. θ is what least squares make of
+them for each joint on its own, so that another gain per joint does not disturb.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.runs.finding import Excerpt, Finding, WARNING
+
+__all__ = ['Pairs', 'delay_findings', 'filtered_pairs', 'gravity_findings', 'observer',
+           'unit_findings']
+
+ROWS = 1500  # pairs of each joint that least squares see
+EARLIEST, LATEST = 0.05, 0.15  # s, shifts of the effort that are tried
+LEAST_DELAY = 0.01  # s: the error hardly changes by less
+LEAST_TORQUE = 0.5  # N·m: less is lost in friction
+
+
+class Pairs(NamedTuple):
+    """Filtered pairs of a log, K of them, at its period.
+
+    Attributes:
+        regressors: Y_f, shape (K, n, m).
+        torques: τ_f shifted by each lag, shape (lags, K, n) [N·m].
+        lags: Shifts of the effort in rows, shape (lags,).
+        period: Median period [s].
+    """
+
+    regressors: np.ndarray
+    torques: np.ndarray
+    lags: np.ndarray
+    period: float
+
+
+def observer(arm: Arm, settings: IdentifierSettings) -> Identifier:
+    """Return an identifier that is only there for its filters."""
+    return Identifier(arm, settings.replace(**{
+        'history.size': 1, 'change.window': 0.0, 'excitation.window': 0.0,
+        'initial_estimate': [0.0], 'gamma': [1.0]}))
+
+
+def filtered_pairs(log: Excerpt, arm: Arm, settings: IdentifierSettings, *,
+                   shifted: bool = True) -> Pairs | None:
+    """Filter an excerpt as the identifier does; None where it is too short for that.
+
+    Args:
+        log: Rows in a few long blocks.
+        arm: Its regressor is used.
+        settings: Those of the filters are used.
+        shifted: Whether torques of other lags than zero are wanted.
+    """
+    lags = np.arange(-round(EARLIEST / log.period), round(LATEST / log.period) + 1)
+    lags = lags[:: max(1, len(lags) // 80)] if shifted else np.zeros(1, dtype=int)
+    if shifted and 0 not in lags:
+        lags = np.sort(np.append(lags, 0))
+    identifier = observer(arm, settings)
+    settled = np.zeros(len(log.t), dtype=bool)
+    regressors = np.empty((len(log.t), arm.n, arm.m))
+    torques = np.empty((len(log.t), arm.n))
+    for i, (t, q, qd, tau) in enumerate(zip(log.t.tolist(), log.q, log.qd, log.tau)):
+        if i and not log.whole[i - 1]:
+            identifier.restart()
+        identifier.observe(t, q, qd, tau)
+        settled[i] = identifier.settled
+        regressors[i], torques[i] = identifier.pair
+    run = np.cumsum(np.concatenate([[0], ~log.whole]))
+    rows = np.arange(max(0, -lags[0]), len(log.t) - max(0, lags[-1]))
+    rows = rows[settled[rows] & settled[rows + lags[0]] & (run[rows + lags[0]] == run[rows])
+                & (run[rows + lags[-1]] == run[rows])]
+    rows = rows[:: max(1, len(rows) // ROWS)]
+    if len(rows) < 2 * arm.m:
+        return None
+    return Pairs(regressors[rows], torques[rows + lags[:, None]], lags, log.period)
+
+
+def delay_findings(pairs: Pairs, arm: Arm) -> Iterator[Finding]:
+    """Efforts that fit the motion better when they are shifted in time.
+
+    Joints whose torque is friction for the most part are left out: friction follows a reversal
+    late, which looks the same.
+    """
+    zero = int(np.flatnonzero(pairs.lags == 0)[0])
+    inertial = getattr(arm, 'base_count', arm.m)
+    for joint, name in enumerate(arm.joints):
+        torque = pairs.torques[zero:zero + 1, :, joint]
+        if _left_over(pairs.regressors[:, joint, inertial:], torque)[0] < 0.75 * torque.std():
+            continue
+        left = _left_over(pairs.regressors[:, joint], pairs.torques[:, :, joint])
+        best = int(np.argmin(left))
+        delay = float(pairs.lags[best] * pairs.period)
+        if abs(delay) >= max(LEAST_DELAY, 2.0 * pairs.period) and left[best] < 0.87 * left[zero]:
+            yield Finding('delay', name, WARNING, delay, f'the effort is {abs(1e3 * delay):.0f} '
+                          f'ms {"behind" if delay > 0.0 else "ahead of"} the motion (error '
+                          f'{left[best] / left[zero]:.0%} without that)',
+                          f'--effort-delay {delay:.3g}')
+
+
+def gravity_findings(pairs: Pairs, weightless: Pairs, arm: Arm,
+                     nominal: np.ndarray) -> Iterator[Finding]:
+    """Efforts without gravity, as of drives that compensate it.
+
+    Args:
+        pairs: Filtered pairs of the arm.
+        weightless: Those of the same rows with an arm without gravity.
+        arm: The arm.
+        nominal: Filtered gravity torque of the URDF at these rows, shape (K, n) [N·m].
+    """
+    zero = int(np.flatnonzero(pairs.lags == 0)[0])
+    loaded = nominal.std(axis=0) > np.maximum(LEAST_TORQUE, 0.2 * pairs.torques[zero].std(axis=0))
+    for joint in np.flatnonzero(loaded):
+        torque = pairs.torques[zero:zero + 1, :, joint]
+        with_it = _left_over(pairs.regressors[:, joint], torque)[0]
+        without = _left_over(weightless.regressors[:, joint], torque)[0]
+        if without < 1.03 * with_it:
+            yield Finding('gravity', arm.joints[joint], WARNING, without / with_it,
+                          f'no gravity is visible in the effort (the URDF has '
+                          f'{nominal[:, joint].std():.3g} N·m of it): compensated by the drive?',
+                          '--set gravity=[0.0,0.0,0.0]')
+
+
+def unit_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Finding]:
+    """Efforts of another size than the masses of the URDF ask for: currents, for one.
+
+    Args:
+        pairs: Filtered pairs of the arm.
+        arm: The arm.
+        nominal: Filtered torque of the URDF without friction at these rows, (K, n) [N·m].
+    """
+    zero = int(np.flatnonzero(pairs.lags == 0)[0])
+    for joint, name in enumerate(arm.joints):
+        described, measured = (values - values.mean() for values in (
+            nominal[:, joint], pairs.torques[zero, :, joint]))
+        energy = float(described @ described)
+        if energy < len(described) * LEAST_TORQUE ** 2:
+            continue
+        ratio = float(described @ measured) / energy
+        alike = float(described @ measured) / max(
+            np.sqrt(energy * float(measured @ measured)), 1e-300)
+        if alike > 0.6 and not 0.25 < ratio < 4.0:
+            yield Finding('unit', name, WARNING, ratio, f'the effort is {ratio:.2g} times what '
+                          'the masses of the URDF need: a current in A, or another unit?',
+                          f'--gain {name}:K multiplies it by K N·m per unit')
+
+
+def _left_over(regressor: np.ndarray, torques: np.ndarray) -> np.ndarray:
+    """Return the RMS that least squares leave of torques, (K, m) and (lags, K) → (lags,)."""
+    scale = np.linalg.norm(regressor, axis=0)
+    columns = regressor[:, scale > 1e-9 * scale.max(initial=0.0)]
+    if columns.shape[1] == 0:
+        return np.sqrt(np.mean(torques ** 2, axis=1))
+    left, size, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
+    basis = left[:, size > 1e-8 * size.max(initial=0.0)]
+    rest = torques - (torques @ basis) @ basis.T
+    result: np.ndarray = np.sqrt(np.mean(rest ** 2, axis=1))
+    return result

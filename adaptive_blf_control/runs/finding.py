@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a check of a measured log has found, and the part of a log that is looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.bags.logs import MeasuredLog
+
+__all__ = ['Excerpt', 'Finding', 'REFUSED', 'WARNING', 'excerpt', 'listed']
+
+REFUSED, WARNING = 'refused', 'warning'
+ROWS = 200_000  # looked at of a longer log
+BLOCKS = 40
+
+
+class Finding(NamedTuple):
+    """Something about a log that cannot be right, or may not be.
+
+    Attributes:
+        check: Which check: velocity, position, motion, effort, rate, delay, gravity or unit.
+        joint: The joint, or None where it concerns all.
+        level: `REFUSED` or `WARNING`.
+        value: The figure that tells, in the unit that ``text`` names.
+        text: What is odd, with the figure.
+        hint: The option that would help; may be empty.
+    """
+
+    check: str
+    joint: str | None
+    level: str
+    value: float
+    text: str
+    hint: str = ''
+
+    def __str__(self) -> str:
+        """Return one sentence."""
+        where = f'joint {self.joint!r}: ' if self.joint else ''
+        return f'{where}{self.text}' + (f': {self.hint}' if self.hint else '')
+
+
+class Excerpt(NamedTuple):
+    """Rows of a log, all of them or evenly spaced blocks.
+
+    Attributes:
+        t: Times, shape (N,) [s].
+        q: Positions, shape (N, n) [rad].
+        qd: Velocities, shape (N, n) [rad/s].
+        tau: Torques, shape (N, n) [N·m].
+        period: Median period [s].
+        whole: Whether a row follows the one before without a gap, shape (N − 1,).
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    qd: np.ndarray
+    tau: np.ndarray
+    period: float
+    whole: np.ndarray
+
+
+def excerpt(log: MeasuredLog, rows: int = ROWS, blocks: int = BLOCKS) -> Excerpt:
+    """Return at most about ``rows`` rows of a log, in ``blocks`` blocks where it is longer."""
+    size = len(log.t)
+    chosen = np.arange(size)
+    if size > rows:
+        starts = np.linspace(0, size - rows // blocks, blocks).astype(int)
+        chosen = np.unique(starts[:, None] + np.arange(rows // blocks))
+    t, q, qd, tau = (np.asarray(values[chosen]) for values in (log.t, log.q, log.qd, log.tau))
+    steps = np.diff(t)
+    period = float(np.median(steps))
+    whole = (steps < 5.0 * period) & (np.diff(chosen) == 1)
+    whole[np.isin(chosen[1:], log.breaks)] = False
+    return Excerpt(t, q, qd, tau, period, whole)
+
+
+def listed(findings: Iterable[Finding], joints: Sequence[str]) -> dict[str, str]:
+    """Return the verdict on each joint: ``sound``, or all that was found about it."""
+    verdicts: dict[str, list[str]] = {joint: [] for joint in joints}
+    for finding in findings:
+        if finding.joint is not None:
+            verdicts[finding.joint].append(f'{finding.level}: {finding.text}')
+    return {joint: '; '.join(found) or 'sound' for joint, found in verdicts.items()}

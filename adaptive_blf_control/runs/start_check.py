@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is to be said about a scenario before it runs: its loop, its history, the arm's limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, DriverSettings
+from adaptive_blf_control.configuration.parameter_file import node_settings
+from adaptive_blf_control.control.arm_limits import limit_warnings
+from adaptive_blf_control.identification.rank_condition import rank_warning
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop
+from adaptive_blf_control.tuning.loop_check import check_loop, warnings_of_loop
+from adaptive_blf_control.tuning.stated_loop import simulated_delay, stated_delay
+
+__all__ = ['loop_warnings', 'start_warnings']
+
+
+def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
+    """Yield a sentence for whatever a scenario is to be warned of.
+
+    Args:
+        data: The parameter file's data.
+        loop: Built from it.
+
+    Raises:
+        ParameterError: see `loop_warnings`.
+    """
+    too_few = rank_warning(loop.identifier.settings, loop.arm.n, loop.arm.m)
+    if too_few:
+        yield too_few
+    yield from limit_warnings(loop.arm, loop.controller.settings)
+    yield from loop_warnings(data, loop)
+
+
+def loop_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
+    """Yield a sentence for gains that do not fit the delay, the larger of stated and simulated.
+
+    Raises:
+        ParameterError: they are unstable, and ``controller.loop.unstable`` is ``refuse``.
+    """
+    stated = node_settings(data, ControllerNodeSettings).loop
+    delay = stated_delay(stated).longer(simulated_delay(node_settings(data, DriverSettings)))
+    controller = loop.controller
+    yield from warnings_of_loop(
+        check_loop(loop.arm, controller.settings, controller.reference, loop.initial_estimate,
+                   delay), stated.unstable)

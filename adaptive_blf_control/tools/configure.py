@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``configure URDF -o my_arm.yaml``: a complete parameter file for an arm, and why it is so.
+
+Sets and reference lie inside the limits of the URDF. The gains follow from the inertia that each
+joint sees along the reference and from the delay of the loop, the filters from the sensors.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+
+from adaptive_blf_control.arms.load import load_arm
+from adaptive_blf_control.command_line import seconds
+from adaptive_blf_control.configuration.written_file import written_file
+from adaptive_blf_control.errors import BlfError, ParameterError
+from adaptive_blf_control.tuning.node_values import node_settings_of, reasons_of
+from adaptive_blf_control.tuning.recipe import recipe
+from adaptive_blf_control.tuning.recipe_text import recipe_text
+from adaptive_blf_control.tuning.robot import Robot
+
+__all__ = ['main']
+
+
+def _parser() -> argparse.ArgumentParser:
+    usual = Robot()
+    parser = argparse.ArgumentParser(
+        prog='configure', description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('urdf', help='path or package://package/path of the URDF')
+    parser.add_argument('--joints', nargs='+', metavar='JOINT',
+                        help='joints of the arm, from the base on; default: all, from the base on')
+    parser.add_argument('--coulomb', action='store_true',
+                        help='learn a dry friction per joint as well')
+    parser.add_argument('--from-zero', action='store_true',
+                        help="begin to learn from nothing rather than from the URDF's values")
+    parser.add_argument('-o', '--output', type=Path, metavar='FILE',
+                        help='parameter file to write; without it nothing is written')
+    parser.add_argument('--overwrite', action='store_true', help='replace FILE if it exists')
+    loop = parser.add_argument_group('the loop')
+    loop.add_argument('--rate', type=float, default=usual.rate, metavar='HZ',
+                      help='joint states per second (default %(default)g)')
+    loop.add_argument('--delay', type=float, default=usual.delay, metavar='S',
+                      help='from the sample of a state until its command acts [s] (default 0)')
+    loop.add_argument('--encoder', type=int, metavar='COUNTS', dest='encoder_counts',
+                      help='counts per turn of a joint, velocities from their differences; '
+                      'default: exact sensors')
+    loop.add_argument('--velocity-filter', type=seconds, metavar='S',
+                      default=usual.velocity_time_constant, dest='velocity_time_constant',
+                      help='time constant of the filter on those velocities [s] '
+                      '(default %(default)g)')
+    loop.add_argument('--torque-noise', type=float, default=usual.torque_noise, metavar='NM',
+                      help='standard deviation of the measured torques [N m] (default 0)')
+    arm = parser.add_argument_group('the arm')
+    arm.add_argument('--payload', type=float, default=usual.payload, metavar='KG',
+                     help='largest mass at the tip [kg] (default 0)')
+    arm.add_argument('--torque-limit', type=float, nargs='+', metavar='NM',
+                     help="one for all joints or one for each [N m]; default: the URDF's")
+    motion = parser.add_argument_group('the motion')
+    motion.add_argument('--centre', type=float, nargs='+', metavar='RAD',
+                        help='posture around which the reference moves; default: the middle of '
+                        'the limits')
+    motion.add_argument('--amplitude', type=float, default=usual.amplitude, metavar='RAD',
+                        help='largest distance from the centre (default %(default)g)')
+    motion.add_argument('--width', type=float, default=usual.width, metavar='RAD',
+                        help='largest performance bound (default %(default)g)')
+    return parser
+
+
+_OF_ROBOT = ('rate', 'delay', 'encoder_counts', 'velocity_time_constant', 'torque_noise',
+             'payload', 'amplitude', 'width', 'from_zero')
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the command; 0 if all went well, 2 on bad input."""
+    options = _parser().parse_args(args)
+    try:
+        _check_output(options.output, options.overwrite)
+        robot = Robot(torque_limit=_several(options.torque_limit),
+                      centre=_several(options.centre),
+                      **{name: getattr(options, name) for name in _OF_ROBOT})
+        found = recipe(load_arm(options.urdf, options.joints, coulomb=options.coulomb), robot)
+        text = written_file(node_settings_of(found, _address(options.urdf)),
+                            _title(sys.argv[1:] if args is None else args), reasons_of(found))
+        if options.output is not None:
+            _write(options.output, text)
+    except BlfError as error:
+        print(f'configure: {error}', file=sys.stderr)
+        return 2
+    print(recipe_text(found))
+    if options.output is not None:
+        print(f'\nwritten to {options.output}; next: simulate {options.output}')
+    return 0
+
+
+def _several(values: list[float] | None) -> tuple[float, ...] | None:
+    return None if values is None else tuple(values)
+
+
+def _address(urdf: str) -> str:
+    """Return a URDF's address as it is found from any folder."""
+    path = Path(urdf)
+    return urdf if urdf.startswith('package://') or not path.exists() else str(path.resolve())
+
+
+def _title(args: list[str]) -> str:
+    return (f'configure {" ".join(args)}\n'
+            'Every parameter of every node; docs/configure.md says how the values follow.\n'
+            'Keys /**/NODE match the node under any namespace.')
+
+
+def _check_output(output: Path | None, overwrite: bool) -> None:
+    if output is not None and output.exists() and not overwrite:
+        raise ParameterError('--output', str(output),
+                             'a file that does not exist yet, or --overwrite')
+
+
+def _write(output: Path, text: str) -> None:
+    try:
+        output.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise ParameterError('--output', str(output),
+                             f'a file that can be written ({error.strerror})') from None
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CSV files as other programs write them: all give the same rows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from adaptive_blf_control.bags.log_columns import given_columns
+from adaptive_blf_control.bags.logs import read_log
+from adaptive_blf_control.errors import LogError
+
+JOINTS = ('shoulder', 'elbow')
+T = 0.004 * np.arange(60)
+Q = np.column_stack([np.sin(3 * T), 0.5 * np.cos(5 * T)])
+QD = np.column_stack([3 * np.cos(3 * T), -2.5 * np.sin(5 * T)])
+TAU = np.column_stack([7 * np.cos(T), -2 + T])
+PLAIN = 't,q1,q2,qd1,qd2,tau1,tau2'
+
+
+def text(header, t=T, separator=',', comma=False, columns=(Q, QD, TAU)):
+    """Return a file's text."""
+    rows = [separator.join(map(repr, (time, *row)))
+            for time, row in zip(t.tolist(), np.hstack(columns).tolist())]
+    body = '\n'.join(rows) + '\n'
+    return (header + '\n' if header else '') + (body.replace('.', ',') if comma else body)
+
+
+def read(tmp_path, content, **options):
+    """Write a file and read it."""
+    path = tmp_path / 'log.csv'
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read_log(path, **options)
+
+
+def check(log, *, velocity=True):
+    """Compare a log with what was written."""
+    np.testing.assert_allclose(log.t, T, atol=3e-7)
+    np.testing.assert_allclose(log.q, Q, atol=1e-11)
+    np.testing.assert_allclose(log.qd, QD if velocity else np.zeros_like(QD), atol=1e-11)
+    np.testing.assert_allclose(log.tau, TAU, atol=1e-11)
+    assert log.dropped == 0
+
+
+@pytest.mark.parametrize(('separator', 'comma'), [
+    (',', False), (';', False), (';', True), ('\t', False), ('\t', True), (' ', False),
+    ('  ', True), ('|', True), (', ', False)])
+def test_separators_and_decimal_commas(tmp_path, separator, comma):
+    check(read(tmp_path, text(PLAIN.replace(',', separator), separator=separator, comma=comma)))
+
+
+def test_quoted_cells_with_decimal_commas(tmp_path):
+    quoted = [','.join(f'"{cell}"' for cell in line.replace('.', ',').split(';'))
+              for line in text(PLAIN.replace(',', ';'), separator=';').splitlines()]
+    check(read(tmp_path, '\n'.join(quoted)))
+
+
+@pytest.mark.parametrize('encoding', ['utf-8-sig', 'utf-16', 'utf-16-le', 'utf-16-be'])
+def test_encodings_of_other_systems(tmp_path, encoding):
+    check(read(tmp_path, text(PLAIN).replace('\n', '\r\n').encode(encoding)))
+
+
+def test_bytes_that_are_not_utf8_stay_out_of_the_way(tmp_path):
+    check(read(tmp_path, ('n\xb0,' + text(PLAIN).replace('\n', '\n1,')[:-2]).encode('latin-1')))
+
+
+@pytest.mark.parametrize('header', [
+    PLAIN, 'time,pos_1,pos_2,vel_1,vel_2,eff_1,eff_2', 'timestamp,q0,q1,dq0,dq1,tau0,tau1',
+    't [s],q[0],q[1],qd[0],qd[1],torque[0],torque[1]',
+    '%time,field.position0,field.position1,field.velocity0,field.velocity1,field.effort0,'
+    'field.effort1',
+    'T,Position 1 (rad),Position 2 (rad),Velocity 1,Velocity 2,Torque 1,Torque 2',
+    'elapsed_time,actual_q_0,actual_q_1,actual_qd_0,actual_qd_1,actual_torque_0,actual_torque_1'])
+def test_numbered_headers_of_other_programs(tmp_path, header):
+    log = read(tmp_path, text(header), joints=JOINTS)
+    assert log.joints == JOINTS
+    check(log)
+
+
+@pytest.mark.parametrize('form', [
+    '/joint_states/{0}/{1}', '/ns/joint_states/{0}/{1}', '{1}.{0}', '{0}_{1}', '{1}_{0}'])
+def test_named_headers_are_matched_by_joint_in_any_order(tmp_path, form):
+    columns = [(joint, kind) for joint in ('elbow', 'gripper', 'shoulder')
+               for kind in ('effort', 'position', 'velocity')]
+    values = {'position': Q, 'velocity': QD, 'effort': TAU}
+    table = np.column_stack([
+        values[kind][:, JOINTS.index(joint)] if joint in JOINTS else T for joint, kind in columns])
+    content = text('__time,' + ','.join(form.format(*column) for column in columns),
+                   columns=(table,))
+    check(read(tmp_path, content, joints=JOINTS))
+    with pytest.raises(LogError, match=r"no column for the position of joint 'wrist'.*gripper"):
+        read(tmp_path, content, joints=('shoulder', 'wrist'))
+
+
+def test_what_was_asked_for_is_not_taken_for_what_was_measured(tmp_path):
+    header = 't,q1,q2,q_des1,target_q_2,qd1,qd2,cmd_qd_1,ddq1,tau1,tau2,tau_cmd1'
+    columns = (Q, 9 * Q, QD, 9 * QD[:, :1], 9 * QD[:, :1], TAU, 9 * TAU[:, :1])
+    check(read(tmp_path, text(header, columns=columns)))
+
+
+def test_two_columns_that_look_alike_have_to_be_chosen_from(tmp_path):
+    header = 't,q1,q2,pos1,qd1,qd2,tau1,tau2'
+    content = text(header, columns=(Q, Q[:, :1], QD, TAU))
+    with pytest.raises(LogError, match="'q1' and 'pos1' both look like the position of joint '1'"):
+        read(tmp_path, content)
+
+
+@pytest.mark.parametrize('columns', [
+    't=when,q=a*,qd=b*,tau=c*', 't=1,q=2..3,qd=4..5,tau=6..7',
+    't=when,q1=a1,q2=a2,qd1=b1,qd2=b2,tau1=c1,tau2=7'])
+def test_columns_can_be_named(tmp_path, columns):
+    content = text('when,a1,a2,b1,b2,c1,c2')
+    check(read(tmp_path, content, columns=given_columns(columns)))
+    with pytest.raises(LogError, match=r'missing column t, q1, qd1, tau1.*--columns'):
+        read(tmp_path, content)
+
+
+def test_numbers_without_a_header_need_columns(tmp_path):
+    with pytest.raises(LogError, match=r'no header: .*--columns'):
+        read(tmp_path, text(''))
+    check(read(tmp_path, text(''), columns=given_columns('t=1,q=2..3,qd=4..5,tau=6..7')))
+    check(read(tmp_path, text('# made by a program\n# ' + PLAIN.replace(',', ' '))))
+
+
+@pytest.mark.parametrize(('columns', 'words'), [
+    ('q', 'expected KIND=COLUMN'), ('x=1', 'expected KIND=COLUMN'), ('t=', 'KIND=COLUMN')])
+def test_columns_that_cannot_be_read_are_named(columns, words):
+    with pytest.raises(LogError, match=words):
+        given_columns(columns)
+
+
+@pytest.mark.parametrize(('columns', 'words'), [
+    ('t=nothing', "column 'nothing'"), ('q=z*', "'z\\*' for q"), ('t=99', "column '99'"),
+    ('t=t[h]', "unit 'h'")])
+def test_columns_that_are_not_there_are_named(tmp_path, columns, words):
+    with pytest.raises(LogError, match=words):
+        read(tmp_path, text(PLAIN), columns=given_columns(columns))
+
+
+EPOCH = 1_700_000_000
+
+
+@pytest.mark.parametrize(('name', 'times'), [
+    ('time', T + 12.5), ('time', EPOCH + T), ('time', np.round((EPOCH + T) * 1000).astype(int)),
+    ('time', EPOCH * 10**9 + np.round(T * 1e9).astype(int)), ('t [ms]', 1e3 * T),
+    ('timestamp_ns', np.round(1e9 * T).astype(int)), ('t', 1e3 * T), ('t', 1e6 * T),
+    ('t', np.round(1e9 * T + 5e9).astype(int))])
+def test_times_of_any_unit_count_from_the_first_row(tmp_path, name, times):
+    check(read(tmp_path, text(PLAIN.replace('t,', name + ',', 1), t=times)))
+
+
+def test_seconds_and_nanoseconds_in_two_columns(tmp_path):
+    parts = np.column_stack([np.full(T.size, float(EPOCH)), np.round(1e9 * T)])
+    content = text('/js/header/stamp/sec,/js/header/stamp/nanosec,' + PLAIN[2:],
+                   t=parts[:, 0].astype(int), columns=(parts[:, 1:].astype(int), Q, QD, TAU))
+    check(read(tmp_path, content))
+
+
+def test_guessed_units_are_told(tmp_path):
+    log = read(tmp_path, text(PLAIN, t=1e3 * T))
+    assert any('taken to be in ms: the velocities say so' in note for note in log.notes)
+    log = read(tmp_path, text(PLAIN.replace('qd', 'x'), t=1e3 * T), velocity=False)
+    assert any('taken to be in ms: the rows are 4 apart' in note for note in log.notes)
+    assert read(tmp_path, text(PLAIN)).notes == ()
+
+
+def test_degrees_in_the_header_are_converted(tmp_path):
+    header = 't,q1 [°],q2 [°],qd1 [deg/s],qd2 [deg/s],tau1,tau2'
+    log = read(tmp_path, text(header, columns=(np.rad2deg(Q), np.rad2deg(QD), TAU)))
+    check(log)
+    assert 'q is converted from degrees, as its columns say' in log.notes
+
+
+def test_a_last_line_that_is_cut_is_left_out_with_a_note(tmp_path):
+    content = text(PLAIN)
+    for end in (-8, -25):
+        log = read(tmp_path, content[:end])
+        assert len(log.t) in (59, 60)  # a number that lost digits is still a number
+    log = read(tmp_path, content[:-25])
+    assert len(log.t) == 59
+    assert 'row 61 has' in log.problem
+
+
+def test_rows_with_empty_cells_are_left_out_and_a_column_of_them_is_named(tmp_path):
+    lines = text(PLAIN).splitlines()
+    lines[5] = lines[5].rpartition(',')[0] + ','
+    lines[7] = ',' * 6
+    lines[9] += ','
+    log = read(tmp_path, '\n'.join(lines))
+    assert (len(log.t), log.dropped) == (58, 2)
+    empty = [lines[0], *(line.rpartition(',')[0] + ',' for line in lines[1:9])]
+    with pytest.raises(LogError, match="0 usable rows of 8.*no row has tau of 'joint2'"):
+        read(tmp_path, '\n'.join(empty))
+
+
+def test_velocities_are_not_needed_where_they_are_not_used(tmp_path):
+    content = text(PLAIN.replace('qd', 'x'))
+    log = read(tmp_path, content, velocity=False)
+    check(log, velocity=False)
+    assert not log.measured_velocity
+    with pytest.raises(LogError, match=r'missing column qd1, qd2.*filter.state_order=4'):
+        read(tmp_path, content)
+    nothing = text(PLAIN, columns=(Q, np.full_like(QD, np.nan), TAU))
+    check(read(tmp_path, nothing, velocity=False), velocity=False)
+
+
+def test_currents_are_taken_for_the_effort_with_a_note(tmp_path):
+    log = read(tmp_path, text('t,q1,q2,qd1,qd2,actual_current_1,actual_current_2'))
+    check(log)
+    assert any('--gain' in note for note in log.notes)
+
+
+def test_git_lfs_pointer_is_told_from_a_log(tmp_path):
+    with pytest.raises(LogError, match='git lfs pull'):
+        read(tmp_path, 'version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n')

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clocks with wild stamps and clocks that are set back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from adaptive_blf_control.bags.log_clock import epoch_unit, log_clock
+
+PERIOD = 10_000_000  # ns
+STAMPS = 10**18 + PERIOD * np.arange(100)
+HOUR = 3600 * 10**9
+
+
+def clock(stamps, usable=None):
+    usable = np.ones(len(stamps), dtype=bool) if usable is None else usable
+    return log_clock(np.asarray(stamps), usable, 1e9)
+
+
+def check(result, dropped, periods=None):
+    """Compare with the rows that are left out, and the times in periods."""
+    assert np.flatnonzero(~result.keep).tolist() == dropped
+    expected = np.flatnonzero(result.keep) if periods is None else np.array(periods)
+    np.testing.assert_allclose(result.t, 0.01 * (expected - expected[0]), atol=1e-12)
+    assert (np.diff(result.t) > 0.0).all()
+
+
+def test_a_sound_clock_is_left_alone():
+    result = clock(STAMPS)
+    check(result, [])
+    assert (result.breaks, result.notes) == ((), ())
+
+
+@pytest.mark.parametrize('offset', [HOUR, -HOUR, 5 * 10**9])
+@pytest.mark.parametrize('rows', [[0], [40], [99], [0, 1], [40, 41, 42], [97, 98, 99], [10, 70]])
+def test_single_wild_stamps_are_left_out_and_counted(offset, rows):
+    stamps = STAMPS.copy()
+    stamps[rows] += offset
+    result = clock(stamps)
+    if abs(offset) < HOUR and (0 in rows or 99 in rows):
+        return  # a pause of some seconds at the ends is a pause
+    check(result, rows)
+    assert result.breaks == ()
+    if offset > 0:
+        assert f'{len(rows)} stamps far from their neighbours' in result.notes[0]
+        assert f'row {rows[0] + 1}' in result.notes[0]
+
+
+@pytest.mark.parametrize('back', [HOUR, 2 * 10**9])
+def test_after_a_reset_the_log_goes_on_one_period_later(back):
+    stamps = STAMPS.copy()
+    stamps[40:] -= back
+    stamps[70:] -= back
+    result = clock(stamps)
+    check(result, [], np.arange(100))
+    assert result.breaks == (40, 70)
+    assert len(result.notes) == 2
+    assert 'row 41' in result.notes[0]
+
+
+def test_a_small_step_back_costs_the_rows_up_to_the_time_before():
+    stamps = STAMPS.copy()
+    stamps[40:] -= 3 * PERIOD
+    result = clock(stamps)
+    check(result, [40, 41, 42], [*range(40), *range(40, 97)])
+    assert result.breaks == ()
+
+
+def test_a_message_out_of_order_a_repeated_one_and_an_unusable_one_are_left_out():
+    stamps = STAMPS.copy()
+    stamps[[20, 21]] = stamps[[21, 20]]
+    stamps[50] = stamps[49]
+    usable = np.ones(100, dtype=bool)
+    usable[60] = False
+    result = clock(stamps, usable)
+    assert np.flatnonzero(~result.keep).tolist() == [21, 50, 60]
+
+
+def test_a_pause_stays_a_pause():
+    stamps = STAMPS.copy()
+    stamps[50:] += HOUR
+    result = clock(stamps)
+    assert result.keep.all()
+    assert result.t[-1] == pytest.approx(3600.99)
+
+
+@pytest.mark.parametrize(('first', 'unit'), [
+    (1.7e9, 's'), (1.7e12, 'ms'), (1.7e15, 'us'), (1.7e18, 'ns'), (0.0, None), (12.5, None),
+    (1e6, None)])
+def test_times_since_1970_tell_their_unit(first, unit):
+    assert epoch_unit(first) == unit

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sound log passes the checks; each fault is found, at the joint that has it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip('pinocchio')
+
+from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.bags.logs import MeasuredLog, read_log
+from adaptive_blf_control.errors import LogError
+from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.runs.finding import excerpt, listed, REFUSED, WARNING
+from adaptive_blf_control.runs.log_checks import check_log, refuse
+
+LINK = """<link name="{0}"><inertial><origin xyz="0.2 0.03 0"/><mass value="2.5"/>
+  <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.03"/></inertial></link>
+  <joint name="{1}" type="revolute"><parent link="{2}"/><child link="{0}"/>
+  <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+  <limit lower="-2" upper="2" effort="90" velocity="9"/></joint>"""
+URDF = ('<robot name="r"><link name="base"/>' + LINK.format('a', 'shoulder', 'base')
+        + LINK.format('b', 'elbow', 'a') + '</robot>')
+PERIOD = 0.002
+SETTINGS = IdentifierSettings(filter={'time_constant': 0.1})
+
+
+def arm_with(**options) -> UrdfArm:
+    return UrdfArm(URDF, viscous=0.5, friction_coulomb=True, coulomb=0.3, **options)
+
+
+@pytest.fixture(scope='module')
+def arm() -> UrdfArm:
+    return arm_with()
+
+
+@pytest.fixture(scope='module')
+def sound(arm) -> MeasuredLog:
+    """Return 12 s of a motion with sensor noise."""
+    t = PERIOD * np.arange(6000)
+    q, qd, qdd = np.zeros((3, t.size, 2))
+    for amplitude, rate in ((0.5, 1.3), (0.25, 3.7), (0.05, 9.1)):
+        for joint, phase in enumerate((0.0, 1.0)):
+            angle = rate * (1.0 + 0.2 * joint) * t + phase
+            speed = rate * (1.0 + 0.2 * joint)
+            q[:, joint] += amplitude * np.sin(angle)
+            qd[:, joint] += amplitude * speed * np.cos(angle)
+            qdd[:, joint] -= amplitude * speed ** 2 * np.sin(angle)
+    tau = np.array([arm.Y(*row) @ arm.nominal for row in zip(q, qd, qdd)])
+    random = np.random.default_rng(1)
+    return MeasuredLog(arm.joints, t, q + random.normal(0.0, 2e-5, q.shape),
+                       qd + random.normal(0.0, 2e-3, q.shape),
+                       tau + random.normal(0.0, 0.05, q.shape), 0)
+
+
+def found(log, arm, settings=SETTINGS, **options):
+    """Return check, joint, level and value of all findings."""
+    options.setdefault('weightless', lambda: arm_with(gravity=(0.0, 0.0, 0.0)))
+    return [(each.check, each.joint, each.level, each.value)
+            for each in check_log(log, arm, settings, **options)]
+
+
+def with_joint(log, field, function, joint=1):
+    """Change a column of a log."""
+    values = getattr(log, field).copy()
+    values[:, joint] = function(values[:, joint])
+    return log._replace(**{field: values})
+
+
+def later(values, rows):
+    return np.concatenate([np.full(rows, values[0]), values[:-rows]])
+
+
+def test_a_sound_log_passes(sound, arm):
+    assert found(sound, arm) == []
+    assert listed([], arm.joints) == {'shoulder': 'sound', 'elbow': 'sound'}
+    refuse([], 'log')
+
+
+@pytest.mark.parametrize(('function', 'level', 'value'), [
+    (lambda v: 0.0 * v, REFUSED, 0.0), (lambda v: -v, REFUSED, -1.0),
+    (np.rad2deg, REFUSED, 57.3), (lambda v: v * 60.0 / (2.0 * np.pi), REFUSED, 9.55),
+    (lambda v: 1.1 * v, WARNING, 1.1), (lambda v: later(v, 15), WARNING, 0.03),
+    (lambda v: np.random.default_rng(0).permutation(v), REFUSED, 0.0)],
+    ids=['zero', 'sign', 'degrees', 'rpm', 'scale', 'delay', 'noise'])
+def test_velocity_that_is_not_the_derivative_is_found(sound, arm, function, level, value):
+    result = found(with_joint(sound, 'qd', function), arm)
+    assert [each[:3] for each in result if each[0] == 'velocity'] == [('velocity', 'elbow', level)]
+    assert result[0][3] == pytest.approx(value, rel=0.05, abs=0.1 if level == REFUSED else 0.003)
+
+
+def test_velocity_unit_is_named_with_the_option_that_helps(sound, arm):
+    finding, = check_log(with_joint(sound, 'qd', np.rad2deg), arm, SETTINGS)
+    assert 'as in degrees per second' in finding.text
+    assert '--set filter.state_order=4' in finding.hint
+    with pytest.raises(LogError, match=r"^x.csv: joint 'elbow': the velocity is 57.3 .*--force"):
+        refuse([finding], 'x.csv')
+
+
+def test_velocities_that_were_not_read_are_not_judged(sound, arm):
+    log = sound._replace(qd=0.0 * sound.qd, measured_velocity=False)
+    settings = SETTINGS.replace(filter={'state_order': 4, 'state_time_constant': 0.005})
+    assert [each for each in found(log, arm, settings) if each[2] == REFUSED] == []
+
+
+def test_degrees_and_positions_beyond_the_limits_are_found(sound, arm):
+    degrees = sound._replace(q=np.rad2deg(sound.q), qd=np.rad2deg(sound.qd))
+    findings = check_log(degrees, arm, SETTINGS)
+    assert [(each.joint, each.level) for each in findings] == [
+        ('shoulder', REFUSED), ('elbow', REFUSED)]
+    assert all('degrees?' in each.text and '--degrees' in each.hint for each in findings)
+    far = check_log(with_joint(sound, 'q', lambda q: q + 4.0), arm, SETTINGS)
+    assert [(each.check, each.joint, each.level) for each in far] == [
+        ('position', 'elbow', REFUSED)]
+    assert 'another robot' in far[0].text
+    near = found(with_joint(sound, 'q', lambda q: q + 2.1 - q.max()), arm)
+    assert ('position', 'elbow', WARNING) in [each[:3] for each in near]
+
+
+@pytest.mark.parametrize('value', [0.0, 3.2])
+def test_constant_effort_of_a_moving_joint_is_refused(sound, arm, value):
+    assert found(with_joint(sound, 'tau', lambda tau: np.full_like(tau, value)), arm) == [
+        ('effort', 'elbow', REFUSED, value)]
+
+
+def test_a_joint_that_never_moves_is_a_warning_and_a_still_arm_is_refused(sound, arm):
+    still = with_joint(with_joint(sound, 'q', lambda q: 0.0 * q), 'qd', lambda qd: 0.0 * qd)
+    result = found(with_joint(still, 'tau', lambda tau: 0.0 * tau + 1.0), arm)
+    assert [each[:3] for each in result][:2] == [('motion', 'elbow', WARNING),
+                                                 ('effort', 'elbow', WARNING)]
+    none = sound._replace(q=0.0 * sound.q, qd=0.0 * sound.qd)
+    assert ('motion', None, REFUSED, 0.0) in found(none, arm)
+
+
+def test_a_log_that_mostly_stands_still_is_told(sound, arm):
+    moves = (sound.t < 4.0)[:, None]
+    log = sound._replace(q=np.where(moves, sound.q, sound.q[2000]),
+                         qd=np.where(moves, sound.qd, 0.0))
+    still = [each for each in found(log, arm) if each[:3] == ('motion', None, WARNING)]
+    assert still[0][3] == pytest.approx(2 / 3, abs=0.02)
+
+
+def test_a_rate_that_the_filters_cannot_use_says_what_would_help(sound, arm):
+    slow = sound._replace(t=50.0 * sound.t)
+    finding = next(each for each in check_log(slow, arm, SETTINGS) if each.check == 'rate')
+    assert (finding.level, finding.value) == (REFUSED, pytest.approx(10.0))
+    assert finding.hint == '--set filter.gap=0.3 --set filter.time_constant=0.3'
+
+
+def test_jitter_is_told(sound, arm):
+    rows = np.ones(6000, dtype=bool)
+    for start in range(100, 5900, 100):
+        rows[start:start + 5] = False
+    log = sound._replace(t=sound.t[rows], q=sound.q[rows], qd=sound.qd[rows], tau=sound.tau[rows])
+    assert [each[:3] for each in found(log, arm)] == [('rate', None, WARNING)]
+
+
+@pytest.mark.parametrize('rows', [10, 20, -10])
+def test_effort_behind_or_ahead_of_the_motion_is_found(sound, arm, rows):
+    log = sound._replace(tau=np.roll(sound.tau, rows, axis=0))
+    delays = [each for each in found(log, arm) if each[0] == 'delay']
+    assert {each[1] for each in delays} == {'shoulder', 'elbow'}
+    assert [each[3] for each in delays] == pytest.approx([PERIOD * rows] * 2, abs=0.003)
+
+
+def test_effort_without_gravity_is_found_where_gravity_is_to_be_expected(sound, arm):
+    base, zero = arm.base_count, np.zeros(2)
+    weight = np.array([arm.Y(q, zero, zero)[:, :base] @ arm.nominal[:base] for q in sound.q])
+    log = sound._replace(tau=sound.tau - weight)
+    gravity = [each for each in check_log(log, arm, SETTINGS,
+                                          lambda: arm_with(gravity=(0.0, 0.0, 0.0)))
+               if each.check == 'gravity']
+    assert [each.joint for each in gravity] == ['shoulder']  # at the elbow it varies by 0.4 N·m
+    assert gravity[0].hint == '--set gravity=[0.0,0.0,0.0]'
+
+
+@pytest.mark.parametrize('gains', [(12.0, 14.0), (0.1, 0.1)])
+def test_effort_of_another_unit_is_suspected(sound, arm, gains):
+    log = sound._replace(tau=sound.tau / gains)
+    findings = {each.joint: each for each in check_log(log, arm, SETTINGS) if each.check == 'unit'}
+    for joint, gain in zip(arm.joints, gains):
+        assert findings[joint].value == pytest.approx(1.0 / gain, rel=0.1)
+        assert f'--gain {joint}:K' in findings[joint].hint
+    assert [each for each in check_log(log, arm, SETTINGS, described_masses=False)
+            if each.check == 'unit'] == []
+
+
+def test_an_excerpt_of_a_long_log_marks_its_blocks(sound):
+    part = excerpt(sound._replace(breaks=(100,)), 1000, 4)
+    assert len(part.t) == 1000
+    assert (~part.whole).sum() == 4  # between the blocks, and where the clock was set back
+    assert part.period == pytest.approx(PERIOD)
+    assert excerpt(sound).whole.all()
+
+
+@pytest.mark.parametrize(('log', 'urdf'), [
+    ('panda_gaz2019/panda_exciting_traj.csv', 'panda_gaz2019/panda_gaz2019.urdf'),
+    ('ur10_unisa2025/ur10_exciting.csv', 'ur10_unisa2025/ur10_dh.urdf')])
+def test_logs_of_real_robots_pass_without_a_word(realdata, log, urdf):
+    options = {'friction_coulomb': True, 'friction_offset': True}
+    arm = UrdfArm(str(realdata / urdf), **options)
+    assert check_log(read_log(realdata / log, joints=arm.joints), arm, SETTINGS, lambda: UrdfArm(
+        str(realdata / urdf), gravity=(0.0, 0.0, 0.0), **options)) == []
