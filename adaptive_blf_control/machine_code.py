@@ -21,7 +21,8 @@ import shutil
 __all__ = ['cache_folder']
 
 PACKAGE = Path(__file__).parent
-ROOMS = ('arms', 'control', 'identification', 'simulation')  # where the compiled functions are
+# Where the compiled functions are.
+ROOMS = ('arms', 'control', 'identification', 'limits', 'simulation')
 
 _IMPORT = re.compile(r'^\s*from adaptive_blf_control\.?(\S*) import (\(?)([^#\n(]*)', re.MULTILINE)
 _BY_TYPE = re.compile(r'^@by_type\ndef (\w+)', re.MULTILINE)

@@ -188,3 +188,30 @@ def _solve(mass: np.ndarray, b: np.ndarray) -> None:
         b[i] /= mass[i, i]
         for k in range(i + 1, n):
             b[i] -= mass[k, i] * b[k]
+
+
+@jit
+def chain_mass_and_bias(arm: ChainInertias, q: np.ndarray,
+                        qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """M(q) and h with M q̈ + h = τ, friction included, in the user's order, (n, n) and (n,).
+
+    Args:
+        arm: The chain and its inertias.
+        q: Joint positions in the user's order, shape (n,) [rad or m].
+        qd: Joint velocities, shape (n,) [rad/s or m/s].
+    """
+    chain = arm.chain
+    n = chain.parent.size
+    frames, axes = placements(chain, q)
+    bodies = _bodies(arm, frames)
+    negative = _drive(arm, qd, np.zeros(n))
+    _take_away_bias(negative, chain, axes, bodies, qd)
+    lower = _composite_mass(arm, axes, bodies)
+    mass, bias = np.empty((n, n)), np.empty(n)
+    for i in range(n):
+        a = chain.place[i]
+        bias[a] = -negative[i]
+        for j in range(i + 1):
+            b = chain.place[j]
+            mass[a, b] = mass[b, a] = lower[i, j]
+    return mass, bias
