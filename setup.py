@@ -44,6 +44,7 @@ setup(
             'pytest>=7.4',
             'pytest-xdist>=3.5',
             'hypothesis>=6.98',
+            'daqp>=0.7',
             'rosbags>=0.11',
             'mcap-ros2-support>=0.5',
             'example-robot-data>=4.3',

@@ -1,2 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Limits beyond the paper: velocities, torques and obstacles, for every θ that the data allow."""
+"""Parts for limits beyond the paper: velocities and obstacles, for every θ that is possible.
+
+The controller does not use them yet.
+"""
