@@ -40,7 +40,7 @@ def cache_folder(module: str) -> str:
         module: Full name of the module; one outside of this package depends on all sources.
     """
     for root in (PACKAGE / '__pycache__' / 'machine_code', _of_user()):
-        folder = root / f'{module.rpartition(".")[2]}_{_digest(module)}'
+        folder = root / f'{module.removeprefix("adaptive_blf_control.")}_{_digest(module)}'
         try:
             made = not folder.is_dir()
             folder.mkdir(parents=True, exist_ok=True)

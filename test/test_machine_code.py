@@ -14,7 +14,7 @@ import pytest
 from adaptive_blf_control import machine_code
 
 MODULES = ('arms.two_link', 'arms.integrator', 'control.law', 'control.barrier',
-           'identification.torque_filter')
+           'control.step', 'identification.step', 'identification.torque_filter')
 SHOW = ('import sys; from adaptive_blf_control.machine_code import cache_folder\n'
         'for name in sys.argv[1:]: print(cache_folder("adaptive_blf_control." + name))')
 
@@ -37,10 +37,12 @@ def folders(package: Path, **environment: str) -> dict[str, Path]:
 
 
 @pytest.mark.parametrize(('changed', 'affected'), [
-    ('control/barrier.py', {'control.law', 'control.barrier'}),
-    ('control/law.py', {'control.law'}),
-    ('arms/two_link.py', {'arms.two_link', 'arms.integrator'}),  # called from there by type
-    ('identification/torque_filter.py', {'identification.torque_filter'}),
+    ('control/barrier.py', {'control.law', 'control.barrier', 'control.step'}),
+    ('control/law.py', {'control.law', 'control.step'}),
+    # Called from these by type.
+    ('arms/two_link.py', {'arms.two_link', 'arms.integrator', 'control.step',
+                          'identification.step'}),
+    ('identification/torque_filter.py', {'identification.step', 'identification.torque_filter'}),
     ('compiled.py', set(MODULES)),
     ('report/page.py', set()),
 ])

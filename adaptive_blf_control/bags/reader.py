@@ -90,6 +90,8 @@ class Bag:
         """
         self.path = path
         self._files = files
+        # Without metadata a compressed message is known by its first bytes, which no CDR has.
+        self._packed = metadata is None or metadata.compression_mode.lower() == 'message'
         counts: dict[str, int] = {}
         spans = []
         for file in files:
@@ -140,7 +142,8 @@ class Bag:
             for number, log_time_ns, data in file.messages():
                 topic, type_name, _ = channels[number]
                 if topics is None or topic in topics:
-                    yield BagMessage(topic, type_name, log_time_ns, unpack_message(data))
+                    yield BagMessage(topic, type_name, log_time_ns,
+                                     unpack_message(data) if self._packed else data)
 
     def in_time_order(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Yield as :meth:`messages`, sorted by log time, equal times in recorded order.
