@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import os
+from pathlib import Path
 import xml.etree.ElementTree as ElementTree
 
 from adaptive_blf_control.arms.robot_description import robot_description
@@ -16,7 +16,7 @@ from adaptive_blf_control.errors import ArmError
 __all__ = ['description_in_file', 'root_link']
 
 
-def description_in_file(path: str | os.PathLike[str]) -> str | None:
+def description_in_file(path: str | Path) -> str | None:
     """Return the URDF of the driver's arm without Pinocchio; None where a topic brings it.
 
     Raises:

@@ -16,7 +16,8 @@ CHAIN = ('<robot name="r"><link name="tip"/><link name="foot"/><joint name="j" t
 
 def _file(folder: Path, urdf: str) -> Path:
     path = folder / 'arm.yaml'
-    path.write_text(f'/**:\n  ros__parameters:\n    arm: urdf\n    joints: [j]\n    urdf: {urdf}\n')
+    path.write_text('/**:\n  ros__parameters:\n    arm: urdf\n    joints: [j]\n'
+                    f'    urdf: {urdf}\n')
     return path
 
 
