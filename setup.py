@@ -26,6 +26,7 @@ setup(
         (f'share/{package_name}', ['package.xml']),
         (f'share/{package_name}/config', sorted(glob('config/*.*'))),
         (f'share/{package_name}/launch', sorted(glob('launch/*.launch.py'))),
+        (f'share/{package_name}/rviz', sorted(glob('rviz/*.rviz'))),
     ],
     python_requires='>=3.10',
     # rclpy and common_interfaces come from the ROS installation, or from the extra `ros`.

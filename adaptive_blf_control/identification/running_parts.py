@@ -75,7 +75,8 @@ class RunningParts:
         self.monitor = make.monitor(settings)
         self.excitation = Excitation(arm.m, settings.excitation.window)
         self._noisy = self._new_noisy_history()
-        self._filter = TorqueFilter(arm.n, arm.m, settings.filter.time_constant)
+        self._filter = TorqueFilter(arm.n, arm.m, settings.filter.time_constant,
+                                    instant=settings.filter.effort == 'instant')
         self._theta = np.array(settings.initial_estimate, dtype=float)
         self._counts, self._clock = np.zeros(8, dtype=np.int64), np.zeros(2)
         self._join()
@@ -209,7 +210,8 @@ class RunningParts:
         self._join()
 
     def _retune_filters(self, state_filter: StateFilter | None) -> None:
-        self._filter.retune(self._settings.filter.time_constant, self._filter.gap)
+        self._filter.retune(self._settings.filter.time_constant, self._filter.gap,
+                            instant=self._settings.filter.effort == 'instant')
         if state_filter is not None:
             self.state_filter = state_filter
             self._forget_samples()

@@ -30,6 +30,10 @@ class FilterSettings(Settings, where='identifier.filter'):
     settle: float = parameter(
         5.0, 'Filter time constants after a (re)start during which nothing is recorded.',
         '', 0.0, 1000.0, live=True)
+    effort: str = parameter(
+        'mean',
+        'What is measured as torque: mean: over the interval that ends at the sample; instant: '
+        'at the sample, as most drivers publish it.', choices=('mean', 'instant'), live=True)
     state_filter: str = parameter(
         'low_pass',
         'What filters the measured state: low_pass: the cascade of state_order; module:name: '

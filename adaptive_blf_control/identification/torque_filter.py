@@ -7,8 +7,9 @@ the same first-order lag 1/(k s + 1) of the same signal:
     Y_f ← a Y_f + (1 − a) [(Y1_i − Y1_{i−1})/dt + ½ (Y2_i + Y2_{i−1})],
     τ_f ← a τ_f + (1 − a) τ_i,    a = exp(−dt/k),
 
-where τ_i is the mean torque over the interval that ends at sample i. Exact for a held torque but
-for the trapezoid on Y2. Filtering (14)-(18) term by term instead leaves half a sample between the
+where τ_i is the mean torque over the interval that ends at sample i, or, where what is measured
+is the torque at the samples, the mean of the two at its ends. Exact for a held torque but for the
+trapezoid on Y2. Filtering (14)-(18) term by term instead leaves half a sample between the
 two sides, which biases θ̂ for good.
 """
 
@@ -51,16 +52,20 @@ class TorqueFilterArrays(NamedTuple):
         torque: τ_f, shape (n,) [N·m].
         y1: Y1 of the last sample, shape (n, m).
         y2: Y2 of the last sample, shape (n, m).
+        tau: Torque of the last sample, shape (n,) [N·m].
         begun: Whether there was one, shape (1,).
         time_constant: k of (14) [s].
+        instant: Whether what is measured is the torque at the samples, not its mean.
     """
 
     regressor: np.ndarray
     torque: np.ndarray
     y1: np.ndarray
     y2: np.ndarray
+    tau: np.ndarray
     begun: np.ndarray
     time_constant: float
+    instant: bool
 
 
 @jit
@@ -70,13 +75,15 @@ def filter_pair(arrays: TorqueFilterArrays, dt: float, y1: np.ndarray, y2: np.nd
     arrays = borrowed(arrays)
     advances = bool(arrays.begun[0])
     if advances:
+        mean = 0.5 * (tau + arrays.tau) if arrays.instant else tau
         regressor, torque = filter_step(
             dt, math.exp(-dt / arrays.time_constant), arrays.regressor, arrays.torque, y1,
-            arrays.y1, y2, arrays.y2, tau)
+            arrays.y1, y2, arrays.y2, mean)
         arrays.regressor[:, :] = regressor
         arrays.torque[:] = torque
     arrays.y1[:, :] = y1
     arrays.y2[:, :] = y2
+    arrays.tau[:] = tau
     arrays.begun[0] = True
     return advances
 
@@ -98,7 +105,8 @@ class TorqueFilter:
         gap: Longest interval between samples that is filtered across [s].
     """
 
-    def __init__(self, n: int, m: int, time_constant: float, gap: float = math.inf) -> None:
+    def __init__(self, n: int, m: int, time_constant: float, gap: float = math.inf, *,
+                 instant: bool = False) -> None:
         """Set up the filter.
 
         Args:
@@ -106,14 +114,15 @@ class TorqueFilter:
             m: Number of parameters.
             time_constant: k of (14) [s], > 0.
             gap: Longest interval between samples that is filtered across [s].
+            instant: Whether what is measured is the torque at the samples, not its mean.
         """
         self.arrays = TorqueFilterArrays(
-            np.zeros((n, m)), np.zeros(n), np.zeros((n, m)), np.zeros((n, m)),
-            np.zeros(1, dtype=bool), 0.0)
-        self.retune(time_constant, gap)
+            np.zeros((n, m)), np.zeros(n), np.zeros((n, m)), np.zeros((n, m)), np.zeros(n),
+            np.zeros(1, dtype=bool), 0.0, False)
+        self.retune(time_constant, gap, instant=instant)
 
-    def retune(self, time_constant: float, gap: float) -> None:
-        """Change k and the gap, both or none, without a restart.
+    def retune(self, time_constant: float, gap: float, *, instant: bool = False) -> None:
+        """Change what the filter was made with, all or nothing, without a restart.
 
         Y_f θ* = τ_f goes on to hold: both sides take their next step with the same new a.
         """
@@ -122,7 +131,7 @@ class TorqueFilter:
                                  'a finite time > 0 s')
         if not gap > 0.0:
             raise ParameterError('identifier.filter.gap', gap, 'a time > 0 s')
-        self.arrays = self.arrays._replace(time_constant=float(time_constant))
+        self.arrays = self.arrays._replace(time_constant=float(time_constant), instant=instant)
         self.gap = gap
 
     @property
@@ -141,7 +150,8 @@ class TorqueFilter:
             dt: Time since the last sample [s], > 0; not used for the first one.
             y1: Y1(q, q̇) of this sample, shape (n, m).
             y2: Y2(q, q̇) of this sample, shape (n, m).
-            tau: Mean torque over the interval that ends here, shape (n,) [N·m].
+            tau: Mean torque over the interval that ends here, or where ``instant`` that of now,
+                shape (n,) [N·m].
 
         Returns:
             Whether :attr:`pair` advanced; False where the filter (re)started.

@@ -17,7 +17,7 @@ from types import MappingProxyType
 import numpy as np
 
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.cdr_cursor import Cursor, ENCAPSULATION_LE
+from adaptive_blf_control.messages.cdr_cursor import Cursor, ENCAPSULATION_LE, encode_string
 from adaptive_blf_control.messages.joint_state import (
     decode_joint_state,
     JointStateCodec,
@@ -27,7 +27,7 @@ from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 
 __all__ = ['DECODERS', 'Float64MultiArrayCodec', 'JointStateCodec', 'JointStateReader',
            'JointStateRecord', 'decode_float64', 'decode_float64_array', 'decode_int32',
-           'decode_joint_state', 'encode_float64', 'encode_int32']
+           'decode_joint_state', 'decode_string', 'encode_float64', 'encode_int32', 'encode_text']
 
 _FLOAT64 = struct.Struct('<4sd')
 _INT32 = struct.Struct('<4si')
@@ -102,9 +102,20 @@ def decode_int32(data: bytes) -> int:
     return Cursor(bytes(data), 'Int32').int32('data')
 
 
+def encode_text(text: str) -> bytes:
+    """Return a std_msgs/msg/String; BagError where the text holds a NUL."""
+    return ENCAPSULATION_LE + encode_string(text, 'String')
+
+
+def decode_string(data: bytes) -> str:
+    """Return the text of a std_msgs/msg/String; BagError where it is truncated."""
+    return Cursor(bytes(data), 'String').string('data')
+
+
 DECODERS: Mapping[str, Callable[[bytes], object]] = MappingProxyType({
     'sensor_msgs/msg/JointState': decode_joint_state,
     'std_msgs/msg/Float64MultiArray': decode_float64_array,
     'std_msgs/msg/Float64': decode_float64,
     'std_msgs/msg/Int32': decode_int32,
+    'std_msgs/msg/String': decode_string,
 })

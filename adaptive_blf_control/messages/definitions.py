@@ -51,6 +51,7 @@ _TEXTS = {
     'std_msgs/Int32': 'int32 data\n',
     'std_msgs/MultiArrayDimension': 'string label\nuint32 size\nuint32 stride\n',
     'std_msgs/MultiArrayLayout': 'MultiArrayDimension[] dim\nuint32 data_offset\n',
+    'std_msgs/String': 'string data\n',
     'trajectory_msgs/JointTrajectory': (
         'std_msgs/Header header\nstring[] joint_names\nJointTrajectoryPoint[] points\n'),
     'trajectory_msgs/JointTrajectoryPoint': (
@@ -72,6 +73,8 @@ _HASHES = {
         'RIHS01_1025ddc6b9552d191f89ef1a8d2f60f3d373e28b283d8891ddcc974e8c55397f',
     'std_msgs/Int32':
         'RIHS01_b6578ded3c58c626cfe8d1a6fb6e04f706f97e9f03d2727c9ff4e74b1cef0deb',
+    'std_msgs/String':
+        'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18',
     'trajectory_msgs/JointTrajectory':
         'RIHS01_179b33eba59d676f6d967ac71fe35e7ca2f64b2f3928f4a018cec115e213796e',
 }

@@ -11,10 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 __all__ = ['ADAPTATION_TERM', 'ALL', 'BARRIER', 'CLOCK', 'COMMANDS', 'CONSISTENT_MODEL',
-           'EXCITATION', 'GUARANTEE',
-           'HISTORY_RANK', 'HISTORY_SIGMA_MIN', 'JOINT_STATES', 'JOINT_TRAJECTORY', 'KINDS',
-           'RECORDED', 'REFERENCE', 'THETA_HAT', 'THETA_STD', 'TOPICS', 'TRACKING_ERROR', 'Topic',
-           'published_by']
+           'EXCITATION', 'GUARANTEE', 'HISTORY_RANK', 'HISTORY_SIGMA_MIN', 'JOINT_STATES',
+           'JOINT_TRAJECTORY', 'KINDS', 'RECORDED', 'REFERENCE', 'ROBOT_DESCRIPTION', 'THETA_HAT',
+           'THETA_STD', 'TOPICS', 'TRACKING_ERROR', 'Topic', 'published_by']
 
 KINDS = ('arm_driver', 'controller', 'identifier', 'recorder')
 """Kinds of nodes, by which their names are known here."""
@@ -37,6 +36,7 @@ class Topic:
         only_active: Whether there is a publisher only while its node is active.
         only_lockstep: Whether it is published only under ``use_sim_time``.
         lockstep_subscribers: Kinds that subscribe to it only under ``use_sim_time``.
+        latched: Whether a late subscriber gets the last message (transient local).
     """
 
     name: str
@@ -48,6 +48,7 @@ class Topic:
     only_active: bool = False
     only_lockstep: bool = False
     lockstep_subscribers: tuple[str, ...] = ()
+    latched: bool = False
 
 
 TOPICS: dict[str, Topic] = {}
@@ -56,10 +57,10 @@ TOPICS: dict[str, Topic] = {}
 
 def _topic(name: str, type_name: str, publisher: str, subscribers: tuple[str, ...], content: str,
            *, recorded: bool = True, only_active: bool = False, only_lockstep: bool = False,
-           lockstep_subscribers: tuple[str, ...] = ()) -> str:
+           lockstep_subscribers: tuple[str, ...] = (), latched: bool = False) -> str:
     """Declare a topic and return its name."""
     TOPICS[name] = Topic(name, type_name, publisher, subscribers, content, recorded, only_active,
-                         only_lockstep, lockstep_subscribers)
+                         only_lockstep, lockstep_subscribers, latched)
     return name
 
 
@@ -67,6 +68,11 @@ JOINT_STATES = _topic(
     'joint_states', 'sensor_msgs/msg/JointState', 'arm_driver', ('controller', 'identifier'),
     'position [rad], velocity [rad/s], effort [N·m] = mean torque applied over the interval that '
     '*ends* at `header.stamp`; NaN where nothing was measured')
+ROBOT_DESCRIPTION = _topic(
+    'robot_description', 'std_msgs/msg/String', 'arm_driver', (),
+    'URDF of the simulated arm, for robot_state_publisher and RViz, sent once and kept for late '
+    'subscribers; a planar arm is drawn as a chain of cylinders. Not published where the '
+    'parameter `urdf` is a topic itself, or where the arm has no URDF', latched=True)
 COMMANDS = _topic(
     'effort_controller/commands', 'std_msgs/msg/Float64MultiArray', 'controller', ('arm_driver',),
     "torques [N·m] in the order of `joints`: the interface of ros2_controllers' effort group "

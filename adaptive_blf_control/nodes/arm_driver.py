@@ -20,19 +20,21 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from rclpy.context import Context
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 
+from adaptive_blf_control.arms.robot_description import robot_description
 from adaptive_blf_control.configuration.build import build_plant
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.errors import BagError, ParameterError
-from adaptive_blf_control.messages.cdr import decode_float64_array
+from adaptive_blf_control.messages.cdr import decode_float64_array, encode_text
 from adaptive_blf_control.messages.joint_state import JointStateCodec
-from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES
+from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, ROBOT_DESCRIPTION
 from adaptive_blf_control.nodes.arm_lockstep import ArmLockstep, SteppedDriver
 from adaptive_blf_control.runtime.endpoints import full_name, UNNAMED
 from adaptive_blf_control.runtime.process import run_node
-from adaptive_blf_control.runtime.robot_description import arm_of
+from adaptive_blf_control.runtime.robot_description import arm_of, is_topic
 from adaptive_blf_control.runtime.round_trip import RoundTrips
 from adaptive_blf_control.runtime.status_report import Status
 from adaptive_blf_control.simulation.command_gate import CommandGate
@@ -92,10 +94,20 @@ class ArmDriver(SteppedDriver):
         self._codec = JointStateCodec(self.arm.joints, settings.frame_id)
         self._offset_ns = 0  # from the monotonic clock, that of all times here, to the stamps
         self._states = self.topics.publisher(JointState, JOINT_STATES)
+        self._description = self._describe()
         self._command_input = self.topics.subscribe(Float64MultiArray, COMMANDS, self.on_command,
                                                     reliable=True)
         self.stepping = ArmLockstep(self) if self.lockstep else None
         self._ready = True
+
+    def _describe(self) -> Publisher | None:
+        """Publish the URDF of the arm, unless it came from a topic."""
+        text = None if is_topic(self.settings) else robot_description(self.arm)
+        if text is None:
+            return None
+        publisher = self.topics.publisher(String, ROBOT_DESCRIPTION, latched=True)
+        publisher.publish(encode_text(text))
+        return publisher
 
     def activate(self) -> None:
         """Let the next command release the brakes."""
@@ -113,6 +125,8 @@ class ArmDriver(SteppedDriver):
         self._ready = False
         self.topics.unsubscribe(self._command_input)
         self.topics.end_publisher(self._states)
+        if self._description is not None:
+            self.topics.end_publisher(self._description)
         if self.stepping is not None:
             self.stepping.close()
         self.grid.end()

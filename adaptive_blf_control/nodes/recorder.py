@@ -17,7 +17,7 @@ from adaptive_blf_control.configuration.node_settings import RecorderSettings
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.definitions import message_definition
 from adaptive_blf_control.messages.stamp import stamp_of
-from adaptive_blf_control.messages.topics import JOINT_STATES, RECORDED
+from adaptive_blf_control.messages.topics import JOINT_STATES, RECORDED, TOPICS
 from adaptive_blf_control.nodes.bag_output import BagOutput
 from adaptive_blf_control.nodes.parameter_survey import ParameterSurvey
 from adaptive_blf_control.runtime.data_node import DataNode
@@ -67,6 +67,8 @@ class Recorder(DataNode[RecorderSettings]):
         self.lost: dict[str, int] = {}
         self.unknown = {self.resolve_topic_name(topic): RECORDED.get(topic, '')
                         for topic in self.settings.topics}
+        self._latched = {self.resolve_topic_name(topic.name) for topic in TOPICS.values()
+                         if topic.latched}
         self._sequence: dict[str, int] = {}
         self._recorded: dict[str, _Recorded] = {}
         self.survey = ParameterSurvey(self, self.output.keep_parameters)
@@ -115,18 +117,23 @@ class Recorder(DataNode[RecorderSettings]):
                 latched=latched))
 
     def _offered(self, topic: str) -> tuple[bool, bool]:
-        """Return whether all publishers are reliable, and whether all are transient local."""
+        """Return whether all publishers are reliable, and whether all are transient local.
+
+        Before there is one, what its declaration says: what is sent once must not be missed.
+        """
         profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+        if not profiles:
+            return True, topic in self._latched
         return (all(p.reliability != QoSReliabilityPolicy.BEST_EFFORT for p in profiles),
-                bool(profiles) and all(p.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL
-                                       for p in profiles))
+                all(p.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL for p in profiles))
 
     def _adapt(self) -> None:
         """Subscribe again where a later publisher does not offer what was asked for."""
         for topic, recorded in list(self._recorded.items()):
             reliable, latched = self._offered(topic)
             missed = latched and not recorded.latched and not self.received[topic]
-            if missed or (recorded.reliable and not reliable):
+            deaf = recorded.reliable > reliable or recorded.latched > latched
+            if missed or deaf:
                 self.topics.unsubscribe(recorded.subscription)
                 self._subscribe(topic, recorded.type_name, recorded.message_type)
 

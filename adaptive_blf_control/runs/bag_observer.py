@@ -10,6 +10,8 @@ from typing import Any
 
 import yaml
 
+from adaptive_blf_control.arms.robot_description import robot_description
+from adaptive_blf_control.bags.metadata import default_qos
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, TABLES
 from adaptive_blf_control.configuration.parameter_file import (
@@ -17,7 +19,7 @@ from adaptive_blf_control.configuration.parameter_file import (
     node_values,
     PARAMETERS_KEY,
 )
-from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
+from adaptive_blf_control.messages.cdr import encode_text, Float64MultiArrayCodec
 from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
 from adaptive_blf_control.messages.identifier_codecs import EstimateStream, HistoryFigures
 from adaptive_blf_control.messages.joint_state import JointStateCodec
@@ -26,6 +28,8 @@ from adaptive_blf_control.messages.topics import (
     COMMANDS,
     JOINT_STATES,
     RECORDED,
+    ROBOT_DESCRIPTION,
+    TOPICS,
 )
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 from adaptive_blf_control.simulation.sample import Sample
@@ -55,7 +59,12 @@ class BagObserver:
             PARAMETERS_KEY: yaml.safe_dump(parameters, sort_keys=False)})
         for topic, type_name in RECORDED.items():
             if not topic.startswith('/'):  # those belong to nodes
-                self._bag.add_topic(f'/{topic}', type_name)
+                durability = 'transient_local' if TOPICS[topic].latched else 'volatile'
+                self._bag.add_topic(f'/{topic}', type_name,
+                                    qos=default_qos(durability=durability))
+        text = robot_description(arm)
+        if text is not None:
+            self._bag.write(f'/{ROBOT_DESCRIPTION}', encode_text(text), epoch_ns)
         self._state = JointStateCodec(arm.joints, 'base_link')
         self._torque = Float64MultiArrayCodec(arm.n)
         self._controller = ControllerCodecs(arm.joints, arm.parameters,

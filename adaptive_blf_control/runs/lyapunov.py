@@ -44,11 +44,13 @@ def arm_of(recording: Recording) -> Arm:
     """Build the arm of the run from the parameters in the bag.
 
     Raises:
-        BlfError: the bag has no parameters, the URDF is not found, or Pinocchio is missing.
+        BlfError: the bag has no parameters, no URDF is found in it or where they say, or
+            Pinocchio is missing.
     """
     if recording.parameters is None:
         raise BlfError('the bag holds no parameters')
-    return build_arm(node_settings(recording.parameters, ControllerNodeSettings))
+    return build_arm(node_settings(recording.parameters, ControllerNodeSettings),
+                     recording.robot_description)
 
 
 def true_over_time(recording: Recording) -> np.ndarray | None:

@@ -18,6 +18,7 @@ from adaptive_blf_control.control.constraints import Constraints
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.control.settings import PerformanceSettings, SafetySettings
 from adaptive_blf_control.errors import BagError, BlfError
+from adaptive_blf_control.messages.cdr import decode_string
 from adaptive_blf_control.messages.diagnostics import drop_counters
 from adaptive_blf_control.messages.topics import (
     BARRIER,
@@ -26,6 +27,7 @@ from adaptive_blf_control.messages.topics import (
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
     REFERENCE,
+    ROBOT_DESCRIPTION,
     THETA_HAT,
     TRACKING_ERROR,
 )
@@ -79,6 +81,7 @@ class Recording:
         missing: What could not be read, one sentence each.
         topics: Topics by name.
         parameters: The parameter file of the run, or None.
+        robot_description: URDF of the arm, or None.
         joints: Joint names, length n; () where nothing names them.
         theta_names: Parameter names, length m.
         safety: Safety set (7), or None.
@@ -107,6 +110,7 @@ class Recording:
     missing: tuple[str, ...]
     topics: dict[str, TopicInfo]
     parameters: dict[str, Any] | None = None
+    robot_description: str | None = None
     joints: tuple[str, ...] = ()
     theta_names: tuple[str, ...] = ()
     safety: JointInterval | None = None
@@ -220,8 +224,18 @@ def read_recording(path: Path | str) -> Recording:
     drops = drop_counters(m.data for m in bag.messages(('/diagnostics',)))
     return Recording(
         name=_short_name(bag.path), path=str(bag.path), problem=bag.problem,
-        missing=tuple(reader.missing), topics=bag.topics, parameters=parameters, joints=joints,
-        run=run, states=states, errors=errors, drops=drops, **data)
+        missing=tuple(reader.missing), topics=bag.topics, parameters=parameters,
+        robot_description=_description(bag), joints=joints, run=run, states=states,
+        errors=errors, drops=drops, **data)
+
+
+def _description(bag: Bag) -> str | None:
+    """Return the URDF in a bag; None where there is none, as in bags of before that topic."""
+    try:
+        topic = topic_named(bag, ROBOT_DESCRIPTION)
+        return next((decode_string(message.data) for message in bag.messages((topic,))), None)
+    except BagError:
+        return None
 
 
 def _interval(reader: _Tolerant, bounds: SafetySettings | PerformanceSettings, name: str,

@@ -75,16 +75,25 @@ class DataTopics:
         """How many subscriptions are ended and not given back yet."""
         return len(self._leaving)
 
-    def publisher(self, message_type: type, topic: str) -> Publisher:
-        """Return a reliable publisher; ``publish(bytes)`` sends CDR as it is."""
-        publisher = self._node.create_publisher(
-            message_type, topic, QUEUE_DEPTH_LOCKSTEP if self._lockstep else QUEUE_DEPTH)
+    def publisher(self, message_type: type, topic: str, *, latched: bool = False) -> Publisher:
+        """Return a reliable publisher; ``publish(bytes)`` sends CDR as it is.
+
+        Args:
+            message_type: Type of the topic.
+            topic: Name of the topic.
+            latched: Give the last message to late subscribers (transient local).
+        """
+        qos = QoSProfile(depth=QUEUE_DEPTH_LOCKSTEP if self._lockstep else QUEUE_DEPTH)
+        if latched:
+            qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        publisher = self._node.create_publisher(message_type, topic, qos)
         self.publishers.append(publisher)
         return publisher
 
     def declared(self, kind: str) -> dict[str, Publisher]:
         """Return a publisher for each topic that is declared for a kind of node, by name."""
-        return {topic.name: self.publisher(message_class(topic.type_name), topic.name)
+        return {topic.name: self.publisher(message_class(topic.type_name), topic.name,
+                                           latched=topic.latched)
                 for topic in published_by(kind)}
 
     def end_publisher(self, publisher: Publisher) -> None:

@@ -12,14 +12,20 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.settings import ArmSettings
 from adaptive_blf_control.configuration.build import build_arm
 from adaptive_blf_control.errors import ArmError, BagError
-from adaptive_blf_control.messages.cdr_cursor import Cursor
+from adaptive_blf_control.messages.cdr import decode_string
 from adaptive_blf_control.runtime.channels import DirectChannel
 from adaptive_blf_control.runtime.data_node import DataNode
 
-__all__ = ['arm_from', 'arm_of']
+__all__ = ['arm_from', 'arm_of', 'is_topic']
 
+TOPIC = 'topic:'  # what the parameter urdf begins with where a topic brings the text
 URDF_TIMEOUT = 10.0  # s
 POLL_PERIOD = 0.01  # s
+
+
+def is_topic(settings: ArmSettings) -> bool:
+    """Return whether the URDF comes from a topic."""
+    return settings.arm == 'urdf' and settings.urdf.startswith(TOPIC)
 
 
 def arm_of(node: DataNode, settings: ArmSettings) -> Arm:
@@ -28,10 +34,9 @@ def arm_of(node: DataNode, settings: ArmSettings) -> Arm:
     With ``urdf: topic:NAME`` the text is received from that (transient local) topic; ArmError
     where none arrives within ``URDF_TIMEOUT``.
     """
-    source = settings.urdf
-    if settings.arm != 'urdf' or not source.startswith('topic:'):
+    if not is_topic(settings):
         return build_arm(settings)
-    topic = source.removeprefix('topic:')
+    topic = settings.urdf.removeprefix(TOPIC)
     received: list[bytes] = []
     qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     # Polled here: a lifecycle request that configures the node occupies its executor.
@@ -52,7 +57,7 @@ def arm_of(node: DataNode, settings: ArmSettings) -> Arm:
 def arm_from(data: bytes, topic: str, settings: ArmSettings) -> Arm:
     """Build the arm from a std_msgs/String as CDR; ArmError where it holds no usable URDF."""
     try:
-        text = Cursor(data, 'String').string('data')
+        text = decode_string(data)
     except BagError as error:
         raise ArmError(f'topic {topic!r}: {error}') from None
     return build_arm(settings, text)

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.torque_filter import filter_step, TorqueFilter
@@ -150,3 +151,35 @@ def test_times_are_positive(name, value):
     times = {'time_constant': 0.01, 'gap': 0.1, name: value}
     with pytest.raises(ParameterError, match=rf'identifier\.filter\.{name}'):
         TorqueFilter(1, 1, **times)
+
+
+def _smooth_motion(dt, instant):
+    """Residual of a sinusoidal torque, measured at the samples or as its mean, largest of (N,)."""
+    t = np.arange(0.0, 2.0, dt)
+    w = np.array([3.0, 5.0])
+    q, qd, qdd = (np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)),
+                  -w**2 * np.sin(np.outer(t, w)))
+    tau = inverse_dynamics(ARM, THETA, q, qd, qdd)
+    torque_filter, largest = TorqueFilter(2, 5, 0.02, instant=instant), 0.0
+    for k in range(t.size):
+        torque_filter.update(dt, *ARM.Y12(q[k], qd[k]), tau[k])
+        if t[k] > 0.3:
+            residual = torque_filter.pair.regressor @ THETA - torque_filter.pair.torque
+            largest = max(largest, float(np.abs(residual).max()))
+    return largest
+
+
+def test_a_torque_measured_at_the_samples_costs_half_a_sample_unless_it_is_declared():
+    declared, undeclared = _smooth_motion(2e-3, True), _smooth_motion(2e-3, False)
+    assert undeclared > 0.05  # N·m: half a sample of torques up to 100 N·m
+    assert declared < 0.02 * undeclared
+    assert _smooth_motion(1e-3, True) < 0.3 * declared  # of second order in the interval
+
+
+def test_the_meaning_of_the_torque_can_change_between_two_samples():
+    switched, mean = TorqueFilter(1, 1, 0.01), TorqueFilter(1, 1, 0.01)
+    for torque_filter, after in ((switched, 3.0), (mean, 2.0)):
+        torque_filter.update(1e-3, np.zeros((1, 1)), np.zeros((1, 1)), np.array([1.0]))
+        torque_filter.retune(0.01, math.inf, instant=torque_filter is switched)
+        torque_filter.update(1e-3, np.zeros((1, 1)), np.zeros((1, 1)), np.array([after]))
+    assert switched.pair.torque == pytest.approx(mean.pair.torque)

@@ -15,10 +15,12 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.arms.urdf_source import urdf_joints
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.configuration.parameter_file import load_yaml, node_values
 from adaptive_blf_control.errors import ArmError
@@ -216,6 +218,26 @@ def test_an_arm_is_built_from_the_urdf_on_a_latched_topic(graph, pair_urdf, kind
     gravity = node.arm.Y2(np.zeros(2), np.zeros(2)) @ node.arm.nominal
     np.testing.assert_allclose(np.abs(gravity), [9.81 * 2.0 * (0.2 + 0.6), 9.81 * 2.0 * 0.2],
                                rtol=1e-6)
+
+
+def test_the_driver_describes_its_arm_to_those_who_come_late(graph, wait_until) -> None:
+    driver = graph.make(ArmDriver, namespace='/left')
+    late = graph.peer().listen(String, '/left/robot_description', QoSProfile(
+        depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    wait_until(lambda: late, what='the description')
+    text = deserialize_message(late[0][0], String).data
+    assert [joint.name for joint in urdf_joints(text)] == list(driver.arm.joints)
+
+
+def test_a_description_that_comes_from_a_topic_is_not_published_again(graph, pair_urdf) -> None:
+    pytest.importorskip('pinocchio')
+    publisher = graph.peer().create_publisher(
+        String, 'robot_description',
+        QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    publisher.publish(String(data=pair_urdf))
+    driver = graph.make(ArmDriver, arm='urdf', urdf='topic:robot_description',
+                        joints=['shoulder', 'elbow'])
+    assert driver.count_publishers('robot_description') == 1
 
 
 def test_a_urdf_that_does_not_come_is_an_error_that_names_the_topic(graph, monkeypatch) -> None:

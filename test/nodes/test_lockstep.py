@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
+from rclpy.qos import ReliabilityPolicy
 import yaml
 
 from adaptive_blf_control.bags.reader import Bag, read_bag
@@ -85,8 +86,15 @@ class Run:
         self.runners = {}
         for name, node in self.nodes.items():  # the driver comes last
             if name == 'arm_driver':  # a topic whose type the recorder had to look up
-                wait_until(lambda: '/clock' in self.nodes['recorder'].received)
+                wait_until(lambda: '/clock' in self.nodes['recorder'].received
+                           and self._clock_is_heard())
             self.runners[name] = graph.run(node)
+
+    def _clock_is_heard(self) -> bool:
+        """Whether the driver has discovered the recorder's subscription; rclpy's has ended."""
+        return any(info.node_name == 'recorder'
+                   and info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+                   for info in self.nodes['arm_driver'].get_subscriptions_info_by_topic('/clock'))
 
     def end(self) -> dict[str, list[Message]]:
         """Wait for the driver's end, end the others and return what was recorded."""

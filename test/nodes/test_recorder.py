@@ -30,7 +30,7 @@ from adaptive_blf_control.bench.soak_figures import account_of
 from adaptive_blf_control.configuration.parameter_file import node_values, PARAMETERS_KEY
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.cdr import encode_int32
-from adaptive_blf_control.messages.topics import HISTORY_RANK, JOINT_TRAJECTORY, RECORDED
+from adaptive_blf_control.messages.topics import HISTORY_RANK, JOINT_TRAJECTORY, RECORDED, TOPICS
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
@@ -40,12 +40,17 @@ from patience import PATIENCE
 
 TYPES = {'sensor_msgs/msg/JointState': JointState, 'std_msgs/msg/Int32': Int32,
          'std_msgs/msg/Float64': Float64, 'std_msgs/msg/Float64MultiArray': Float64MultiArray,
-         'diagnostic_msgs/msg/DiagnosticArray': DiagnosticArray}
+         'diagnostic_msgs/msg/DiagnosticArray': DiagnosticArray, 'std_msgs/msg/String': String}
 EVENTS = '/parameter_events'
 
 
 def _metadata(bag: Path) -> dict:
     return yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+
+
+def _durability(topic: str) -> DurabilityPolicy:
+    return (DurabilityPolicy.TRANSIENT_LOCAL if TOPICS[topic].latched
+            else DurabilityPolicy.VOLATILE)
 
 
 def _numbers(bag: Path, topic: str = '/number') -> list[int]:
@@ -65,7 +70,8 @@ def recorded(graph, wait_until, tmp_path):
                                  wait_for_subscribers=4, initial_position=[0.01, 0.02])}
     peer = graph.peer()
     heard = {topic if topic[0] == '/' else f'/{topic}': peer.listen(
-        TYPES[kind], topic, QoSProfile(depth=5000)) for topic, kind in RECORDED.items()
+        TYPES[kind], topic, QoSProfile(depth=5000, durability=_durability(topic)))
+        for topic, kind in RECORDED.items()
         if topic not in (JOINT_TRAJECTORY, EVENTS)}  # a planner's; and sent before anyone hears
     wait_until(lambda: all(peer.count_subscribers(topic) >= 2 for topic in heard)
                and len(peer.get_publishers_info_by_topic('/diagnostics')) == 4)
@@ -166,7 +172,8 @@ def _check_metadata(bag: Path, heard, hashes) -> None:
         name = topic if topic in RECORDED else topic[1:]
         assert item['topic_metadata']['type'] == RECORDED[name]
         (profile,) = item['topic_metadata']['offered_qos_profiles']
-        assert (profile['reliability'], profile['durability']) == ('reliable', 'volatile')
+        durability = 'transient_local' if TOPICS[name].latched else 'volatile'
+        assert (profile['reliability'], profile['durability']) == ('reliable', durability)
     assert metadata['message_count'] == sum(item['message_count'] for item in topics.values())
 
 

@@ -18,7 +18,7 @@ from patience import PATIENCE
 pytest.importorskip('colcon_ros', reason='colcon is not installed: pip install .[test]')
 
 PACKAGE = 'adaptive_blf_control'
-SOURCES = (PACKAGE, 'config', 'launch', 'resource', 'package.xml', 'setup.cfg', 'setup.py')
+SOURCES = (PACKAGE, 'config', 'launch', 'resource', 'rviz', 'package.xml', 'setup.cfg', 'setup.py')
 GENERATED = shutil.ignore_patterns('__pycache__', '*.pyc', '.*')
 
 
@@ -91,7 +91,8 @@ def test_package_is_in_the_ament_index(prefix: Path) -> None:
     assert marker.read_bytes() == b''
 
 
-@pytest.mark.parametrize('pattern', ['package.xml', 'config/*.*', 'launch/*.launch.py'])
+@pytest.mark.parametrize('pattern', ['package.xml', 'config/*.*', 'launch/*.launch.py',
+                                     'rviz/*.rviz'])
 def test_share_holds_the_files_of_the_source_tree(
         repository: Path, prefix: Path, pattern: str) -> None:
     expected = {file.relative_to(repository): file.read_bytes()

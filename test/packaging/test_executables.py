@@ -91,7 +91,8 @@ def test_listing_the_executables_imports_neither_numpy_nor_ros() -> None:
 
 
 def test_launch_file_starts_every_node_once_under_its_own_name(repository: Path) -> None:
-    nodes = _calls(repository / 'launch' / 'two_link.launch.py', 'Node')
+    nodes = [node for node in _calls(repository / 'launch' / 'arm.launch.py', 'Node')
+             if ast.unparse(node['package']) == 'PACKAGE']
     names = [ast.literal_eval(node['executable']) for node in nodes]
     assert sorted(names) == sorted(NODES)
     assert [ast.literal_eval(node['name']) for node in nodes] == names
@@ -99,7 +100,7 @@ def test_launch_file_starts_every_node_once_under_its_own_name(repository: Path)
 
 
 def test_launch_file_passes_a_scenario_that_exists(repository: Path) -> None:
-    file = repository / 'launch' / 'two_link.launch.py'
+    file = repository / 'launch' / 'arm.launch.py'
     strings = {node.value for node in ast.walk(ast.parse(file.read_text(encoding='utf-8')))
                if isinstance(node, ast.Constant) and isinstance(node.value, str)}
     scenarios = {string for string in strings if string.endswith('.yaml')}
@@ -111,8 +112,9 @@ def test_launch_description_loads_where_ros_launch_is_installed(repository: Path
     pytest.importorskip('launch_ros', reason="ROS's launch is not on PyPI")
     launch = pytest.importorskip('launch')
     sources = pytest.importorskip('launch.launch_description_sources')
-    file = repository / 'launch' / 'two_link.launch.py'
+    file = repository / 'launch' / 'arm.launch.py'
     description = sources.get_launch_description_from_python_launch_file(str(file))
     assert isinstance(description, launch.LaunchDescription)
     arguments = {argument.name for argument in description.get_launch_arguments()}
-    assert arguments == {'params_file', 'bag', 'namespace', 'use_sim_time', 'autostart'}
+    assert arguments == {'params_file', 'plant', 'bag', 'namespace', 'use_sim_time',
+                         'autostart', 'rviz'}

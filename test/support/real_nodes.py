@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import threading
-from typing import Any
+from typing import Any, TypeVar
 
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -24,6 +24,8 @@ from adaptive_blf_control.runtime.processes import FAST_DISCOVERY
 from patience import PATIENCE, wait_until
 
 __all__ = ['Graph', 'Peer', 'Process', 'Processes', 'Runner', 'pair_urdf']
+
+AnyNode = TypeVar('AnyNode', bound=Node)
 
 URDF = """<robot name="pair">
   <link name="base"/>
@@ -106,7 +108,10 @@ class Graph:
 
     def peer(self) -> Peer:
         """Return a node of the test that is being spun."""
-        node = Peer(self.context)
+        return self.spin(Peer(self.context))
+
+    def spin(self, node: AnyNode) -> AnyNode:
+        """Spin a plain node in a thread of its own, and destroy it with the graph."""
         self._nodes.append(node)
         stop = threading.Event()
         executor = SingleThreadedExecutor(context=self.context)
