@@ -32,7 +32,8 @@ from adaptive_blf_control.simulation.sensors import Measurement, sensor_arrays, 
 
 __all__ = ['BlockRun', 'LoopParts', 'parts_in_python']
 
-LONGEST = 1000  # samples of a block: few enough to stay in the processor's cache
+LONGEST = 1000  # samples of a block that is observed: few enough to stay in the processor's cache
+LONGEST_UNSEEN = 20_000  # of one that is not: each call costs as much as hundreds of its samples
 Observer = Callable[[Sample], None]
 
 
@@ -120,7 +121,7 @@ class BlockRun:
 
     def _blocks(self, samples: int, observed: bool) -> Iterator[_Block]:
         """Yield blocks in which the true arm is one; each after the one before has been run."""
-        longest, period = LONGEST, self._parts.period
+        longest, period = LONGEST if observed else LONGEST_UNSEEN, self._parts.period
         if observed:  # then at most one part of its window is completed in a block
             window = self._parts.identifier.settings.excitation.window
             longest = min(longest, max(int(window / PARTS / period), 1) if window else longest)
