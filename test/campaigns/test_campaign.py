@@ -12,11 +12,12 @@ import pytest
 import yaml
 
 from adaptive_blf_control.campaigns.campaign import Campaign, setting_text
-from adaptive_blf_control.campaigns.outcome import run_chunk
+from adaptive_blf_control.campaigns.cluster import cluster
+from adaptive_blf_control.campaigns.outcome import Chunk, run_chunk
 from adaptive_blf_control.campaigns.page import shares_by_bin
 from adaptive_blf_control.campaigns.results import ResultFolder
 from adaptive_blf_control.campaigns.summary import wilson_interval, worst_runs
-from adaptive_blf_control.campaigns.workers import cluster, local, run_chunks
+from adaptive_blf_control.campaigns.workers import processes, run_chunks
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.tools import campaign as command
@@ -45,9 +46,9 @@ def campaign_of(config: Path, **changes) -> Campaign:
 
 
 def outcomes(campaign: Campaign) -> list[dict]:
-    rows = [outcome.row() for runs in campaign.chunks for outcome in run_chunk(
-        campaign.data, campaign.duration, [(run, campaign.changes[run]) for run in runs])]
-    return rows
+    chunks = (Chunk('here', campaign.data, campaign.duration,
+                    [(run, campaign.changes[run]) for run in runs]) for runs in campaign.chunks)
+    return [outcome.row() for chunk in chunks for outcome in run_chunk(chunk)]
 
 
 def same(first: list[dict], second: list[dict]) -> bool:
@@ -62,7 +63,7 @@ def run(config: Path, vary: Path, output: Path, *extra: str) -> int:
                          *extra])
 
 
-def test_processes_give_the_outcomes_of_one_thread_in_one_file_per_chunk(config, vary, tmp_path,
+def test_threads_give_the_outcomes_of_one_in_one_file_per_chunk(config, vary, tmp_path,
                                                                          capsys):
     assert run(config, vary, tmp_path / 'out', '--json', '--html', str(tmp_path / 'p.html')) == 0
     figures = json.loads(capsys.readouterr().out)
@@ -164,16 +165,16 @@ def test_results_without_pyarrow_are_csv_and_say_the_same(config, tmp_path, monk
 ])
 def test_bad_input_is_named_and_no_result_is_written(config, vary, tmp_path, capsys, monkeypatch,
                                                      extra, words):
-    monkeypatch.setattr('adaptive_blf_control.campaigns.workers.CONNECT_TIMEOUT', 1.0)
+    monkeypatch.setattr('adaptive_blf_control.campaigns.cluster.CONNECT_TIMEOUT', 1.0)
     assert run(config, vary, tmp_path / 'out', *extra) == 2
     assert words in capsys.readouterr().err
-    assert not list((tmp_path / 'out').glob('results/*'))
+    assert not (tmp_path / 'out').exists()
 
 
 def test_a_chunk_whose_worker_dies_is_run_again(config):
     campaign = campaign_of(config, runs=8, chunk=1)
     found = {}
-    with local(2) as make:
+    with processes(2) as make:
         for number, rows in run_chunks(campaign, list(range(8)), kill_one(make)):
             found[number] = rows
     assert same([outcome.row() for number in sorted(found) for outcome in found[number]],
