@@ -12,7 +12,7 @@ import math
 import shlex
 from typing import Any
 
-from adaptive_blf_control.campaigns.variations import draw, variations
+from adaptive_blf_control.campaigns.variations import draw, Drawn, variations
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
@@ -58,9 +58,14 @@ class Campaign:
         if self.seed < 0:
             raise ParameterError('--seed', self.seed, 'an integer >= 0')
 
-    @functools.cached_property
+    @property
     def changes(self) -> list[dict[str, Any]]:
-        """The parameters of each run that differ from the scenario, by name.
+        """The parameters of each run that differ from the scenario, by name."""
+        return self.drawn.changes
+
+    @functools.cached_property
+    def drawn(self) -> Drawn:
+        """What was drawn for all runs.
 
         Raises:
             ParameterError: a parameter is not known, or takes no value that was drawn.
@@ -74,7 +79,7 @@ class Campaign:
         Raises:
             BlfError: the scenario cannot be run, or what varies does not fit it.
         """
-        _ = self.changes
+        _ = self.drawn
         loop = build_closed_loop(self.data)
         loop.warm_up()
         return loop

@@ -14,7 +14,6 @@ import numpy as np
 
 from adaptive_blf_control import __version__
 from adaptive_blf_control.campaigns.campaign import Campaign
-from adaptive_blf_control.campaigns.results import flat_changes
 from adaptive_blf_control.campaigns.summary import FIGURES, summarise, wilson_interval, worst_runs
 from adaptive_blf_control.report.plotly_figures import plotly_js
 
@@ -100,12 +99,12 @@ def _columns(rows: Sequence[Row], campaign: Campaign) -> dict[str, Any]:
     """Return what the page plots, without NaN, which JSON does not know."""
     done = [row for row in rows if not row['problem']]
     kept = np.array([bool(row['kept']) for row in done])
-    flat = [flat_changes(campaign.changes[row['run']]) for row in done]
-    names = [name for name in (flat[0] if flat else {}) if all(
-        isinstance(row[name], (int, float)) for row in flat)]
+    numbers = {name: [column[row['run']] for row in done]
+               for name, column in campaign.drawn.shown.items()
+               if all(isinstance(value, (int, float)) for value in column)}
     varied = []
-    for name in names[:MOST_COLUMNS]:
-        values = np.array([row[name] for row in flat], dtype=float)
+    for name in list(numbers)[:MOST_COLUMNS] if done else []:
+        values = np.array(numbers[name], dtype=float)
         varied.append({'name': name, 'values': values.tolist(), **shares_by_bin(values, kept)})
     return {
         'run': [row['run'] for row in done], 'kept': kept.tolist(), 'varied': varied,

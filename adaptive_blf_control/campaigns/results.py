@@ -8,7 +8,7 @@ data set as pandas, Polars and Arrow read it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import csv
 from importlib import util
 import json
@@ -17,23 +17,13 @@ from pathlib import Path
 from typing import Any
 
 from adaptive_blf_control.campaigns.campaign import Campaign
+from adaptive_blf_control.campaigns.outcome import Outcome
 from adaptive_blf_control.errors import BlfError, ParameterError
 
-__all__ = ['ResultFolder', 'flat_changes']
+__all__ = ['ResultFolder']
 
 DESCRIPTION = 'campaign.json'
 Row = dict[str, Any]
-
-
-def flat_changes(changes: Mapping[str, Any]) -> Row:
-    """Return varied parameters with one column for each element of an array."""
-    row: Row = {}
-    for name, value in changes.items():
-        if isinstance(value, list) and len(value) > 1:
-            row.update({f'{name}[{i}]': element for i, element in enumerate(value)})
-        else:
-            row[name] = value[0] if isinstance(value, list) else value
-    return row
 
 
 class ResultFolder:
@@ -96,12 +86,15 @@ class ResultFolder:
         return [number for number in range(len(self.campaign.chunks))
                 if not self._part(number).is_file()]
 
-    def add(self, number: int, rows: Sequence[Row]) -> None:
-        """Write the results of a chunk.
+    def add(self, number: int, outcomes: Sequence[Outcome]) -> None:
+        """Write the results of a chunk: each outcome, and what varied.
 
         Raises:
             BlfError: they cannot be written; those of other chunks are kept.
         """
+        varied = self.campaign.drawn.shown
+        rows = [{**outcome.row(), **{name: values[outcome.run] for name, values in varied.items()}}
+                for outcome in outcomes]
         try:
             self._write_part(self._part(number), rows)
         except OSError as error:

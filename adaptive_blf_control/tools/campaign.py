@@ -15,7 +15,7 @@ from typing import Any
 from adaptive_blf_control.campaigns.campaign import Campaign, usual_chunk
 from adaptive_blf_control.campaigns.cluster import cluster
 from adaptive_blf_control.campaigns.page import campaign_page
-from adaptive_blf_control.campaigns.results import flat_changes, ResultFolder
+from adaptive_blf_control.campaigns.results import ResultFolder
 from adaptive_blf_control.campaigns.summary import summarise, table
 from adaptive_blf_control.campaigns.variations import read_vary_file
 from adaptive_blf_control.campaigns.workers import MakeExecutor, processes, run_chunks, threads
@@ -99,8 +99,7 @@ def _run(campaign: Campaign, folder: ResultFolder, make: MakeExecutor) -> None:
     ahead = sum(len(campaign.chunks[number]) for number in missing)
     with _bar(campaign.runs, campaign.runs - ahead) as bar:
         for number, outcomes in run_chunks(campaign, missing, make):
-            folder.add(number, [{**outcome.row(), **flat_changes(campaign.changes[outcome.run])}
-                                for outcome in outcomes])
+            folder.add(number, outcomes)
             bar.update(len(outcomes))
 
 

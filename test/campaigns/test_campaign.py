@@ -13,7 +13,7 @@ import yaml
 
 from adaptive_blf_control.campaigns.campaign import Campaign, setting_text
 from adaptive_blf_control.campaigns.cluster import cluster
-from adaptive_blf_control.campaigns.outcome import Chunk, run_chunk
+from adaptive_blf_control.campaigns.outcome import Chunk, Outcome, run_chunk
 from adaptive_blf_control.campaigns.page import shares_by_bin
 from adaptive_blf_control.campaigns.results import ResultFolder
 from adaptive_blf_control.campaigns.summary import wilson_interval, worst_runs
@@ -143,7 +143,7 @@ def test_a_file_that_cannot_be_written_ends_the_campaign_with_its_name(config, t
     parts.rmdir()
     parts.write_text('no folder')
     with pytest.raises(BlfError, match='part-000001.*is kept'):
-        folder.add(1, [{'run': 2}])
+        folder.add(1, [Outcome(2)])
 
 
 def test_results_without_pyarrow_are_csv_and_say_the_same(config, tmp_path, monkeypatch):
@@ -152,7 +152,7 @@ def test_results_without_pyarrow_are_csv_and_say_the_same(config, tmp_path, monk
     folder = ResultFolder(tmp_path / 'out', campaign, resume=False)
     rows = outcomes(campaign)
     for number, runs in enumerate(campaign.chunks):
-        folder.add(number, [rows[run] for run in runs])
+        folder.add(number, [Outcome(**rows[run]) for run in runs])
     assert {part.suffix for part in (tmp_path / 'out' / 'results').iterdir()} == {'.csv'}
     assert same(rows, folder.rows())
 
