@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 import shlex
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -146,6 +148,34 @@ def test_a_file_that_cannot_be_written_ends_the_campaign_with_its_name(config, t
         folder.add(1, [Outcome(2)])
 
 
+@pytest.mark.parametrize('pyarrow', [True, False])
+def test_a_disk_that_gets_full_ends_the_campaign_and_what_is_done_stays(config, tmp_path,
+                                                                        monkeypatch, pyarrow):
+    if pyarrow:
+        pytest.importorskip('pyarrow')
+    else:
+        monkeypatch.setattr('adaptive_blf_control.campaigns.results.util.find_spec',
+                            lambda _: None)
+    folder = ResultFolder(tmp_path / 'out', campaign_of(config), resume=False)
+    folder.add(0, [Outcome(0), Outcome(1)])
+    kind = 'parquet' if pyarrow else 'csv'
+    aside = tmp_path / 'out' / 'results' / f'.part-000001.{kind}.{os.getpid()}'
+    aside.symlink_to('/dev/full')
+    with pytest.raises(BlfError, match=r'part-000001.*No space left.*--resume'):
+        folder.add(1, [Outcome(2), Outcome(3)])
+    assert [row['run'] for row in folder.rows()] == [0, 1]
+    assert folder.missing() == [1, 2]
+
+
+def test_a_disk_without_room_for_the_results_is_refused_before_the_first_run(
+        config, vary, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr('adaptive_blf_control.campaigns.results.shutil.disk_usage',
+                        lambda _: SimpleNamespace(free=1000))
+    assert run(config, vary, tmp_path / 'out') == 2
+    assert 'are free on this disk' in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
+
+
 def test_results_without_pyarrow_are_csv_and_say_the_same(config, tmp_path, monkeypatch):
     campaign = campaign_of(config)
     monkeypatch.setattr('adaptive_blf_control.campaigns.results.util.find_spec', lambda _: None)
@@ -196,7 +226,6 @@ def kill_one(make):
 
 def abort() -> None:
     """End this process as a crash does."""
-    import os
     os._exit(9)
 
 
