@@ -14,6 +14,7 @@ import numpy as np
 
 from adaptive_blf_control import __version__
 from adaptive_blf_control.campaigns.campaign import Campaign
+from adaptive_blf_control.campaigns.influence import numbers_by_name
 from adaptive_blf_control.campaigns.summary import (
     FIGURES,
     summarise,
@@ -108,12 +109,9 @@ def _columns(rows: Sequence[Row], campaign: Campaign) -> dict[str, Any]:
     """Return what the page plots, without NaN, which JSON does not know."""
     done = [row for row in rows if not row['problem']]
     kept = np.array([bool(row['kept']) for row in done])
-    numbers = {name: [column[row['run']] for row in done]
-               for name, column in campaign.drawn.shown.items()
-               if all(isinstance(value, (int, float)) for value in column)}
     varied = []
-    for name in list(numbers)[:MOST_COLUMNS] if done else []:
-        values = np.array(numbers[name], dtype=float)
+    for name, column in list(numbers_by_name(campaign).items())[:MOST_COLUMNS] if done else []:
+        values = column[[row['run'] for row in done]]
         decades = values.min() > 0.0 and float(np.median(values)) < FEW * values.max()
         values = np.log10(values) if decades else values
         varied.append({'name': name, 'values': values.tolist(),

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.campaigns.campaign import Campaign
+from adaptive_blf_control.campaigns.influence import influence_table
 
 __all__ = ['FIGURES', 'Figure', 'summarise', 'table', 'varied_text', 'verdict', 'verdict_line',
            'wilson_interval', 'worst_runs']
@@ -113,7 +114,8 @@ def table(rows: Sequence[Row], campaign: Campaign) -> str:
             f'{figure.factor * value:>11.3g}'
             for value in quantiles.values())
             + (f'   ({known} runs)' if known < len(rows) else ''))
-    lines += ['', 'Worst runs, each with the command that repeats it:']
+    lines += ['', influence_table(rows, campaign), '',
+              'Worst runs, each with the command that repeats it:']
     for row in worst_runs(rows):
         lines += [f'  run {row["run"]}: {verdict(row)}',
                   f'    {varied_text(row["run"], campaign)}',

@@ -15,6 +15,7 @@ import yaml
 
 from adaptive_blf_control.campaigns.campaign import Campaign, setting_text
 from adaptive_blf_control.campaigns.cluster import cluster
+from adaptive_blf_control.campaigns.influence import quarters
 from adaptive_blf_control.campaigns.outcome import Chunk, Outcome, run_chunk
 from adaptive_blf_control.campaigns.page import shares_by_bin
 from adaptive_blf_control.campaigns.results import ResultFolder
@@ -269,6 +270,17 @@ def test_shares_are_counted_where_the_parameter_is():
     spread = np.linspace(0.0, 1.0, 800)
     shares = shares_by_bin(spread, spread < 0.5)['shares']
     assert shares == [1.0] * 4 + [0.0] * 4
+
+
+def test_quarters_of_a_parameter_have_the_outcomes_of_their_runs():
+    values = np.array([3.0, 0.0, 1.0, 2.0, 2.0])
+    rows = [{'kept': value < 2.0, 'least_margin': 1.0 - value, 'torque_error': np.nan}
+            for value in values]
+    low, middle, high = quarters(values, rows, count=3)
+    assert (low.low, low.high, low.runs, low.kept, low.least_margin) == (0.0, 1.0, 2, 1.0, 0.0)
+    assert (middle.runs, middle.kept, middle.usual_margin) == (2, 0.0, -1.0)
+    assert (high.low, high.runs, high.least_margin) == (3.0, 1, -2.0)
+    assert np.isnan(high.torque_error)
 
 
 def test_what_decides_over_the_outcomes_is_part_of_the_identity(config):
