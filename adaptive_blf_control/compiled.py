@@ -17,7 +17,7 @@ import numpy as np
 from adaptive_blf_control.machine_code import cache_folder
 
 __all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation', 'borrowed',
-           'by_type', 'handle', 'inlined', 'jit', 'jit_without_gil', 'uncompiled']
+           'by_type', 'handle', 'inlined', 'jit', 'jit_without_gil', 'jitable', 'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
@@ -26,7 +26,7 @@ try:
     from numba.core import event as numba_event, sigutils
     from numba.core.caching import FunctionCache
     from numba.experimental import structref
-    from numba.extending import intrinsic, overload
+    from numba.extending import intrinsic, overload, register_jitable
     import scipy.linalg  # noqa: F401 (numba's np.linalg is scipy's LAPACK)
     COMPILED: bool = not numba.config.DISABLE_JIT
 except ImportError:  # plain numpy is the documented fallback
@@ -95,6 +95,16 @@ def inlined(function: Function) -> Function:
         return function
     compiled = numba.njit(inline='always', error_model='numpy')(function)
     return compiled  # type: ignore[no-any-return]
+
+
+def jitable(function: Function) -> Function:
+    """Let compiled functions call a module-level function; Python calls it as it stands.
+
+    For what is less work than a call from Python into compiled code, see `Handle`.
+    """
+    if not COMPILED:
+        return function
+    return register_jitable(error_model='numpy')(function)  # type: ignore[no-any-return]
 
 
 def borrowed(value: Any) -> Any:

@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.arms.spatial import cross
+from adaptive_blf_control.arms.spatial import cross, dot6
 from adaptive_blf_control.compiled import borrowed, jit
 
-__all__ = ['Chain', 'chain_of_model', 'placements', 'subtree_ends']
+__all__ = ['Chain', 'Link', 'add_wrench_torque', 'chain_of_model', 'no_chain', 'placements',
+           'subtree_ends']
 
 
 class Chain(NamedTuple):
@@ -39,6 +40,13 @@ class Chain(NamedTuple):
     gravity: np.ndarray
 
 
+class Link(NamedTuple):
+    """A link: the row of the body it is part of, and its origin in that body's frame, (3,) [m]."""
+
+    body: int
+    origin: np.ndarray
+
+
 def chain_of_model(model: Any, names: Sequence[str]) -> Chain:
     """Read the kinematics of a Pinocchio model.
 
@@ -62,6 +70,13 @@ def chain_of_model(model: Any, names: Sequence[str]) -> Chain:
         place=np.array([list(names).index(name) for name in list(model.names)[1:]],
                        dtype=np.intp),
         gravity=np.array(model.gravity.linear, dtype=float))
+
+
+def no_chain() -> Chain:
+    """Return a chain without joints, for arms whose kinematics nobody knows."""
+    none = np.zeros(0, dtype=np.intp)
+    return Chain(np.zeros((0, 3, 4)), np.zeros((0, 3)), np.zeros(0, dtype=np.bool_), none, none,
+                 np.zeros(3))
 
 
 def subtree_ends(parent: np.ndarray) -> np.ndarray:
@@ -123,3 +138,30 @@ def _move(frame: np.ndarray, axis: np.ndarray, local: np.ndarray, slides: bool,
         along = (z[0] * x[0] + z[1] * x[1] + z[2] * x[2]) * (1.0 - cosine)
         for r in range(3):
             frame[r, c] = x[r] * cosine + turned[r] * sine + z[r] * along
+
+
+@jit
+def add_wrench_torque(torque: np.ndarray, chain: Chain, q: np.ndarray, body: int,
+                      point: np.ndarray, wrench: np.ndarray) -> None:
+    """Add what a force and a moment on a body do to the joints, Jᵀ (f, m).
+
+    Args:
+        torque: Is added to, in the user's order, shape (n,) [N·m or N].
+        chain: The chain.
+        q: Joint positions in the user's order, shape (n,) [rad or m].
+        body: Body row; 0, the base, moves no joint.
+        point: Where the force acts, in the body's frame, shape (3,) [m].
+        wrench: (f, m) in axes of the base, shape (6,) [N, N·m].
+    """
+    chain = borrowed(chain)
+    frames, axes = placements(chain, q)
+    frame, about_origin = frames[body], wrench.copy()
+    at = (frame[0, 3] + frame[0, 0] * point[0] + frame[0, 1] * point[1] + frame[0, 2] * point[2],
+          frame[1, 3] + frame[1, 0] * point[0] + frame[1, 1] * point[1] + frame[1, 2] * point[2],
+          frame[2, 3] + frame[2, 0] * point[0] + frame[2, 1] * point[1] + frame[2, 2] * point[2])
+    moment = cross(at, (wrench[0], wrench[1], wrench[2]))
+    for r in range(3):
+        about_origin[3 + r] += moment[r]
+    while body > 0:
+        torque[chain.place[body - 1]] += dot6(axes[body - 1], about_origin)
+        body = chain.parent[body - 1]

@@ -17,7 +17,7 @@ from adaptive_blf_control.arms.base_parameters import (
     PER_BODY,
     preferred_columns,
 )
-from adaptive_blf_control.arms.chain import chain_of_model
+from adaptive_blf_control.arms.chain import chain_of_model, Link
 from adaptive_blf_control.arms.chain_dynamics import ChainInertias
 from adaptive_blf_control.arms.chain_regressors import (
     chain_parameters,
@@ -277,6 +277,12 @@ class UrdfArm:
         chain, tip = self._chain()
         origins = [data.oMi[joint].translation for joint in chain]  # joint 0 is the root
         return np.array([*origins, data.oMf[tip].translation])
+
+    def links(self) -> dict[str, Link]:
+        """Return the links that move, by name: where they are on the bodies of ``chain.chain``."""
+        body = self._pin.FrameType.BODY
+        return {frame.name: Link(int(frame.parentJoint), np.array(frame.placement.translation))
+                for frame in self.model.frames if frame.type == body and frame.parentJoint > 0}
 
     # -- construction -------------------------------------------------------------------------
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bench import arms, coverage, identifier_steps, rates
+from adaptive_blf_control.bench import arms, campaigns, coverage, identifier_steps, rates
 from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
@@ -181,6 +181,12 @@ def _rates(options: argparse.Namespace) -> None:
     rates.run(options)
 
 
+def _campaigns(options: argparse.Namespace) -> None:
+    print('\n## Campaigns (`bench campaigns`)\n')
+    _machine()
+    campaigns.run(options)
+
+
 def _arms(options: argparse.Namespace) -> None:
     print('\n## Arms as `configure` leaves them (`bench arms`)\n')
     _machine()
@@ -190,7 +196,7 @@ def _arms(options: argparse.Namespace) -> None:
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
     'scenarios': _scenarios, 'steps': _steps, 'against_c': _against_c, 'processes': _processes,
     'measured': _measured, 'models': _models, 'coverage': _coverage, 'arms': _arms,
-    'rates': _rates}
+    'campaigns': _campaigns, 'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -208,6 +214,7 @@ def main(args: list[str] | None = None) -> int:
     coverage.add_options(parser)
     rates.add_options(parser)
     arms.add_options(parser)
+    campaigns.add_options(parser)
     options = parser.parse_args(args)
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:

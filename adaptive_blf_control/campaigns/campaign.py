@@ -8,16 +8,22 @@ from dataclasses import dataclass
 import functools
 import hashlib
 import json
+import math
 import shlex
 from typing import Any
 
-from adaptive_blf_control.campaigns.variations import draw, variations
+from adaptive_blf_control.campaigns.variations import draw, Drawn, variations
 from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.node_settings import DriverSettings
+from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 
-__all__ = ['Campaign', 'LARGEST', 'setting_text']
+__all__ = ['Campaign', 'LARGEST', 'setting_text', 'usual_chunk']
 
 LARGEST = 1_000_000
+CHUNK_SAMPLES = 200_000  # half a second or more, of which giving a chunk to a worker takes 3 ms
+CHUNKS = 16  # at least so many where there are enough runs, for the workers to share
 
 
 @dataclass(frozen=True)
@@ -52,9 +58,14 @@ class Campaign:
         if self.seed < 0:
             raise ParameterError('--seed', self.seed, 'an integer >= 0')
 
-    @functools.cached_property
+    @property
     def changes(self) -> list[dict[str, Any]]:
-        """The parameters of each run that differ from the scenario, by name.
+        """The parameters of each run that differ from the scenario, by name."""
+        return self.drawn.changes
+
+    @functools.cached_property
+    def drawn(self) -> Drawn:
+        """What was drawn for all runs.
 
         Raises:
             ParameterError: a parameter is not known, or takes no value that was drawn.
@@ -62,14 +73,16 @@ class Campaign:
         return draw(variations(self.given, self.data), self.runs, self.seed,
                     self.given.get('sampling', 'independent'))
 
-    def check(self) -> None:
-        """Draw everything and build the scenario as it is without variations.
+    def check(self) -> ClosedLoop:
+        """Draw everything; return the scenario as it is without variations, ready to run.
 
         Raises:
             BlfError: the scenario cannot be run, or what varies does not fit it.
         """
-        build_closed_loop(self.data).warm_up()
-        _ = self.changes
+        _ = self.drawn
+        loop = build_closed_loop(self.data)
+        loop.warm_up()
+        return loop
 
     @property
     def chunks(self) -> list[range]:
@@ -91,6 +104,20 @@ class Campaign:
         return ' '.join(['python -m adaptive_blf_control simulate', shlex.quote(self.config),
                          f'--duration {self.duration!r}',
                          *(f'--set {shlex.quote(setting)}' for setting in settings)])
+
+
+def usual_chunk(data: Mapping[str, Any], runs: int, duration: float) -> int:
+    """Return how many runs a worker is to do at a time.
+
+    So many that handing them out takes less than 1 % of the time, as far as there are enough runs.
+
+    Args:
+        data: The scenario's parameter file.
+        runs: All runs of the campaign.
+        duration: Length of each [s].
+    """
+    samples = duration * node_settings(data, DriverSettings).rate
+    return max(min(math.ceil(CHUNK_SAMPLES / samples), runs // CHUNKS), 1)
 
 
 def setting_text(value: Any) -> str:

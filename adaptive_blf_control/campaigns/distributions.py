@@ -34,6 +34,14 @@ class Distribution:
     quantile: Quantile
     grid: tuple[Any, ...] = ()
 
+    def ends(self) -> list[Any]:
+        """Return the smallest and the largest value, all of a choice; none of ``normal``."""
+        if self.kind == 'normal':
+            return []
+        if self.kind in ('choice', 'grid'):
+            return list(self.arguments)
+        return self.quantile(np.array([0.0, np.nextafter(1.0, 0.0)]))
+
 
 def _numbers(name: str, arguments: Sequence[Any], what: str) -> tuple[float, float]:
     try:

@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import CancelledError
 from dataclasses import asdict, dataclass
 import math
-from typing import Any
+import threading
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,7 +25,25 @@ from adaptive_blf_control.runs.summary import (
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 
-__all__ = ['Outcome', 'run_chunk', 'run_one']
+__all__ = ['Chunk', 'Outcome', 'run_chunk', 'run_one']
+
+_OWN = threading.local()  # arms belong to one thread
+
+
+class Chunk(NamedTuple):
+    """Some runs of a campaign, as a worker gets them.
+
+    Attributes:
+        campaign: Same for all chunks of a campaign, and for no others.
+        data: The scenario's parameter file.
+        duration: Length of each run [s].
+        changes: Number of the run, and the parameters that differ from the scenario, by name.
+    """
+
+    campaign: str
+    data: Mapping[str, Any]
+    duration: float
+    changes: Sequence[tuple[int, Mapping[str, Any]]]
 
 
 @dataclass(frozen=True)
@@ -63,17 +83,29 @@ class Outcome:
         return asdict(self)
 
 
-def run_chunk(data: Mapping[str, Any], duration: float,
-              changes: Sequence[tuple[int, Mapping[str, Any]]]) -> list[Outcome]:
+def run_chunk(chunk: Chunk, ended: threading.Event | None = None) -> list[Outcome]:
     """Run some runs of a campaign, one after the other.
 
     Args:
-        data: The scenario's parameter file.
-        duration: Length of each run [s].
-        changes: Number of the run, and the parameters that differ from the scenario, by name.
+        chunk: The runs.
+        ended: Set where the outcomes are no longer wanted.
+
+    Raises:
+        CancelledError: ``ended`` was set before the last run.
     """
-    arms = ArmStore()
-    return [run_one(data, duration, number, change, arms) for number, change in changes]
+    arms, found = _arms(chunk.campaign), []
+    for number, change in chunk.changes:
+        if ended is not None and ended.is_set():
+            raise CancelledError
+        found.append(run_one(chunk.data, chunk.duration, number, change, arms))
+    return found
+
+
+def _arms(campaign: str) -> ArmStore:
+    """Return the arms that this thread has built for a campaign."""
+    if getattr(_OWN, 'campaign', None) != campaign:
+        _OWN.campaign, _OWN.arms = campaign, ArmStore()
+    return _OWN.arms  # type: ignore[no-any-return]
 
 
 def run_one(data: Mapping[str, Any], duration: float, number: int,

@@ -16,7 +16,7 @@ function draw() {
                  error_y: {type: 'data', array: x.above, arrayminus: x.below, thickness: 1,
                            color: 'rgba(46, 139, 87, 0.6)'}});
     Plotly.react('plot' + i, traces, {height: 320, margin: {t: 10, r: 50, b: 45, l: 65},
-      xaxis: {title: {text: x.name}}, yaxis: {title: {text: y.label}, type: y.log ? 'log' : 'linear'},
+      xaxis: {title: {text: x.name}, ...(x.ticks && {tickvals: x.ticks.at, ticktext: x.ticks.text})}, yaxis: {title: {text: y.label}, type: y.log ? 'log' : 'linear'},
       yaxis2: {overlaying: 'y', side: 'right', range: [0, 1.05], tickmode: 'linear', dtick: 0.25, title: {text: 'share kept'},
                showgrid: false}, legend: {orientation: 'h', y: 1.12}},
       {displaylogo: false, responsive: true});

@@ -14,14 +14,23 @@ import numpy as np
 
 from adaptive_blf_control import __version__
 from adaptive_blf_control.campaigns.campaign import Campaign
-from adaptive_blf_control.campaigns.results import flat_changes
-from adaptive_blf_control.campaigns.summary import FIGURES, summarise, wilson_interval, worst_runs
+from adaptive_blf_control.campaigns.influence import numbers_by_name
+from adaptive_blf_control.campaigns.summary import (
+    FIGURES,
+    summarise,
+    varied_text,
+    verdict,
+    verdict_line,
+    wilson_interval,
+    worst_runs,
+)
 from adaptive_blf_control.report.plotly_figures import plotly_js
 
 __all__ = ['campaign_page', 'shares_by_bin']
 
 MOST_COLUMNS = 24  # varied parameters that are plotted; the elements of a long array are many
 BINS = 8
+FEW = 0.25  # median over largest value under which decades are shown, as of log_uniform
 PACKAGE = 'adaptive_blf_control.campaigns'
 Row = Mapping[str, Any]
 
@@ -69,20 +78,20 @@ def campaign_page(rows: Sequence[Row], campaign: Campaign) -> str:
     library = plotly_js()
     columns = _columns(rows, campaign)
     figures = summarise(rows)
-    low, high = figures['kept_share_interval']
-    options = ''.join(f'<option value="{column}">{escape(name)}</option>'
-                      for column, name, _ in FIGURES)
+    options = ''.join(f'<option value="{figure.column}">{escape(figure.name)}</option>'
+                      for figure in FIGURES)
     plots = ''.join(f'<div id="plot{i}"></div>' for i in range(len(columns['varied'])))
     data = json.dumps(columns, allow_nan=False).replace('<', '\\u003c')
     return '\n'.join([
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
         f'<title>Campaign: {escape(campaign.config)}</title><style>{_file("page.css")}</style>',
         f'<script>{library}</script></head><body><h1>Campaign: {escape(campaign.config)}</h1>',
-        f'<p class="verdict">{figures["kept"]} of {figures["runs"]} runs of '
-        f'{campaign.duration:g} s kept their sets: <b>{100.0 * figures["kept_share"]:.1f} %</b> '
-        f'(95 %: {100.0 * low:.1f} to {100.0 * high:.1f} %).</p>', _spreads(figures),
+        f'<p class="verdict">{escape(verdict_line(figures, campaign))}</p>', _spreads(figures),
+        '<p>Each mark below is a run: green kept its sets, red left them. The shaded columns are '
+        'the share of runs that kept them, with its 95 % interval.</p>',
         f'<label>Outcome: <select id="figure">{options}</select></label>', plots,
-        '<h2>Worst runs</h2>', *_worst(rows, campaign),
+        '<h2>Worst runs</h2><p>Open one for the command that repeats it exactly.</p>',
+        *_worst(rows, campaign),
         f'<p>adaptive_blf_control {__version__}, seed {campaign.seed}</p>',
         f'<script type="application/json" id="columns">{data}</script>',
         f'<script>{_file("page.js")}</script></body></html>'])
@@ -100,37 +109,46 @@ def _columns(rows: Sequence[Row], campaign: Campaign) -> dict[str, Any]:
     """Return what the page plots, without NaN, which JSON does not know."""
     done = [row for row in rows if not row['problem']]
     kept = np.array([bool(row['kept']) for row in done])
-    flat = [flat_changes(campaign.changes[row['run']]) for row in done]
-    names = [name for name in (flat[0] if flat else {}) if all(
-        isinstance(row[name], (int, float)) for row in flat)]
     varied = []
-    for name in names[:MOST_COLUMNS]:
-        values = np.array([row[name] for row in flat], dtype=float)
-        varied.append({'name': name, 'values': values.tolist(), **shares_by_bin(values, kept)})
+    for name, column in list(numbers_by_name(campaign).items())[:MOST_COLUMNS] if done else []:
+        values = column[[row['run'] for row in done]]
+        decades = values.min() > 0.0 and float(np.median(values)) < FEW * values.max()
+        values = np.log10(values) if decades else values
+        varied.append({'name': name, 'values': values.tolist(),
+                       'ticks': _decade_ticks(values) if decades else None,
+                       **shares_by_bin(values, kept)})
     return {
         'run': [row['run'] for row in done], 'kept': kept.tolist(), 'varied': varied,
-        'figures': {column: {
-            'label': f'{name} [{unit}]' if unit else name, 'log': 'error' in column,
-            'values': [_number(row[column]) for row in done]} for column, name, unit in FIGURES}}
+        'figures': {figure.column: {
+            'label': figure.label, 'log': 'error' in figure.column,
+            'values': [_number(figure.factor * row[figure.column]) for row in done]}
+            for figure in FIGURES}}
+
+
+def _decade_ticks(logarithms: np.ndarray) -> dict[str, Any]:
+    """Return where an axis of logarithms is marked, and with which numbers."""
+    low, high = math.floor(logarithms.min()), math.ceil(logarithms.max())
+    marks = [mantissa * 10.0 ** exponent for exponent in range(low, high + 1)
+             for mantissa in ((1, 2, 5) if high - low <= 3 else (1,))]
+    return {'at': [math.log10(mark) for mark in marks], 'text': [f'{mark:g}' for mark in marks]}
 
 
 def _spreads(figures: Mapping[str, Any]) -> str:
     heads = ''.join(f'<th>{head}</th>' for head in ('', 'least', '5 %', 'median', '95 %',
                                                    'largest'))
     lines = []
-    for column, name, unit in FIGURES:
-        quantiles = figures[column]['quantiles']
-        cells = ''.join(f'<td>{value:.3g}</td>' for value in quantiles.values()) \
+    for figure in FIGURES:
+        quantiles = figures[figure.column]['quantiles']
+        cells = ''.join(f'<td>{figure.factor * value:.3g}</td>' for value in quantiles.values()) \
             if quantiles else '<td colspan="5">not known</td>'
-        lines.append(f'<tr><td>{escape(f"{name} [{unit}]" if unit else name)}</td>{cells}</tr>')
+        lines.append(f'<tr><td>{escape(figure.label)}</td>{cells}</tr>')
     return f'<table><tr>{heads}</tr>{"".join(lines)}</table>'
 
 
 def _worst(rows: Sequence[Row], campaign: Campaign) -> list[str]:
     lines = []
     for row in worst_runs(rows):
-        verdict = row['problem'] or ('kept' if row['kept'] else
-                                     f'left at {row["first_violation_s"]:.3f} s')
-        lines.append(f'<p>run {row["run"]}: {escape(str(verdict))}<br>'
-                     f'<code>{escape(campaign.command(row["run"]))}</code></p>')
+        lines.append(f'<details><summary>run {row["run"]}: {escape(verdict(row))}<br><small>'
+                     f'{escape(varied_text(row["run"], campaign))}</small></summary>'
+                     f'<code>{escape(campaign.command(row["run"]))}</code></details>')
     return lines

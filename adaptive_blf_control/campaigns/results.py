@@ -8,32 +8,25 @@ data set as pandas, Polars and Arrow read it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import csv
+from dataclasses import fields
 from importlib import util
 import json
 import os
 from pathlib import Path
+import shutil
 from typing import Any
 
 from adaptive_blf_control.campaigns.campaign import Campaign
+from adaptive_blf_control.campaigns.outcome import Outcome
 from adaptive_blf_control.errors import BlfError, ParameterError
 
-__all__ = ['ResultFolder', 'flat_changes']
+__all__ = ['ResultFolder']
 
 DESCRIPTION = 'campaign.json'
+CELL, COLUMN = 24, 500  # bytes of a value, and of a column of a file, at most
 Row = dict[str, Any]
-
-
-def flat_changes(changes: Mapping[str, Any]) -> Row:
-    """Return varied parameters with one column for each element of an array."""
-    row: Row = {}
-    for name, value in changes.items():
-        if isinstance(value, list) and len(value) > 1:
-            row.update({f'{name}[{i}]': element for i, element in enumerate(value)})
-        else:
-            row[name] = value[0] if isinstance(value, list) else value
-    return row
 
 
 class ResultFolder:
@@ -61,6 +54,7 @@ class ResultFolder:
                 self._known(description, resume)
             elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
                 raise ParameterError('--output', str(folder), 'a new or empty folder')
+            self._check_room()
             self._parts.mkdir(parents=True, exist_ok=True)
             if not description.is_file():
                 self._write(description, json.dumps({
@@ -69,7 +63,18 @@ class ResultFolder:
                     'chunk': campaign.chunk, 'vary': campaign.given, 'scenario': campaign.data,
                 }, indent=2, default=str))
         except OSError as error:
-            raise BlfError(f'{folder}: cannot be written: {error.strerror}') from None
+            raise BlfError(f'{folder}: cannot be written: {error.strerror or error}') from None
+
+    def _check_room(self) -> None:
+        """Refuse a disk that the results will not fit on."""
+        there = next(each for each in (self.folder, *self.folder.absolute().parents)
+                     if each.is_dir())
+        columns = len(fields(Outcome)) + len(self.campaign.drawn.shown)
+        needed = columns * (CELL * self.campaign.runs + COLUMN * len(self.campaign.chunks))
+        free = shutil.disk_usage(there).free
+        if free < needed:
+            raise BlfError(f'{self.folder}: {free / 1e6:.1f} MB are free on this disk, the '
+                           f'results of {self.campaign.runs} runs may need {needed / 1e6:.1f} MB')
 
     def _known(self, description: Path, resume: bool) -> None:
         """Check that the results of this folder are this campaign's and may stay."""
@@ -96,17 +101,20 @@ class ResultFolder:
         return [number for number in range(len(self.campaign.chunks))
                 if not self._part(number).is_file()]
 
-    def add(self, number: int, rows: Sequence[Row]) -> None:
-        """Write the results of a chunk.
+    def add(self, number: int, outcomes: Sequence[Outcome]) -> None:
+        """Write the results of a chunk: each outcome, and what varied.
 
         Raises:
             BlfError: they cannot be written; those of other chunks are kept.
         """
+        varied = self.campaign.drawn.shown
+        rows = [{**outcome.row(), **{name: values[outcome.run] for name, values in varied.items()}}
+                for outcome in outcomes]
         try:
             self._write_part(self._part(number), rows)
         except OSError as error:
-            raise BlfError(f'{self._part(number)}: cannot be written: {error.strerror}; what is '
-                           f'there is kept, --resume goes on') from None
+            raise BlfError(f'{self._part(number)}: cannot be written: {error.strerror or error}; '
+                           f'what is there is kept, --resume goes on') from None
 
     def rows(self) -> list[Row]:
         """Return all results, in the order of the runs.

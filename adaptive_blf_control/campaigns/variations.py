@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
 from pathlib import Path
-from typing import Any
+import re
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -24,19 +25,22 @@ from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.table import Parameter, per_joint, value_problem
 from adaptive_blf_control.simulation.true_arm import true_theta
 
-__all__ = ['SAMPLINGS', 'Variation', 'draw', 'read_vary_file', 'variations']
+__all__ = ['Drawn', 'SAMPLINGS', 'Variation', 'draw', 'read_vary_file', 'variations']
 
 NUMERIC = ('double', 'int', 'double_array')
 SAMPLINGS = ('independent', 'latin_hypercube')
 TRUE_PARAMETERS = 'arm_driver.true_parameters'
+_SOME_ELEMENTS = re.compile(r'(.+)\[(\d+)(?::(\d+))?\]')
 
 
 @dataclass(frozen=True)
 class Variation:
-    """How one parameter varies.
+    """How one parameter, or some elements of it, vary.
 
     Attributes:
-        name: ``node.parameter``.
+        name: As in the file: ``node.parameter``, for some elements with [i] or [i:j] behind it.
+        parameter: ``node.parameter``.
+        elements: Those that vary.
         row: Its declaration.
         distribution: Of the value, or of what the scenario's value is changed by.
         relative: ``scale`` and ``offset`` change the scenario's value, '' replaces it.
@@ -45,28 +49,54 @@ class Variation:
     """
 
     name: str
+    parameter: str
+    elements: range
     row: Parameter
     distribution: Distribution
     relative: str
     nominal: tuple[float, ...]
     together: bool
 
-    def values(self, columns: Sequence[Sequence[Any]]) -> list[Any]:
+    def values(self, columns: Sequence[Sequence[Any]], before: Sequence[Any] | None) -> list[Any]:
         """Return the value in each run.
 
         Args:
             columns: Drawn values of each element, or of all together, over the runs.
+            before: The value in each run as other variations of this parameter left it, None
+                where there are none.
         """
-        return [self._value(drawn) for drawn in zip(*columns)]
+        return [self._value(drawn, self.nominal if before is None else before[run])
+                for run, drawn in enumerate(zip(*columns))]
 
-    def _value(self, drawn: tuple[Any, ...]) -> Any:
+    def _value(self, drawn: tuple[Any, ...], before: Sequence[float]) -> Any:
         if isinstance(drawn[0], (list, tuple)):
             return list(drawn[0])
         if self.row.kind not in NUMERIC:
             return [drawn[0]] if self.row.is_array else drawn[0]
-        elements = [self._element(drawn[i % len(drawn)], nominal)
-                    for i, nominal in enumerate(self.nominal)]
-        return elements if self.row.is_array else elements[0]
+        value: list[Any] = list(before)
+        for place, i in enumerate(self.elements):
+            value[i] = self._element(drawn[place % len(drawn)], self.nominal[i])
+        return value if self.row.is_array else value[0]
+
+    def shown(self, columns: Sequence[Sequence[Any]], values: Sequence[Any]) -> dict[str, Any]:
+        """Return what varied as columns over the runs, by name.
+
+        That is a factor or an offset of several elements, else the value of each element.
+
+        Args:
+            columns: As drawn, see `values`.
+            values: What `values` made of them.
+        """
+        if self.relative and self.together and len(self.elements) > 1:
+            return {f'{self.name} {self.relative}': list(columns[0])}
+        if not isinstance(values[0], list):
+            return {self.name: list(values)}
+        places = self.elements if self.row.kind in NUMERIC else range(len(values[0]))
+        if max(map(len, values)) != min(map(len, values)) or len(places) > len(values[0]):
+            return {self.name: list(map(str, values))}  # lists of different lengths
+        one = len(values[0]) == 1
+        return {self.parameter if one else f'{self.parameter}[{i}]': [
+            value[i] for value in values] for i in places}
 
     def _element(self, drawn: float, nominal: float) -> float | int:
         value = {'scale': nominal * drawn, 'offset': nominal + drawn, '': drawn}[self.relative]
@@ -98,11 +128,38 @@ def variations(given: Mapping[str, Any], data: Mapping[str, Any]) -> list[Variat
     """
     if given.get('sampling', 'independent') not in SAMPLINGS:
         raise ParameterError('sampling', given['sampling'], f'one of {", ".join(SAMPLINGS)}')
-    return [_variation(str(name), entry, data) for name, entry in given['vary'].items()]
+    varied = [_variation(str(name), entry, data) for name, entry in given['vary'].items()]
+    for i, each in enumerate(varied):
+        for other in varied[:i]:
+            if each.parameter == other.parameter and set(each.elements) & set(other.elements):
+                raise ParameterError(each.name, each.name,
+                                     f'elements that {other.name} does not vary')
+    return varied
+
+
+def _split(name: str) -> tuple[str, slice | None]:
+    """Return the parameter of a name, and the elements that it names."""
+    some = _SOME_ELEMENTS.fullmatch(name)
+    if some is None:
+        return name, None
+    first = int(some[2])
+    return some[1], slice(first, first + 1 if some[3] is None else int(some[3]))
+
+
+def _chosen(name: str, some: slice | None, nominal: Sequence[float]) -> range:
+    """Return the elements that vary of those that a parameter has."""
+    whole = range(len(nominal))
+    if some is None:
+        return whole
+    if not 0 <= some.start < some.stop <= len(nominal):
+        raise ParameterError(name, name, f'[i] or [i:j] with 0 <= i < j <= {len(nominal)}, the '
+                             'number of elements')
+    return whole[some]
 
 
 def _variation(name: str, entry: Any, data: Mapping[str, Any]) -> Variation:
-    row = _declared(name, data)
+    whole, some = _split(name)
+    row = _declared(whole, data)
     if not isinstance(entry, Mapping):
         raise ParameterError(name, entry, 'a distribution, e.g. {uniform: [0.5, 2.0]}')
     rest = dict(entry)
@@ -114,9 +171,15 @@ def _variation(name: str, entry: Any, data: Mapping[str, Any]) -> Variation:
     numeric = row.kind in NUMERIC
     if relative and (len(rest) != 1 or not numeric):
         raise ParameterError(name, dict(entry), f'{relative} alone, of a parameter of numbers')
-    nominal = tuple(_nominal(name, row, data)) if numeric else (math.nan,)
-    return Variation(name, row, distribution, relative, nominal,
-                     together or distribution.kind in ('choice', 'grid') or not row.is_array)
+    nominal = tuple(_nominal(whole, row, data)) if numeric else (math.nan,)
+    if some is not None and not (numeric and row.is_array):
+        raise ParameterError(name, name, f'{whole} as a whole')
+    if some is not None and any(isinstance(value, (list, tuple))
+                                for value in distribution.arguments):
+        raise ParameterError(name, list(distribution.arguments), 'numbers for single elements')
+    return Variation(name, whole, _chosen(name, some, nominal), row, distribution, relative,
+                     nominal, together or distribution.kind in ('choice', 'grid')
+                     or not row.is_array)
 
 
 def _declared(name: str, data: Mapping[str, Any]) -> Parameter:
@@ -142,38 +205,57 @@ def _nominal(name: str, row: Parameter, data: Mapping[str, Any]) -> list[float]:
     return [float(each) for each in np.atleast_1d(np.asarray(value, dtype=float))]
 
 
+class Drawn(NamedTuple):
+    """What was drawn for the runs of a campaign.
+
+    Attributes:
+        changes: The parameters of each run that differ from the scenario, by name.
+        shown: The same as columns to look at, see `Variation.shown`: values over the runs.
+    """
+
+    changes: list[dict[str, Any]]
+    shown: dict[str, list[Any]]
+
+
 def draw(varied: Sequence[Variation], runs: int, seed: int,
-         sampling: str = 'independent') -> list[dict[str, Any]]:
-    """Return the varied parameters of each run, by name.
+         sampling: str = 'independent') -> Drawn:
+    """Draw the varied parameters of each run.
 
     Run i of a seed has the same values on every worker. A ``grid`` runs through all
     combinations with the other grids, over and over.
 
     Raises:
-        ParameterError: a drawn value is one that the parameter does not take.
+        ParameterError: a drawn value, or an end of a distribution that has ends, is one that the
+            parameter does not take.
     """
     columns: dict[str, list[Any]] = {}
+    shown: dict[str, list[Any]] = {}
     period = 1
     for each in varied:
         if grid := each.distribution.grid:
             drawn = [[grid[i // period % len(grid)] for i in range(runs)]]
             period *= len(grid)
         else:
-            parts = [''] if each.together else [f'[{i}]' for i in range(len(each.nominal))]
+            names = [each.name] if each.together else [f'{each.parameter}[{i}]'
+                                                       for i in each.elements]
             drawn = [each.distribution.quantile(unit_numbers(
-                runs, seed, each.name + part, sampling == 'latin_hypercube')) for part in parts]
-        columns[each.name] = each.values(drawn)
-        _check(each, columns[each.name])
+                runs, seed, name, sampling == 'latin_hypercube')) for name in names]
+        values = each.values(drawn, columns.get(each.parameter))
+        _check(each, values, 'of run {}')
+        ends = each.values([each.distribution.ends()] * len(drawn), None)
+        _check(each, ends, 'at an end of its distribution')
+        shown.update(each.shown(drawn, values))
+        columns[each.parameter] = values
     changes = [dict(zip(columns, row)) for row in zip(*columns.values())]
     if TRUE_PARAMETERS in columns:
         for change in changes:
             change['arm_driver.true_model'] = 'given'
-    return changes
+    return Drawn(changes, shown)
 
 
-def _check(varied: Variation, values: Sequence[Any]) -> None:
-    for run, value in enumerate(values):
+def _check(varied: Variation, values: Sequence[Any], what: str) -> None:
+    for number, value in enumerate(values):
         problem = value_problem(varied.row, value, {})
         if problem:
-            raise ParameterError(f'{varied.name} of run {run}', value,
+            raise ParameterError(f'{varied.name} {what.format(number)}', value,
                                  f'{problem}: change its distribution')

@@ -1,28 +1,62 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the runs of a campaign are computed: processes of this machine, or a Dask cluster.
+"""Where the runs of a campaign are computed: on this machine, or on a Dask cluster.
 
-Both are executors of `concurrent.futures`, so that a chunk goes the same way everywhere. A worker
-that dies costs its chunk: Dask gives it to another worker, here it is run again.
+All of them are executors of `concurrent.futures`, so that a chunk goes the same way everywhere.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import as_completed, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import (
+    as_completed,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 import multiprocessing
 import signal
+import threading
 from typing import Any
+from uuid import uuid4
 
 from adaptive_blf_control.campaigns.campaign import Campaign
-from adaptive_blf_control.campaigns.outcome import Outcome, run_chunk
-from adaptive_blf_control.errors import BlfError, MissingExtra
+from adaptive_blf_control.campaigns.outcome import Chunk, Outcome, run_chunk
+from adaptive_blf_control.errors import BlfError
 
-__all__ = ['cluster', 'local', 'run_chunks']
+__all__ = ['ATTEMPTS', 'MakeExecutor', 'processes', 'run_chunks', 'threads']
 
 ATTEMPTS = 3  # a chunk that ends its worker so often is to blame itself
-CONNECT_TIMEOUT = 10.0  # s
+MakeExecutor = Callable[[], Executor]
+
+
+class _Threads(ThreadPoolExecutor):
+    """Threads that compute chunks, and can be asked to end before their next run."""
+
+    def __init__(self, workers: int) -> None:
+        super().__init__(workers)
+        self.ended = threading.Event()
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any,
+               **named: Any) -> Future[Any]:
+        return super().submit(function, *arguments, ended=self.ended, **named)
+
+
+@contextmanager
+def threads(workers: int) -> Iterator[MakeExecutor]:
+    """Yield what makes an executor of ``workers`` threads.
+
+    For loops whose samples run as compiled blocks: those do not hold Python's interpreter. Threads
+    begin at once and share machine code and memory.
+    """
+    pool = _Threads(workers)
+    try:
+        yield lambda: pool
+    finally:
+        pool.ended.set()
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _leave_the_end_to_the_parent() -> None:
@@ -30,10 +64,11 @@ def _leave_the_end_to_the_parent() -> None:
 
 
 @contextmanager
-def local(workers: int) -> Iterator[Callable[[], Executor]]:
+def processes(workers: int) -> Iterator[MakeExecutor]:
     """Yield what makes an executor of ``workers`` processes on this machine.
 
-    They are started afresh, not forked: numba and OpenBLAS do not survive a fork with threads.
+    For loops in which some part is asked sample by sample in Python. They are started afresh, not
+    forked: numba and OpenBLAS do not survive a fork with threads.
     """
     made: list[ProcessPoolExecutor] = []
 
@@ -51,30 +86,11 @@ def local(workers: int) -> Iterator[Callable[[], Executor]]:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-@contextmanager
-def cluster(scheduler: str) -> Iterator[Callable[[], Executor]]:
-    """Yield what makes an executor on the Dask cluster of ``scheduler``, e.g. tcp://host:8786.
-
-    Raises:
-        MissingExtra: Dask's distributed is not installed.
-        BlfError: the scheduler does not answer.
-    """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise MissingExtra('distributed', 'campaign', 'a campaign on a cluster') from None
-    try:
-        client = Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise BlfError(f'--scheduler {scheduler}: does not answer within {CONNECT_TIMEOUT:g} s '
-                       f'({" ".join(str(error).split())})') from None
-    with client:
-        yield lambda: client.get_executor(pure=False, retries=ATTEMPTS)
-
-
-def run_chunks(campaign: Campaign, missing: list[int], make: Callable[[], Executor],
+def run_chunks(campaign: Campaign, missing: list[int], make: MakeExecutor,
                ) -> Iterator[tuple[int, list[Outcome]]]:
     """Compute chunks; yield the number of each and its outcomes as it is done.
+
+    A process that dies costs the chunks that were under way: they are run again.
 
     Args:
         campaign: What is run.
@@ -84,10 +100,11 @@ def run_chunks(campaign: Campaign, missing: list[int], make: Callable[[], Execut
     Raises:
         BlfError: a chunk ended its worker again and again.
     """
-    ahead = dict.fromkeys(missing, 0)
+    ahead, name = dict.fromkeys(missing, 0), uuid4().hex
     while ahead:
         executor = make()
-        futures = {_submit(executor, campaign, number): number for number in ahead}
+        futures = {executor.submit(run_chunk, _chunk(campaign, number, name)): number
+                   for number in ahead}
         try:
             for future in as_completed(futures):
                 number = futures[future]
@@ -98,9 +115,9 @@ def run_chunks(campaign: Campaign, missing: list[int], make: Callable[[], Execut
             _count_attempts(ahead, futures)
 
 
-def _submit(executor: Executor, campaign: Campaign, number: int) -> Future[Any]:
+def _chunk(campaign: Campaign, number: int, name: str) -> Chunk:
     changes = [(run, campaign.changes[run]) for run in campaign.chunks[number]]
-    return executor.submit(run_chunk, campaign.data, campaign.duration, changes)
+    return Chunk(name, campaign.data, campaign.duration, changes)
 
 
 def _count_attempts(ahead: dict[int, int], futures: dict[Future[Any], int]) -> None:

@@ -74,8 +74,11 @@ class ArmStore:
     """Arms that were built, to be used again where the same one is asked for.
 
     Reading a URDF and finding its base parameters takes longer than a second of simulation. The
-    arms share what they compute with: all of them belong to one thread.
+    arms share what they compute with: all of them belong to one thread. Those that were asked for
+    last are kept.
     """
+
+    LARGEST = 8
 
     def __init__(self) -> None:
         """Begin without arms."""
@@ -86,8 +89,10 @@ class ArmStore:
         true = tuple((name, tuple(values)) for name, values in _true_friction(settings).items())
         key = (settings.arm, settings.joints, settings.urdf, settings.friction,
                tuple(_gravity(settings)), true)
-        if key not in self._arms:
-            self._arms[key] = build_arm(settings)
+        arm = self._arms.pop(key, None)
+        self._arms[key] = build_arm(settings) if arm is None else arm
+        if len(self._arms) > self.LARGEST:
+            del self._arms[next(iter(self._arms))]
         return self._arms[key]
 
 

@@ -125,8 +125,7 @@ class Settings:
                 raise ParameterError(name, value, f'a mapping from joints to {kind.__name__}')
             return MappingProxyType({str(joint): _as_group(kind, each, f'{name}.{joint}')
                                      for joint, each in value.items()})
-        row = dataclasses.replace(item.metadata[_DECLARATION], name=name,
-                                  kind=_kinds(type(self))[item.name])
+        row = _declared(type(self))[item.name]
         given, value = value, plain(row.kind, value)
         problem = value_problem(row, value, {})
         if problem:
@@ -138,7 +137,9 @@ class Settings:
     @classmethod
     def table(cls) -> Table:
         """Return the declarations of all parameters, groups included, in their order."""
-        return tuple(_rows(cls, cls(), ''))
+        if '_table' not in cls.__dict__:
+            type.__setattr__(cls, '_table', tuple(_rows(cls, cls(), '')))
+        return cls.__dict__['_table']  # type: ignore[no-any-return]
 
     @classmethod
     def from_values(cls: type[_Self], values: Mapping[str, Any]) -> _Self:
@@ -149,7 +150,7 @@ class Settings:
             if kind is not None:
                 inner = _below(f'{item.name}.', values)
                 if inner:
-                    given = dict(getattr(cls(), item.name).values(), **inner)
+                    given = dict(_default(item).values(), **inner)
                     arguments[item.name] = kind.from_values(given)
             elif _PER_JOINT in item.metadata:
                 single = {other.name for other in dataclasses.fields(cls)}
@@ -250,15 +251,14 @@ class Settings:
             if isinstance(value, Settings):
                 full[item.name] = value.resolved(**sizes)
             elif isinstance(value, np.ndarray):
-                row = item.metadata[_DECLARATION]
-                problem = value_problem(dataclasses.replace(row, kind='double_array'),
-                                        value.tolist(), sizes)
+                row = _declared(type(self))[item.name]
+                problem = value_problem(row, value.tolist(), sizes)
                 if problem:
-                    raise ParameterError(f'{self._where}.{item.name}'.lstrip('.'),
-                                         value.tolist(), problem)
-                full[item.name] = broadcast(value, sizes.get(str(row.length), value.size))
-        changed = dataclasses.replace(self, **full)
-        return self if changed == self else changed
+                    raise ParameterError(row.name, value.tolist(), problem)
+                length = sizes.get(str(row.length), value.size)
+                full[item.name] = value if value.size == length else broadcast(value, length)
+        longer = {name: value for name, value in full.items() if value is not getattr(self, name)}
+        return dataclasses.replace(self, **longer) if longer else self
 
     def __eq__(self, other: object) -> bool:
         """Whether ``other`` is of the same class with the same values."""
@@ -308,15 +308,23 @@ def changed_names(before: Settings, after: Settings) -> set[str]:
             if name not in old or old[name] != value}
 
 
-def _kinds(cls: type[Settings]) -> dict[str, str]:
-    """Return the kind of each declared field of a class, read from its annotations once."""
-    if '_kinds' in cls.__dict__:
-        return cls.__dict__['_kinds']  # type: ignore[no-any-return]
+def _declared(cls: type[Settings]) -> dict[str, Parameter]:
+    """Return the declaration of each field of a class, its kind read from its annotation once."""
+    if '_declared' in cls.__dict__:
+        return cls.__dict__['_declared']  # type: ignore[no-any-return]
     hints = get_type_hints(cls)
-    kinds = {item.name: _KINDS[hints[item.name]] for item in dataclasses.fields(cls)
-             if _DECLARATION in item.metadata}
-    type.__setattr__(cls, '_kinds', kinds)
-    return kinds
+    rows = {item.name: dataclasses.replace(item.metadata[_DECLARATION],
+                                           name=f'{cls._where}.{item.name}'.lstrip('.'),
+                                           kind=_KINDS[hints[item.name]])
+            for item in dataclasses.fields(cls) if _DECLARATION in item.metadata}
+    type.__setattr__(cls, '_declared', rows)
+    return rows
+
+
+def _default(group_field: dataclasses.Field[Any]) -> Settings:
+    """Return the default of a field that is a group."""
+    make: Any = group_field.default_factory
+    return make()  # type: ignore[no-any-return]
 
 
 def _rows(cls: type[Settings], usual: Settings, prefix: str) -> Iterator[Parameter]:
@@ -329,9 +337,8 @@ def _rows(cls: type[Settings], usual: Settings, prefix: str) -> Iterator[Paramet
             kind = item.metadata[_PER_JOINT]
             yield from _rows(kind, kind(), f'{prefix}{JOINT}.')
         else:
-            yield dataclasses.replace(
-                item.metadata[_DECLARATION], name=f'{prefix}{item.name}',
-                kind=_kinds(cls)[item.name], default=values[item.name])
+            yield dataclasses.replace(_declared(cls)[item.name], name=f'{prefix}{item.name}',
+                                      default=values[item.name])
 
 
 def _as_group(kind: type[Settings], value: Any, name: str) -> Settings:

@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.control.reference import Reference, ReferencePoint
+from adaptive_blf_control.control.reference import along, Reference, ReferencePoint
 from adaptive_blf_control.simulation.abilities import HasInverseDynamics
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import known_truth, truth_of
@@ -42,11 +42,10 @@ class PredictedTorque:
         """Lay a grid over the reference from 0 to ``duration`` [s]."""
         points = min(max(math.ceil(duration / STEP), 1), LARGEST) + 1
         self._arm = arm
-        self.motions = [reference.at(float(t)) for t in np.linspace(0.0, duration, points)]
-        self.grams = np.zeros((arm.n, arm.m, arm.m))
-        for motion in self.motions:
-            regressor = self._regressor(motion)
-            self.grams += np.einsum('nm,nk->nmk', regressor, regressor) / points
+        grid = along(reference, np.linspace(0.0, duration, points))
+        self.motions = [ReferencePoint(*motion) for motion in zip(*grid)]
+        rows = np.array([self._regressor(motion) for motion in self.motions]).transpose(1, 0, 2)
+        self.grams = rows.transpose(0, 2, 1) @ rows / points
 
     def _regressor(self, motion: ReferencePoint) -> np.ndarray:
         y, yd, ydd = motion

@@ -3,18 +3,17 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.simulation.actuators import Actuators
-from adaptive_blf_control.simulation.plant import ROUNDING, SimulatedArm
+from adaptive_blf_control.simulation.plant import SimulatedArm
+from adaptive_blf_control.simulation.pushes import add_push_torque, Links
 from adaptive_blf_control.simulation.schedule import changes_of
 from adaptive_blf_control.simulation.sensors import Measurement, Sensor
 from adaptive_blf_control.simulation.settings import ActuatorSettings, PlantSettings
+from adaptive_blf_control.simulation.step import begin_span, PlantArrays, ROUNDING
 from adaptive_blf_control.simulation.targets import pushes, timed_pushes
-from adaptive_blf_control.simulation.wrenches import UrdfLinks, Wrenches
 
 __all__ = ['ActuatedArm', 'arm_alone', 'is_actuated']
 
@@ -42,11 +41,11 @@ class ActuatedArm(SimulatedArm):
         Raises:
             ParameterError: besides, a link is not known.
         """
-        self._links = UrdfLinks(arm)
-        self._pushes = timed_pushes(changes_of(settings.schedule), self._links.names)
+        self._links = Links(arm)
+        changes = timed_pushes(changes_of(settings.schedule), self._links.names)
         super().__init__(arm_alone(settings), arm, sensor)
-        self._wrenches, self._done = Wrenches(), 0
         self._actuators = Actuators(self.settings)
+        self._pushes = self._links.pushed(changes)
 
     def measure(self, torque: np.ndarray, dt: float) -> Measurement:
         """Take a sample; the torque is what the actuators measure, but for an interval of 0 s."""
@@ -61,44 +60,59 @@ class ActuatedArm(SimulatedArm):
         self.torque = self._actuators.torque
 
     def advance(self, dt: float) -> None:
-        """Move on by ``dt`` [s], exactly to each command and each force that comes to act."""
-        left = dt
-        while left > ROUNDING:
-            self._let_act()
-            following = self._pushes[self._done:]
-            switch = min(self._actuators.next_switch, following[0].t if following else math.inf)
-            span = min(left, switch - self.t)
-            self._move(span)
-            left -= span
-        self._let_act()
+        """Move on by ``dt`` [s], exactly to each command and each force that comes to act.
 
-    def _let_act(self) -> None:
-        """Let act what is due now."""
-        while self._done < len(self._pushes) and self._pushes[self._done].t <= self.t + ROUNDING:
-            push = self._pushes[self._done]
-            self._wrenches.set(push.target, push.value)
-            self._done += 1
-        self._actuators.advance_to(self.t + ROUNDING)
+        Other changes act from the next advance on.
+        """
+        self.enter_epoch()
+        left, dynamics, substeps = dt, self.epochs[self._epoch].dynamics, self.settings.substeps
+        while left > ROUNDING:
+            span = self._begin_span(left)
+            self.q, self.qd = dynamics.advance(self.q, self.qd, self._torque_with_pushes(), span,
+                                               substeps)
+            self._actuators.act(span)
+            self.t += span
+            left -= span
+        self._begin_span(0.0)
         self.torque = self._actuators.torque
 
-    def _move(self, span: float) -> None:
-        """Move on by ``span`` [s]; the torques of command and forces are held."""
-        acting = self.torque
-        if self._wrenches.by_link:
-            self.torque = acting + self._links.torque(self.q, self._wrenches)
-        super().advance(span)
-        self.torque = acting
-        self._actuators.act(span)
+    def _begin_span(self, left: float) -> float:
+        return begin_span(self._actuators.arrays, self._pushes, self.t, left)
+
+    def _torque_with_pushes(self) -> np.ndarray:
+        torque = self._actuators.torque
+        if self._pushes.wrenches.any():
+            add_push_torque(self._pushes, self.q, torque)
+        return torque
 
     def retune(self, settings: PlantSettings) -> None:
         """Take another payload, schedule, limit or sensor; see `SimulatedArm.retune`."""
         following = timed_pushes(changes_of(settings.schedule), self._links.names)
         super().retune(arm_alone(settings))
         self._actuators.retune(self.settings)
-        self._pushes, self._wrenches, self._done = following, Wrenches(), 0
-        self._let_act()
+        self._pushes = self._links.pushed(following)
+        self._begin_span(0.0)
+        self.torque = self._actuators.torque
 
     def brake(self) -> None:
         """Hold the arm where it is, without torque."""
         self._actuators.stop()
         self.qd, self.torque = np.zeros_like(self.qd), self._actuators.torque
+
+    def arrays(self, samples: int = 0) -> PlantArrays | None:
+        """Return a copy as `plant_step` takes it; actuators and pushes are shared."""
+        if type(self) is not ActuatedArm:
+            return None
+        self._actuators.reserve(samples)
+        return self._arrays(True, self._actuators.arrays, self._pushes)
+
+    def take(self, arrays: PlantArrays) -> None:
+        """Go on from what the steps have done to `arrays`."""
+        super().take(arrays)
+        self.torque = self._actuators.torque
+        self._commanded = self._actuators.arrays.commanded
+
+    def trial(self, torque: np.ndarray, dt: float) -> None:
+        """Compute a step without taking it, see `SimulatedArm.trial`."""
+        super().trial(torque, dt)
+        add_push_torque(self._pushes, self.q, torque.copy())

@@ -18,11 +18,11 @@ from adaptive_blf_control.control.step import Answer, controller_step, Controlle
 from adaptive_blf_control.identification.stack_arrays import INSERTIONS, RANK, SIGMA_MIN
 from adaptive_blf_control.identification.step import identifier_step, IdentifierState
 from adaptive_blf_control.simulation.step import (
-    delayed,
     plant_step,
     PlantArrays,
     sensor_step,
     SensorArrays,
+    torque_step,
 )
 
 __all__ = ['BlockInputs', 'LoopArrays', 'LoopMemory', 'ObservedRows', 'TraceRows',
@@ -165,13 +165,12 @@ def run_block(loop: LoopArrays, memory: LoopMemory, given: BlockInputs, trace: T
     learned, counters, figures = identifier.learner.theta, pairs.counters, pairs.figures
     reference, rows, noise, times = given.reference, given.bounds, given.noise, given.t
     q, qd = np.empty_like(plant.q), np.empty_like(plant.q)
-    torque, applied = np.empty_like(plant.q), plant.torque
+    torque = np.empty_like(plant.q)
     for k in range(times.size):
         interval = given.dt if given.first + k > 0 else 0.0
+        torque_step(plant, interval, torque)
         for i in range(q.size):
-            torque[i] = applied[i] + noise[k, i]
-        if plant.delays:
-            delayed(plant.line, plant.commanded, applied)
+            torque[i] += noise[k, i]
         sensor_step(sensor, plant.q, plant.qd, interval, q, qd)
         point = ReferencePoint(reference.position[k], reference.velocity[k],
                                reference.acceleration[k])

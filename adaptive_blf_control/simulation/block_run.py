@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +33,8 @@ from adaptive_blf_control.simulation.sensors import Measurement, sensor_arrays, 
 
 __all__ = ['BlockRun', 'LoopParts', 'parts_in_python']
 
-LONGEST = 1000  # samples of a block: few enough to stay in the processor's cache
+LONGEST = 1000  # samples of a block that is observed: few enough to stay in the processor's cache
+LONGEST_UNSEEN = 20_000  # of one that is not: each call costs as much as hundreds of its samples
 Observer = Callable[[Sample], None]
 
 
@@ -95,9 +97,9 @@ class BlockRun:
             rows = TraceRows(*(each[block.begin:block.end] for each in trace))
             given, observed = self._given(times, block), self._room(block, observer)
             before = self._parts.identifier.excitation if observer is not None else None
-            arrays = self._arrays()
+            arrays = self._arrays(block.end - block.begin)
             run_block(arrays, self._memory, given, rows, observed)
-            self._plant.take(arrays.plant, block.end - block.begin, self._parts.period)
+            self._plant.take(arrays.plant)
             if observer is not None:
                 for sample in self._samples(given, rows, observed, before):
                     observer(sample)
@@ -106,27 +108,27 @@ class BlockRun:
         """Compile the block, without a trace in the loop."""
         arm = self._arm
         given = self._given(np.zeros(1), _Block(0, 1), noise=np.zeros((1, arm.n)))
-        run_block(_copied(self._arrays()), _copied(self._memory), given,
+        run_block(_copied(self._arrays(1)), _copied(self._memory), given,
                   trace_rows(1, arm.n, arm.m), observed_rows(0, arm.n, arm.m))
 
-    def _arrays(self) -> LoopArrays:
+    def _arrays(self, samples: int) -> LoopArrays:
         plant: Any = self._plant
         controller: Any = self._parts.controller
         identifier: Any = self._parts.identifier
         sensor: Any = sensor_arrays(plant.sensor, self._arm.n)
-        return LoopArrays(plant.arrays(), sensor,
-                          controller.arrays, arrays_of(identifier.arm), identifier.state,
+        return LoopArrays(plant.arrays(samples), sensor, controller.arrays,
+                          arrays_of(identifier.arm), identifier.state,
                           self._parts.known)
 
     def _blocks(self, samples: int, observed: bool) -> Iterator[_Block]:
         """Yield blocks in which the true arm is one; each after the one before has been run."""
-        longest, period = LONGEST, self._parts.period
+        longest, period = LONGEST if observed else LONGEST_UNSEEN, self._parts.period
         if observed:  # then at most one part of its window is completed in a block
             window = self._parts.identifier.settings.excitation.window
             longest = min(longest, max(int(window / PARTS / period), 1) if window else longest)
         begin = 0
         while begin < samples:
-            self._plant.arrays()
+            self._plant.enter_epoch()
             length = self._plant.steady(min(longest, samples - begin), period)
             yield _Block(begin, begin + length)
             begin += length
@@ -163,7 +165,7 @@ class BlockRun:
 
 
 def _copied(value: Any) -> Any:
-    """Return NamedTuples of arrays with arrays of their own."""
+    """Return NamedTuples of arrays and random generators with such of their own."""
     if isinstance(value, tuple):
         return type(value)(*map(_copied, value))
-    return value.copy() if isinstance(value, np.ndarray) else value
+    return deepcopy(value)

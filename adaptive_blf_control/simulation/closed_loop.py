@@ -102,9 +102,14 @@ class ClosedLoop:
         return LoopParts(self.plant, self.controller, self.identifier, self.period,
                          self._initial_estimate, self._known)
 
+    @property
+    def in_python(self) -> tuple[str, ...]:
+        """The parts for which it goes sample by sample, see `Trace`."""
+        return parts_in_python(self._parts)
+
     def warm_up(self) -> None:
         """Compile everything on throw-away objects, so that a run starts at full speed."""
-        if parts_in_python(self._parts):
+        if self.in_python:
             self.warm_up_parts()
         else:
             BlockRun(self._parts).warm_up()
@@ -130,7 +135,7 @@ class ClosedLoop:
         times = sample_times(self._steps(duration), self.period)
         rows = trace_rows(times.size, self.arm.n, self.arm.m)
         begin = time.perf_counter()  # duration of the computation, not a time of the logic
-        in_python = parts_in_python(self._parts)
+        in_python = self.in_python
         if in_python:
             self._run_by_samples(duration, rows, observer)
         else:

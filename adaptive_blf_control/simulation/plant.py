@@ -14,15 +14,17 @@ from adaptive_blf_control.arms.integrator import CompiledDynamics
 from adaptive_blf_control.control.law import limited
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.settings import changed_names
+from adaptive_blf_control.simulation.actuators import ActuatorArrays, idle_actuators
+from adaptive_blf_control.simulation.delay_line import delayed, new_delay_line
+from adaptive_blf_control.simulation.pushes import Links, PushArrays
 from adaptive_blf_control.simulation.sensors import made_sensor, Measurement, Sensor
 from adaptive_blf_control.simulation.settings import PlantSettings
-from adaptive_blf_control.simulation.step import delayed, new_delay_line, PlantArrays
+from adaptive_blf_control.simulation.step import PlantArrays, ROUNDING
 from adaptive_blf_control.simulation.true_arm import epochs_truth, true_epochs, Truth
 
 __all__ = ['HasTruth', 'Plant', 'REQUIRED', 'Retunable', 'SimulatedArm', 'known_truth',
            'truth_of']
 
-ROUNDING = 1e-9  # s that summed intervals may fall short of the time of a change
 # First letters of the parameters that make the true arm; true friction is part of the arm.
 TRUE_ARM = ('true_model', 'true_parameters', 'payload', 'schedule.')
 
@@ -140,6 +142,7 @@ class SimulatedArm:
         self.q, self.qd = settings.initial_position.copy(), settings.initial_velocity.copy()
         self.t = 0.0
         self.torque = self._commanded = np.zeros(arm.n)
+        self._idle, self._unpushed = idle_actuators(arm.n), Links(arm).pushed(())
         self._take(settings)
 
     def _take(self, settings: PlantSettings) -> None:
@@ -176,12 +179,13 @@ class SimulatedArm:
 
     def advance(self, dt: float) -> None:
         """Move on by ``dt`` [s] under the held torque; changes act from the next advance on."""
-        self._enter_epoch()
+        self.enter_epoch()
         self.q, self.qd = self.epochs[self._epoch].dynamics.advance(
             self.q, self.qd, self.torque, dt, self.settings.substeps)
         self.t += dt
 
-    def _enter_epoch(self) -> None:
+    def enter_epoch(self) -> None:
+        """Be the true arm of now; :meth:`advance` begins with it."""
         following = self._epoch + 1
         while following < len(self.epochs) and self.t >= self.epochs[following].t - ROUNDING:
             self._epoch, following = following, following + 1
@@ -216,36 +220,41 @@ class SimulatedArm:
         self.qd = np.zeros_like(self.qd)
         self.apply(self.qd)
 
-    def arrays(self) -> PlantArrays | None:
+    def arrays(self, samples: int = 0) -> PlantArrays | None:
         """Return a copy as `plant_step` takes it; None where the true arm has no arrays.
 
         It holds until the true arm changes, see :meth:`steady`. The commands under way are shared.
+
+        Args:
+            samples: How many it is for.
         """
-        self._enter_epoch()
-        dynamics = self.epochs[self._epoch].dynamics
-        if type(self) is not SimulatedArm or not isinstance(dynamics, CompiledDynamics):
+        if type(self) is not SimulatedArm:
             return None
-        return PlantArrays(dynamics.arm, self.q.copy(), self.qd.copy(), self.torque.copy(),
-                           self._commanded.copy(), self.torque_limit,
-                           self.settings.dead_time > 0, self._line, self.settings.substeps)
+        return self._arrays(False, self._idle._replace(
+            acting=self.torque.copy(), commanded=self._commanded.copy(), limit=self.torque_limit,
+            waits=self.settings.dead_time > 0, line=self._line), self._unpushed)
+
+    def _arrays(self, actuated: bool, actuators: ActuatorArrays,
+                pushes: PushArrays) -> PlantArrays | None:
+        self.enter_epoch()
+        dynamics = self.epochs[self._epoch].dynamics
+        if not isinstance(dynamics, CompiledDynamics):
+            return None
+        return PlantArrays(dynamics.arm, self.q.copy(), self.qd.copy(), np.array([self.t]),
+                           self.settings.substeps, actuated, actuators, pushes)
 
     def steady(self, samples: int, dt: float) -> int:
         """Return how many of the next steps of ``dt`` [s] are steps of the present true arm."""
         following = self._epoch + 1
         if following >= len(self.epochs):
             return samples
-        times = self._times(samples, dt)[:-1]
+        times = np.add.accumulate(np.concatenate([[self.t], np.full(samples - 1, dt)]))
         return max(int(np.searchsorted(times, self.epochs[following].t - ROUNDING)), 1)
 
-    def _times(self, samples: int, dt: float) -> np.ndarray:
-        """Return t now and after each step, (samples + 1,) [s], with the rounding of steps."""
-        return np.add.accumulate(np.concatenate([[self.t], np.full(samples, dt)]))
-
-    def take(self, arrays: PlantArrays, samples: int, dt: float) -> None:
-        """Go on from what so many steps of ``dt`` [s] have done to `arrays`."""
-        self.q, self.qd = arrays.q, arrays.qd
-        self.torque, self._commanded = arrays.torque, arrays.commanded
-        self.t = float(self._times(samples, dt)[-1])
+    def take(self, arrays: PlantArrays) -> None:
+        """Go on from what the steps have done to `arrays`."""
+        self.q, self.qd, self.t = arrays.q, arrays.qd, float(arrays.clock[0])
+        self.torque, self._commanded = arrays.actuators.acting, arrays.actuators.commanded
 
     def trial(self, torque: np.ndarray, dt: float) -> None:
         """Compute a step without taking it, e.g. to compile it before the clock runs."""

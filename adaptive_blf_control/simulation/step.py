@@ -13,46 +13,26 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.integrator import advance
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, jit, jitable
 from adaptive_blf_control.control.barrier import Each
 from adaptive_blf_control.control.law import limited_joint
+from adaptive_blf_control.simulation.actuators import (
+    acting_torque,
+    ActuatorArrays,
+    command,
+    let_act,
+    measured_torque,
+    next_switch,
+    note_span,
+)
+from adaptive_blf_control.simulation.delay_line import delayed
+from adaptive_blf_control.simulation.pushes import add_push_torque, let_push, next_push, PushArrays
 
-__all__ = ['DelayLine', 'EncoderState', 'PlantArrays', 'SensorArrays', 'delayed', 'encoder_step',
-           'in_counts', 'new_delay_line', 'new_encoder_state', 'plant_step', 'sensor_step']
+__all__ = ['EncoderState', 'PlantArrays', 'ROUNDING', 'SensorArrays', 'begin_span',
+           'encoder_step', 'in_counts', 'new_encoder_state', 'plant_step', 'sensor_step',
+           'torque_step']
 
-
-class DelayLine(NamedTuple):
-    """Commands under way for D ≥ 1 samples.
-
-    Attributes:
-        commands: In the order in which they were given, a ring, shape (D, n) [N·m].
-        place: Where the next one goes, shape (1,).
-    """
-
-    commands: np.ndarray
-    place: np.ndarray
-
-
-def new_delay_line(samples: int, commanded: np.ndarray) -> DelayLine:
-    """Return a line of ``samples`` D ≥ 1 in which ``commanded``, (n,) [N·m], is under way."""
-    return DelayLine(np.tile(commanded, (samples, 1)), np.zeros(1, dtype=np.intp))
-
-
-@jit
-def delayed(line: DelayLine, commanded: np.ndarray, torque: np.ndarray) -> None:
-    """Send a command into the line, and write what comes out of it now.
-
-    Args:
-        line: Takes the command.
-        commanded: Command that is held, shape (n,) [N·m].
-        torque: Is written: the command of D − 1 samples ago, shape (n,) [N·m].
-    """
-    line = borrowed(line)
-    place = line.place[0]
-    line.commands[place] = commanded
-    place = (place + 1) % line.commands.shape[0]
-    line.place[0] = place
-    torque[:] = line.commands[place]
+ROUNDING = 1e-9  # s that summed intervals may fall short of the time of a change
 
 
 class EncoderState(NamedTuple):
@@ -141,40 +121,95 @@ def sensor_step(sensor: SensorArrays, q: np.ndarray, qd: np.ndarray, dt: float,
 
 
 class PlantArrays(NamedTuple):
-    """The simulated arm between two changes of its parameters; arrays of shape (n,).
+    """The simulated arm between two changes of its parameters.
 
     Attributes:
         true_arm: Of a type that `integrator.acceleration` knows.
-        q: True positions [rad].
-        qd: True velocities [rad/s].
-        torque: That acts now [N·m].
-        commanded: Commanded last, within the limit [N·m].
-        torque_limit: Where the drives saturate [N·m].
-        delays: Whether commands act after a dead time.
-        line: Commands under way.
+        q: True positions, shape (n,) [rad].
+        qd: True velocities, shape (n,) [rad/s].
+        clock: Time since the start, shape (1,) [s].
         substeps: Runge-Kutta steps per sample.
+        actuated: Whether commands act late or wrongly, or there are pushes. Where not, limit and
+            dead time are all there is of the actuators.
+        actuators: What makes a torque of a command.
+        pushes: What acts besides.
     """
 
     true_arm: Any
     q: np.ndarray
     qd: np.ndarray
-    torque: np.ndarray
-    commanded: np.ndarray
-    torque_limit: np.ndarray
-    delays: bool
-    line: DelayLine
+    clock: np.ndarray
     substeps: int
+    actuated: bool
+    actuators: ActuatorArrays
+    pushes: PushArrays
+
+
+@jit
+def torque_step(plant: PlantArrays, interval: float, measured: np.ndarray) -> None:
+    """Measure the torque of an ``interval`` [s] that ends now, and let dead times go on.
+
+    Args:
+        plant: The arm.
+        interval: 0 for the first sample, where what acts is measured.
+        measured: Is written, shape (n,) [N·m].
+    """
+    plant = borrowed(plant)
+    actuators = plant.actuators
+    measured[:] = acting_torque(actuators)
+    if plant.actuated:
+        torque = measured_torque(actuators, plant.clock[0])
+        if interval > 0.0:
+            measured[:] = torque
+    elif actuators.waits:
+        delayed(actuators.line, actuators.commanded, actuators.acting)
 
 
 @jit
 def plant_step(plant: PlantArrays, torque: np.ndarray, dt: float) -> None:
     """Command a torque, shape (n,) [N·m], and move on by ``dt`` [s]."""
     plant = borrowed(plant)
-    commanded, limit = plant.commanded, plant.torque_limit
+    if plant.actuated:
+        command(plant.actuators, plant.clock[0], torque)
+        _advance_actuated(plant, dt)
+        return
+    actuators = plant.actuators
+    commanded, limit = actuators.commanded, actuators.limit
     for i in range(torque.size):
         commanded[i] = limited_joint(torque[i], limit[i])
-    if not plant.delays:
-        plant.torque[:] = commanded
-    q, qd = advance(plant.true_arm, plant.q, plant.qd, plant.torque, dt, plant.substeps)
+    if not actuators.waits:
+        actuators.acting[:] = commanded
+    _move(plant, actuators.acting, dt)
+
+
+@jit
+def _advance_actuated(plant: PlantArrays, dt: float) -> None:
+    """Move on by ``dt`` [s], exactly to each command and each force that comes to act."""
+    plant = borrowed(plant)
+    actuators, pushes, clock = plant.actuators, plant.pushes, plant.clock
+    left = dt
+    while left > ROUNDING:
+        span = begin_span(actuators, pushes, clock[0], left)
+        torque = acting_torque(actuators)
+        add_push_torque(pushes, plant.q, torque)
+        _move(plant, torque, span)
+        note_span(actuators, span)
+        left -= span
+    begin_span(actuators, pushes, clock[0], 0.0)
+
+
+@jitable
+def begin_span(actuators: ActuatorArrays, pushes: PushArrays, t: float, left: float) -> float:
+    """Let act what is due at ``t`` [s]; return for how long at most ``left`` it goes on so [s]."""
+    let_push(pushes, t + ROUNDING)
+    let_act(actuators, t + ROUNDING)
+    return min(left, min(next_switch(actuators), next_push(pushes)) - t)
+
+
+@jit
+def _move(plant: PlantArrays, torque: np.ndarray, dt: float) -> None:
+    plant = borrowed(plant)
+    q, qd = advance(plant.true_arm, plant.q, plant.qd, torque, dt, plant.substeps)
     plant.q[:] = q
     plant.qd[:] = qd
+    plant.clock[0] += dt

@@ -24,7 +24,8 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.simulation.schedule import Change, PAYLOAD
 
 __all__ = ['AXES', 'CENTRE', 'CONTACT', 'FORCE', 'FRICTION', 'INERTIA', 'MASS', 'TIP', 'Target',
-           'TimedChange', 'payload_links', 'pushes', 'timed_changes', 'timed_pushes']
+           'TimedChange', 'payload_links', 'pushes', 'row_of_wrench', 'timed_changes',
+           'timed_pushes']
 
 TIP = ''
 """The link of a payload that is asked for without one."""
@@ -71,6 +72,11 @@ def payload_links(changes: Sequence[Change]) -> list[str]:
 def pushes(name: str) -> bool:
     """Return whether a change of that name is a force or a torque on a link."""
     return name.partition('.')[0] in (FORCE, TORQUE)
+
+
+def row_of_wrench(target: Target) -> int:
+    """Return which element of a wrench (f, m) a force or torque on a link is."""
+    return (0 if target.kind == FORCE else len(AXES)) + AXES.index(target.component)
 
 
 def timed_pushes(changes: Sequence[Change], links: Sequence[str]) -> tuple[TimedChange, ...]:

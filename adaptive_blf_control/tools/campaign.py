@@ -12,17 +12,21 @@ import sys
 import time
 from typing import Any
 
-from adaptive_blf_control.campaigns.campaign import Campaign
+from adaptive_blf_control.campaigns.campaign import Campaign, usual_chunk
+from adaptive_blf_control.campaigns.cluster import cluster
 from adaptive_blf_control.campaigns.page import campaign_page
-from adaptive_blf_control.campaigns.results import flat_changes, ResultFolder
+from adaptive_blf_control.campaigns.results import ResultFolder
 from adaptive_blf_control.campaigns.summary import summarise, table
 from adaptive_blf_control.campaigns.variations import read_vary_file
-from adaptive_blf_control.campaigns.workers import cluster, local, run_chunks
+from adaptive_blf_control.campaigns.workers import MakeExecutor, processes, run_chunks, threads
 from adaptive_blf_control.command_line import seconds
 from adaptive_blf_control.compilation_notice import CompilationNotice
+from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import BlfError, MissingExtra, ParameterError
+from adaptive_blf_control.report.plotly_figures import plotly_js
 from adaptive_blf_control.runs.simulation import duration_of
+from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 
 __all__ = ['main']
 
@@ -41,11 +45,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--set', action='append', default=[], metavar='NODE.NAME=VALUE',
                         dest='settings', help='change a parameter in every run')
     parser.add_argument('--workers', type=int, default=os.cpu_count() or 1, metavar='W',
-                        help='processes on this machine (default: one for each core)')
+                        help='threads or processes of this machine (default: one for each core)')
     parser.add_argument('--scheduler', metavar='ADDRESS',
                         help='a Dask scheduler to use instead, e.g. tcp://host:8786')
-    parser.add_argument('--chunk', type=int, default=10, metavar='N',
-                        help='runs that a worker does at a time (default: 10)')
+    parser.add_argument('--chunk', type=int, metavar='N',
+                        help='runs that a worker does at a time (default: half a second of work)')
     parser.add_argument('--output', type=Path, metavar='DIR',
                         help='folder of the results (default: runs/campaign_TIME)')
     parser.add_argument('--resume', action='store_true',
@@ -63,12 +67,22 @@ def _campaign(options: argparse.Namespace) -> Campaign:
         raise ParameterError('--resume', True, '--output, the folder to go on with')
     if options.html is not None and not options.html.parent.is_dir():
         raise ParameterError('--html', str(options.html), 'a file in a folder that exists')
-    campaign = Campaign(str(options.config), data, read_vary_file(options.vary), options.runs,
-                        options.seed, duration_of(data, options.duration), options.chunk,
-                        tuple(options.settings))
-    with CompilationNotice():
-        campaign.check()
-    return campaign
+    if options.html is not None:
+        plotly_js()  # MissingExtra now, not after the last run
+    duration = duration_of(data, options.duration)
+    chunk = options.chunk
+    return Campaign(str(options.config), data, read_vary_file(options.vary), options.runs,
+                    options.seed, duration,
+                    usual_chunk(data, options.runs, duration) if chunk is None else chunk,
+                    tuple(options.settings))
+
+
+def _workers(loop: ClosedLoop,
+             options: argparse.Namespace) -> AbstractContextManager[MakeExecutor]:
+    if options.scheduler:
+        return cluster(options.scheduler)
+    holds_gil = loop.in_python or not COMPILED
+    return (processes if holds_gil else threads)(options.workers)
 
 
 def _bar(total: int, done: int) -> Any:
@@ -79,16 +93,13 @@ def _bar(total: int, done: int) -> Any:
     return tqdm(total=total, initial=done, unit='run', file=sys.stderr, smoothing=0.05)
 
 
-def _run(campaign: Campaign, folder: ResultFolder, options: argparse.Namespace) -> None:
+def _run(campaign: Campaign, folder: ResultFolder, make: MakeExecutor) -> None:
     """Compute what is missing; what is done stays whatever ends this."""
     missing = folder.missing()
     ahead = sum(len(campaign.chunks[number]) for number in missing)
-    where: AbstractContextManager[Any] = (cluster(options.scheduler) if options.scheduler
-                                          else local(options.workers))
-    with where as make, _bar(campaign.runs, campaign.runs - ahead) as bar:
+    with _bar(campaign.runs, campaign.runs - ahead) as bar:
         for number, outcomes in run_chunks(campaign, missing, make):
-            folder.add(number, [{**outcome.row(), **flat_changes(campaign.changes[outcome.run])}
-                                for outcome in outcomes])
+            folder.add(number, outcomes)
             bar.update(len(outcomes))
 
 
@@ -98,9 +109,12 @@ def main(args: list[str] | None = None) -> int:
     output = options.output or Path('runs') / time.strftime('campaign_%Y%m%d_%H%M%S')
     try:
         campaign = _campaign(options)
-        folder = ResultFolder(output, campaign, options.resume)
+        with CompilationNotice():
+            loop = campaign.check()
         try:
-            _run(campaign, folder, options)
+            with _workers(loop, options) as make:
+                folder = ResultFolder(output, campaign, options.resume)
+                _run(campaign, folder, make)
         except KeyboardInterrupt:
             print(f'campaign: stopped; --output {output} --resume goes on', file=sys.stderr)
             return INTERRUPTED

@@ -14,7 +14,7 @@ import pytest
 
 from adaptive_blf_control.arms import chain_regressors
 from adaptive_blf_control.arms.base_parameters import INERTIAL_NAMES, PER_BODY
-from adaptive_blf_control.arms.chain import placements, subtree_ends
+from adaptive_blf_control.arms.chain import add_wrench_torque, placements, subtree_ends
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.arms.urdf_source import read_urdf
 from adaptive_blf_control.compiled import COMPILED
@@ -255,6 +255,19 @@ def test_frames_of_the_joints(case: Case) -> None:
         for frame, expected in zip(frames, list(case.data.oMi), strict=True):
             same(frame, np.column_stack([expected.rotation, expected.translation]))
         same(axes, case.data.J.reshape(6, -1).T)
+
+
+def test_a_wrench_on_a_link_is_moved_to_the_joints_by_its_jacobian(case: Case) -> None:
+    frames = {frame.name: i for i, frame in enumerate(case.model.frames)}
+    for q, first, second, _ in states(case, 2):
+        wrench = np.concatenate([first, second, np.ones(6)])[:6]
+        for name, link in case.arm.links().items():
+            torque = np.zeros(case.arm.n)
+            add_wrench_torque(torque, case.arm.chain.chain, q, link.body, link.origin, wrench)
+            jacobian = pin.computeFrameJacobian(
+                case.model, case.data, case.configuration(q), frames[name],
+                pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).reshape(6, -1)
+            same(torque, case.rows(jacobian.T @ wrench))
 
 
 def test_a_joint_carries_the_joints_of_its_subtree() -> None:

@@ -4,19 +4,23 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 import shlex
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 
 from adaptive_blf_control.campaigns.campaign import Campaign, setting_text
-from adaptive_blf_control.campaigns.outcome import run_chunk
+from adaptive_blf_control.campaigns.cluster import cluster
+from adaptive_blf_control.campaigns.influence import quarters
+from adaptive_blf_control.campaigns.outcome import Chunk, Outcome, run_chunk
 from adaptive_blf_control.campaigns.page import shares_by_bin
 from adaptive_blf_control.campaigns.results import ResultFolder
 from adaptive_blf_control.campaigns.summary import wilson_interval, worst_runs
-from adaptive_blf_control.campaigns.workers import cluster, local, run_chunks
+from adaptive_blf_control.campaigns.workers import processes, run_chunks
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.tools import campaign as command
@@ -45,9 +49,9 @@ def campaign_of(config: Path, **changes) -> Campaign:
 
 
 def outcomes(campaign: Campaign) -> list[dict]:
-    rows = [outcome.row() for runs in campaign.chunks for outcome in run_chunk(
-        campaign.data, campaign.duration, [(run, campaign.changes[run]) for run in runs])]
-    return rows
+    chunks = (Chunk('here', campaign.data, campaign.duration,
+                    [(run, campaign.changes[run]) for run in runs]) for runs in campaign.chunks)
+    return [outcome.row() for chunk in chunks for outcome in run_chunk(chunk)]
 
 
 def same(first: list[dict], second: list[dict]) -> bool:
@@ -62,7 +66,7 @@ def run(config: Path, vary: Path, output: Path, *extra: str) -> int:
                          *extra])
 
 
-def test_processes_give_the_outcomes_of_one_thread_in_one_file_per_chunk(config, vary, tmp_path,
+def test_threads_give_the_outcomes_of_one_in_one_file_per_chunk(config, vary, tmp_path,
                                                                          capsys):
     assert run(config, vary, tmp_path / 'out', '--json', '--html', str(tmp_path / 'p.html')) == 0
     figures = json.loads(capsys.readouterr().out)
@@ -142,7 +146,35 @@ def test_a_file_that_cannot_be_written_ends_the_campaign_with_its_name(config, t
     parts.rmdir()
     parts.write_text('no folder')
     with pytest.raises(BlfError, match='part-000001.*is kept'):
-        folder.add(1, [{'run': 2}])
+        folder.add(1, [Outcome(2)])
+
+
+@pytest.mark.parametrize('pyarrow', [True, False])
+def test_a_disk_that_gets_full_ends_the_campaign_and_what_is_done_stays(config, tmp_path,
+                                                                        monkeypatch, pyarrow):
+    if pyarrow:
+        pytest.importorskip('pyarrow')
+    else:
+        monkeypatch.setattr('adaptive_blf_control.campaigns.results.util.find_spec',
+                            lambda _: None)
+    folder = ResultFolder(tmp_path / 'out', campaign_of(config), resume=False)
+    folder.add(0, [Outcome(0), Outcome(1)])
+    kind = 'parquet' if pyarrow else 'csv'
+    aside = tmp_path / 'out' / 'results' / f'.part-000001.{kind}.{os.getpid()}'
+    aside.symlink_to('/dev/full')
+    with pytest.raises(BlfError, match=r'part-000001.*No space left.*--resume'):
+        folder.add(1, [Outcome(2), Outcome(3)])
+    assert [row['run'] for row in folder.rows()] == [0, 1]
+    assert folder.missing() == [1, 2]
+
+
+def test_a_disk_without_room_for_the_results_is_refused_before_the_first_run(
+        config, vary, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr('adaptive_blf_control.campaigns.results.shutil.disk_usage',
+                        lambda _: SimpleNamespace(free=1000))
+    assert run(config, vary, tmp_path / 'out') == 2
+    assert 'are free on this disk' in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
 
 
 def test_results_without_pyarrow_are_csv_and_say_the_same(config, tmp_path, monkeypatch):
@@ -151,7 +183,7 @@ def test_results_without_pyarrow_are_csv_and_say_the_same(config, tmp_path, monk
     folder = ResultFolder(tmp_path / 'out', campaign, resume=False)
     rows = outcomes(campaign)
     for number, runs in enumerate(campaign.chunks):
-        folder.add(number, [rows[run] for run in runs])
+        folder.add(number, [Outcome(**rows[run]) for run in runs])
     assert {part.suffix for part in (tmp_path / 'out' / 'results').iterdir()} == {'.csv'}
     assert same(rows, folder.rows())
 
@@ -164,16 +196,16 @@ def test_results_without_pyarrow_are_csv_and_say_the_same(config, tmp_path, monk
 ])
 def test_bad_input_is_named_and_no_result_is_written(config, vary, tmp_path, capsys, monkeypatch,
                                                      extra, words):
-    monkeypatch.setattr('adaptive_blf_control.campaigns.workers.CONNECT_TIMEOUT', 1.0)
+    monkeypatch.setattr('adaptive_blf_control.campaigns.cluster.CONNECT_TIMEOUT', 1.0)
     assert run(config, vary, tmp_path / 'out', *extra) == 2
     assert words in capsys.readouterr().err
-    assert not list((tmp_path / 'out').glob('results/*'))
+    assert not (tmp_path / 'out').exists()
 
 
 def test_a_chunk_whose_worker_dies_is_run_again(config):
     campaign = campaign_of(config, runs=8, chunk=1)
     found = {}
-    with local(2) as make:
+    with processes(2) as make:
         for number, rows in run_chunks(campaign, list(range(8)), kill_one(make)):
             found[number] = rows
     assert same([outcome.row() for number in sorted(found) for outcome in found[number]],
@@ -195,7 +227,6 @@ def kill_one(make):
 
 def abort() -> None:
     """End this process as a crash does."""
-    import os
     os._exit(9)
 
 
@@ -239,6 +270,17 @@ def test_shares_are_counted_where_the_parameter_is():
     spread = np.linspace(0.0, 1.0, 800)
     shares = shares_by_bin(spread, spread < 0.5)['shares']
     assert shares == [1.0] * 4 + [0.0] * 4
+
+
+def test_quarters_of_a_parameter_have_the_outcomes_of_their_runs():
+    values = np.array([3.0, 0.0, 1.0, 2.0, 2.0])
+    rows = [{'kept': value < 2.0, 'least_margin': 1.0 - value, 'torque_error': np.nan}
+            for value in values]
+    low, middle, high = quarters(values, rows, count=3)
+    assert (low.low, low.high, low.runs, low.kept, low.least_margin) == (0.0, 1.0, 2, 1.0, 0.0)
+    assert (middle.runs, middle.kept, middle.usual_margin) == (2, 0.0, -1.0)
+    assert (high.low, high.runs, high.least_margin) == (3.0, 1, -2.0)
+    assert np.isnan(high.torque_error)
 
 
 def test_what_decides_over_the_outcomes_is_part_of_the_identity(config):

@@ -22,7 +22,7 @@ def data(repository) -> dict:
 
 def drawn(data: dict, vary: dict, runs: int = 200, seed: int = 1,
           sampling: str = 'independent') -> list[dict]:
-    return draw(variations({'vary': vary}, data), runs, seed, sampling)
+    return draw(variations({'vary': vary}, data), runs, seed, sampling).changes
 
 
 def test_a_scaled_array_has_a_number_of_its_own_for_each_element(data):
@@ -56,6 +56,21 @@ def test_scaled_true_parameters_are_those_of_the_arm_and_are_given(data):
     np.testing.assert_allclose(true, 2.0 * nominal)
 
 
+def test_elements_vary_by_themselves_and_the_others_stay(data):
+    inertia, friction = 'arm_driver.true_parameters[0:3]', 'arm_driver.true_parameters[4]'
+    vary = {inertia: {'scale': {'uniform': [0.5, 2.0]}, 'together': True},
+            friction: {'scale': {'uniform': [2.0, 3.0]}}}
+    found = draw(variations({'vary': vary}, data), 50, 1)
+    true = np.array([change['arm_driver.true_parameters'] for change in found.changes])
+    factors = true / build_closed_loop(data).arm.nominal
+    np.testing.assert_allclose(factors[:, :3], np.repeat(factors[:, :1], 3, axis=1))
+    assert (factors[:, 3] == 1.0).all()
+    assert (factors[:, 4] >= 2.0).all()
+    assert set(found.shown) == {f'{inertia} scale', friction}
+    np.testing.assert_allclose(found.shown[f'{inertia} scale'], factors[:, 0])
+    np.testing.assert_array_equal(found.shown[friction], true[:, 4])
+
+
 def test_an_integer_parameter_gets_integers(data):
     changes = drawn(data, {'identifier.history.size': {'log_uniform': [10.0, 1000.0]}})
     assert {type(change['identifier.history.size']) for change in changes} == {int}
@@ -85,6 +100,14 @@ def test_what_else_varies_does_not_change_what_is_drawn(data, sampling):
     ({'k2': {'uniform': [0.0, 1.0]}}, 'NODE.PARAMETER'),
     ({'arm_driver.dead_time': {'uniform': [-5.0, -1.0]}}, '>= 0'),
     ({'controller.k2': {'scale': {'normal': [0.0, 1.0]}}}, 'of run'),
+    ({'arm_driver.dead_time': {'integers': [0, 1001]}}, 'at an end of'),
+    ({'arm_driver.dead_time': {'choice': [1] * 999 + [-1]}}, '>= 0'),
+    ({'controller.k2[2]': {'uniform': [1.0, 2.0]}}, 'the number of elements'),
+    ({'controller.k2[1:1]': {'uniform': [1.0, 2.0]}}, 'the number of elements'),
+    ({'arm_driver.dead_time[0]': {'integers': [0, 1]}}, 'as a whole'),
+    ({'controller.k2[0]': {'choice': [[1.0, 2.0]]}}, 'numbers for single elements'),
+    ({'controller.k2[0:2]': {'uniform': [1.0, 2.0]}, 'controller.k2': {'uniform': [1.0, 2.0]}},
+     'does not vary'),
     ({'arm_driver.plant': {'scale': {'uniform': [0.0, 1.0]}}}, 'a parameter of numbers'),
     ({'arm_driver.plant': {'choice': ['sunny']}}, 'builtin'),
     ({'controller.k2': 3.0}, 'a distribution'),
@@ -117,5 +140,5 @@ def test_the_example_of_the_docs_fits_the_scenario_that_it_names(repository):
     config, = re.findall(r'campaign (config/\w+\.yaml)', page)
     given = yaml.safe_load(re.search(r'```yaml\n(.*?)```', page, re.DOTALL).group(1))
     data = load_yaml(repository / config)
-    for change in draw(variations(given, data), 5, 0, given['sampling']):
+    for change in draw(variations(given, data), 5, 0, given['sampling']).changes:
         build_closed_loop(apply_changes(data, change))

@@ -37,6 +37,18 @@ def test_commands_act_one_delay_later_in_their_order():
     assert subject.next_switch == 0.006
 
 
+def test_any_number_of_commands_can_be_under_way_in_their_order():
+    subject, acting = actuators(delay=0.5), []
+    for k in range(100):
+        subject.command(0.01 * k, np.full(2, 0.01 * k))
+        subject.advance_to(0.01 * k)
+        acting.append(subject.torque[0])
+    np.testing.assert_allclose(acting, np.maximum(0.01 * (np.arange(100) - 50), 0.0), atol=0.011)
+    subject.advance_to(2.0)
+    assert subject.torque.tolist() == [0.99, 0.99]
+    assert subject.next_switch == math.inf
+
+
 def test_jitter_spreads_the_delay_and_keeps_the_order():
     subject, late = actuators(delay=0.001, jitter=0.002), []
     for k in range(200):
