@@ -149,10 +149,20 @@ class PayloadEstimator:
         self._updates = updates
         return self.take(t, *identifier.pair)
 
+    @property
+    def baseline(self) -> np.ndarray:
+        """θ of the robot without the load, shape (m,)."""
+        return self._baseline
+
+    @property
+    def theta(self) -> np.ndarray:
+        """θ of the robot with the load that is known now, shape (m,)."""
+        inertial = np.zeros(PER_BODY) if self.estimate is None else self.estimate.inertial
+        return np.asarray(self._baseline + self._columns @ inertial)
+
     def added_torque(self, regressor: np.ndarray) -> np.ndarray:
         """Return what the load adds to the torque, Y or Y_f of shape (..., n, m) → (..., n)."""
-        inertial = np.zeros(PER_BODY) if self.estimate is None else self.estimate.inertial
-        return np.asarray(regressor @ (self._columns @ inertial))
+        return np.asarray(regressor @ (self.theta - self._baseline))
 
     def _judge_block(self, t: float) -> None:
         columns, residuals, intervals = (np.array(part) for part in zip(*self._rows))
@@ -186,7 +196,8 @@ class PayloadEstimator:
         if ratio > _CHANGE and part > _PART:
             # The block of the change itself has both loads in the memory of the filters.
             self._segment = segment.after(min(block + 1, len(segment) - 1))
-            self._segment.begin = segment.begin_of(block)
+            # Within a few blocks it is the same change, of which more is seen now.
+            self._segment.begin = segment.begin_of(block) if block > _LAG else segment.begin
             self._variance = 0.5 / (weights * self._alike)
             self._earlier.clear()
 
