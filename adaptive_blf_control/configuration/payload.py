@@ -22,14 +22,15 @@ _PART = 0.1  # of the mass that the arm moves: a load that it may well have
 _LEAST = 0.1  # kg
 
 
-def build_payload(settings: IdentifierNodeSettings, arm: Arm,
-                  memory: float) -> PayloadEstimator | None:
+def build_payload(settings: IdentifierNodeSettings, arm: Arm, memory: float,
+                  baseline: np.ndarray | None = None) -> PayloadEstimator | None:
     """Return what finds the load, None where ``payload.frame`` is empty.
 
     Args:
         settings: Those of the node.
         arm: The arm of its identifier.
         memory: How long the filters of its identifier remember [s].
+        baseline: θ of the arm without the load, shape (m,), in place of ``payload.baseline``.
 
     Raises:
         ParameterError: the arm has no such frame, or the model without the load is of another
@@ -41,8 +42,10 @@ def build_payload(settings: IdentifierNodeSettings, arm: Arm,
     columns = load_map(arm, given.frame, 'identifier.payload.frame')
     assert isinstance(arm, UrdfArm)  # else there is no such frame
     scale = max(_PART * float(arm.inertial[:, 0].sum()), _LEAST)
+    if baseline is None:
+        baseline = baseline_of(given.baseline, arm)
     return PayloadEstimator(
-        columns, baseline_of(given.baseline, arm), memory, scale=scale,
+        columns, baseline, memory, scale=scale,
         least_mass=given.least_mass, period=given.period, gap=settings.filter.gap)
 
 

@@ -106,7 +106,7 @@ class PayloadEstimator:
         self._updates = 0
         self._segment: LoadSegment | None = None
         self._variance: np.ndarray | None = None
-        self._torque, self._seconds = 0.0, 0.0
+        self._torque, self._seconds = np.zeros(1), 0.0  # ∫ τ_f² dt
         self._last = self._block_begin = self._from = -np.inf
         self._earlier: deque[np.ndarray] = deque(maxlen=_LAG)
         self._rows: list[tuple[np.ndarray, np.ndarray, float]] = []
@@ -202,7 +202,7 @@ class PayloadEstimator:
             self._earlier.clear()
 
     def _floor(self, part: float) -> np.ndarray:
-        return part ** 2 * self._torque / self._seconds + 1e-12
+        return np.asarray(part ** 2 * self._torque / self._seconds + 1e-12)
 
     def _weights(self, segment: LoadSegment) -> np.ndarray:
         """Return 1 / (2 T_j s_j²) from the residuals of a segment, shape (n,)."""

@@ -74,6 +74,8 @@ class BagObserver:
         self._estimates = EstimateStream(arm.parameters)
         identifier = node_settings(data, IdentifierNodeSettings)
         self._payload = build_payload(identifier, loop.identifier.arm, loop.identifier.memory)
+        # The load is found from the pair of each sample: the loop may not run ahead of them.
+        loop.sample_by_sample = loop.sample_by_sample or self._payload is not None
         self._payloads = PayloadStream(identifier.payload.frame)
 
     def __enter__(self) -> BagObserver:

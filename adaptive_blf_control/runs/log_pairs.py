@@ -25,6 +25,7 @@ class LogPairs:
     """Reads logs for one arm, checked as `identify` does, and filters them.
 
     Attributes:
+        settings: Those that were given.
         arm: The arm.
         identifier: The identifier whose filters are used; it learns nothing.
         reader: With what was found and noted of the logs.
@@ -42,6 +43,7 @@ class LogPairs:
             ParameterError: a setting cannot be used.
         """
         settings, filled = with_masses(settings, False)
+        self.settings = settings
         self.arm = build_arm(settings)
         self.identifier = build_identifier(settings, self.arm)
         self.reader = LogReader(self.arm, settings, options, filled, self.identifier.memory)
