@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.identification.payload import PayloadEstimate, PayloadEstimator
 
-__all__ = ['CLOSE', 'LoadRun', 'LoadWatch']
+__all__ = ['CLOSE', 'LoadRun', 'LoadWatch', 'ratios']
 
 CLOSE = 0.05
 """Part of the mass that an estimate may be off by."""
@@ -64,7 +65,7 @@ class LoadWatch:
         return LoadRun(
             next((t for t, each in said if each.attached), np.inf),
             float(times[first]) if first < len(times) else np.inf,
-            said[-1][1].load.mass, *self._ratios(until))
+            said[-1][1].load.mass, *ratios([row for row in self._errors if row[0] <= until]))
 
     def removed(self, since: float) -> float:
         """Return how long after a removal at ``since`` [s] no load was reported any more [s]."""
@@ -72,12 +73,18 @@ class LoadWatch:
         after = [t for t, each in self._said if t > max([since, *still])]
         return after[0] - since if after else np.inf
 
-    def _ratios(self, until: float) -> tuple[float, float]:
-        table = np.array([row for row in self._errors if row[0] <= until])
-        t, summed = table[:, 0], np.cumsum(table[:, 1:], axis=0)
-        overall = np.sqrt(summed[:, 1] / np.maximum(summed[:, 0], 1e-300)).max()
-        begin = np.searchsorted(t, t - _WINDOW)
-        whole = t - t[0] >= _WINDOW
-        within = (summed - summed[begin])[whole]
-        window = np.sqrt(within[:, 1] / np.maximum(within[:, 0], 1e-300)).max(initial=0.0)
-        return float(overall), float(window)
+
+def ratios(errors: Sequence[tuple[float, float, float]]) -> tuple[float, float]:
+    """Return `LoadRun.overall` and `LoadRun.window`.
+
+    Args:
+        errors: Time [s] and square of the error of the predicted torque [N²·m²], without and with
+            the load, of all samples.
+    """
+    table = np.array(errors)
+    t, summed = table[:, 0], np.cumsum(table[:, 1:], axis=0)
+    overall = np.sqrt(summed[:, 1] / np.maximum(summed[:, 0], 1e-300)).max()
+    begin = np.searchsorted(t, t - _WINDOW)
+    within = (summed - summed[begin])[t - t[0] >= _WINDOW]
+    window = np.sqrt(within[:, 1] / np.maximum(within[:, 0], 1e-300)).max(initial=0.0)
+    return float(overall), float(window)

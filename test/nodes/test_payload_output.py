@@ -10,12 +10,21 @@ from rclpy.serialization import deserialize_message
 
 from adaptive_blf_control.arms.load_frame import load_map
 from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.bags.reader import read_bag
+from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.parameter_file import apply_changes
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import write_estimate
 from adaptive_blf_control.identification.identifier import Snapshot
 from adaptive_blf_control.messages.joint_state import JointStateCodec
-from adaptive_blf_control.messages.topics import PAYLOAD, PAYLOAD_STD
+from adaptive_blf_control.messages.topics import (
+    JOINT_STATES,
+    PAYLOAD,
+    PAYLOAD_STD,
+)
 from adaptive_blf_control.nodes.identifier import IdentifierNode
+from adaptive_blf_control.runs.bag_observer import BagObserver
+from adaptive_blf_control.runs.recording import read_recording
 from spatial_arm import JOINTS, spatial_arm, true_theta, URDF
 
 PERIOD = 0.004
@@ -132,3 +141,38 @@ def test_a_model_with_more_friction_than_the_arm_has_is_refused(make) -> None:
 def test_a_model_that_cannot_be_read_is_refused(make, tmp_path) -> None:
     with pytest.raises(ParameterError, match='readable file'):
         make(payload__baseline=str(tmp_path / 'missing.yaml'))
+
+
+def test_the_bag_of_a_simulation_holds_what_the_node_publishes(graph, make, tmp_path,
+                                                               wait_until) -> None:
+    """A load is attached at 1 s: `simulate --bag` and the node say the same, byte for byte."""
+    urdf = tmp_path / 'arm.urdf'
+    urdf.write_text(URDF, encoding='utf-8')
+    swing = {joint: {'amplitude': 0.4, 'frequency': rate} for joint, rate in zip(
+        JOINTS, (2.1, 3.3, 4.7))}
+    data = apply_changes({}, {
+        'arm': 'urdf', 'urdf': str(urdf), 'joints': list(JOINTS), 'initial_estimate': 'nominal',
+        'arm_driver': {'rate': 250.0, 'schedule': {'time': [1.0], 'parameter': ['payload'],
+                                                   'value': [1.5]}},
+        'controller': {'k2': 20.0, 'safety': {'lower': -2.0, 'upper': 2.0},
+                       'performance': {'lower': -0.5, 'upper': 0.5}, 'reference': swing},
+        'identifier': {'filter.time_constant': 0.02, 'history.size': 30,
+                       'payload': {'frame': 'tool'}}})
+    loop = build_closed_loop(data)
+    with BagObserver(tmp_path / 'bag', loop, data) as observer:
+        loop.run(2.5, observer)
+    bag = read_bag(tmp_path / 'bag')
+    simulated = {topic: [message.data for message in bag.messages((f'/{topic}',))]
+                 for topic in (JOINT_STATES, PAYLOAD)}
+    assert read_recording(tmp_path / 'bag').payload.values[-1, 0] == pytest.approx(1.5, rel=0.05)
+
+    node, peer = make(friction__coulomb=False, friction__offset=False,
+                      friction__square_root=False, friction__rotor_inertia=False,
+                      payload__baseline='nominal', initial_estimate='nominal', kt=10.0, kh=10.0,
+                      history__size=30, change__window=0.1), graph.peer()
+    heard = peer.listen(InertiaStamped, f'/{PAYLOAD}')
+    wait_until(lambda: node.count_subscribers(f'/{PAYLOAD}'), what='the subscription')
+    for state in simulated[JOINT_STATES]:
+        node.on_joint_states(state, {})
+    wait_until(lambda: len(heard) == len(simulated[PAYLOAD]), what='every load')
+    assert [bytes(message[0]) for message in heard] == simulated[PAYLOAD]
