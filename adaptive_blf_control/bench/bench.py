@@ -17,7 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bench import arms, campaigns, coverage, identifier_steps, rates
+from adaptive_blf_control.bench import (
+    arms,
+    campaigns,
+    coverage,
+    identifier_steps,
+    payload,
+    rates,
+)
 from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
@@ -175,6 +182,12 @@ def _coverage(options: argparse.Namespace) -> None:
     coverage.run(options)
 
 
+def _payload(options: argparse.Namespace) -> None:
+    print('\n## The load (`bench payload`)\n')
+    _machine()
+    payload.run(options)
+
+
 def _rates(options: argparse.Namespace) -> None:
     print('\n## Rate and latency (`bench rates`)\n')
     _machine()
@@ -195,8 +208,8 @@ def _arms(options: argparse.Namespace) -> None:
 
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
     'scenarios': _scenarios, 'steps': _steps, 'against_c': _against_c, 'processes': _processes,
-    'measured': _measured, 'models': _models, 'coverage': _coverage, 'arms': _arms,
-    'campaigns': _campaigns, 'rates': _rates}
+    'measured': _measured, 'models': _models, 'coverage': _coverage, 'payload': _payload,
+    'arms': _arms, 'campaigns': _campaigns, 'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -212,6 +225,7 @@ def main(args: list[str] | None = None) -> int:
                         default=Path('../shared/reference/two_link_closed_loop.c'),
                         help='source of a program in C that does the work of two_link')
     coverage.add_options(parser)
+    payload.add_options(parser)
     rates.add_options(parser)
     arms.add_options(parser)
     campaigns.add_options(parser)

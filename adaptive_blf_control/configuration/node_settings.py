@@ -9,7 +9,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.settings import ArmSettings
 from adaptive_blf_control.control.settings import ControllerSettings
-from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.identification.settings import IdentifierSettings, PayloadSettings
 from adaptive_blf_control.messages.topics import RECORDED
 from adaptive_blf_control.parameters.settings import group, parameter, Settings
 from adaptive_blf_control.parameters.table import Table
@@ -126,6 +126,7 @@ class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, w
     adaptation_term_timeout: float = parameter(
         0.1, 'An adaptation term older than this (by stamp) counts as zero.',
         's', 0.0, 3600.0, exclusive=True, live=True)
+    payload: PayloadSettings = group(PayloadSettings)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -253,6 +253,11 @@ class Identifier:
         return bool(pair.clock[AGE] >= pair.settling)
 
     @property
+    def updates(self) -> int:
+        """How many samples have advanced θ̂: neither dropped nor the first after a restart."""
+        return int(self._parts.state.pair.counts[UPDATES])
+
+    @property
     def restarts(self) -> int:
         """How often the filters restarted after a gap or a clock jump; the first start counts."""
         return int(self._parts.state.pair.counts[RESTARTS])

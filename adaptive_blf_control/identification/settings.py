@@ -13,9 +13,10 @@ from adaptive_blf_control.identification.history import SELECTIONS
 from adaptive_blf_control.identification.state_filter import STATE_FILTERS
 from adaptive_blf_control.identification.update_laws import UPDATE_LAWS
 from adaptive_blf_control.parameters.settings import group, listed, parameter, Settings
+from adaptive_blf_control.parameters.table import NOMINAL
 
 __all__ = ['ChangeSettings', 'ExcitationSettings', 'FilterSettings', 'HistorySettings',
-           'IdentifierSettings']
+           'IdentifierSettings', 'PayloadSettings']
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -110,6 +111,22 @@ class ExcitationSettings(Settings, where='identifier.excitation'):
     window: float = parameter(
         10.0, 'Window T of the persistence-of-excitation index (21); 0 switches it off.',
         's', 0.0, 3600.0, live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PayloadSettings(Settings, where='identifier.payload'):
+    """The load that is found beside a model of the arm without it."""
+
+    frame: str = parameter(
+        '', 'Link of the URDF that carries the load, in whose frame it is described; empty: no '
+        'load is looked for.')
+    baseline: str = parameter(
+        NOMINAL, 'The arm without the load: nominal, or a YAML file that identify or the '
+        'identifier has written.')
+    least_mass: float = parameter(
+        0.1, 'A load below this mass is none.', 'kg', 0.0, 1e6)
+    period: float = parameter(
+        0.25, 'The load is judged and published this often.', 's', 0.02, 60.0)
 
 
 @listed

@@ -32,6 +32,11 @@ _TEXTS = {
         'byte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\nbyte level\nstring name\n'
         'string message\nstring hardware_id\nKeyValue[] values\n'),
     'diagnostic_msgs/KeyValue': 'string key\nstring value\n',
+    'geometry_msgs/Inertia': (
+        'float64 m\ngeometry_msgs/Vector3 com\nfloat64 ixx\nfloat64 ixy\nfloat64 ixz\n'
+        'float64 iyy\nfloat64 iyz\nfloat64 izz\n'),
+    'geometry_msgs/InertiaStamped': 'std_msgs/Header header\nInertia inertia\n',
+    'geometry_msgs/Vector3': 'float64 x\nfloat64 y\nfloat64 z\n',
     'rcl_interfaces/Parameter': 'string name\nParameterValue value\n',
     'rcl_interfaces/ParameterEvent': (
         'builtin_interfaces/Time stamp\nstring node\nParameter[] new_parameters\n'
@@ -61,6 +66,8 @@ _TEXTS = {
 _HASHES = {
     'diagnostic_msgs/DiagnosticArray':
         'RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e',
+    'geometry_msgs/InertiaStamped':
+        'RIHS01_766be45976252babf7f9d8ac4ae7c912a7ceccf71035622529f27518b695aa09',
     'rcl_interfaces/ParameterEvent':
         'RIHS01_043e627780fcad87a22d225bc2a037361dba713fca6a6b9f4b869a5aa0393204',
     'rosgraph_msgs/Clock':

@@ -8,17 +8,23 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.identification.payload import PayloadEstimate
 from adaptive_blf_control.identification.republish import HistoryPublication
 from adaptive_blf_control.messages.cdr import encode_float64, encode_int32
+from adaptive_blf_control.messages.inertia import InertiaCodec
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import (
     EXCITATION,
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
+    PAYLOAD,
+    PAYLOAD_STD,
     THETA_HAT,
 )
 
-__all__ = ['EstimateStream', 'HistoryFigures']
+__all__ = ['EstimateStream', 'HistoryFigures', 'PayloadStream']
+
+_ROWS = [0, 1, 3, 2, 4, 5]  # of the inertia as the message has it: ixx, ixy, ixz, iyy, iyz, izz
 
 
 class HistoryFigures(NamedTuple):
@@ -56,3 +62,16 @@ class EstimateStream:
                 messages[EXCITATION] = encode_float64(excitation)
         messages[THETA_HAT] = self._theta.encode(stamp, theta)
         return messages
+
+
+class PayloadStream:
+    """The load with its standard deviations, in the frame that carries it."""
+
+    def __init__(self, frame: str) -> None:
+        """Prepare the messages for a frame."""
+        self._codec = InertiaCodec(frame)
+
+    def messages(self, stamp: int, estimate: PayloadEstimate) -> dict[str, bytes]:
+        """Return the messages of a sample of stamp ``stamp`` [ns] by topic."""
+        return {topic: self._codec.encode(stamp, body.mass, body.com, body.inertia[_ROWS])
+                for topic, body in ((PAYLOAD, estimate.load), (PAYLOAD_STD, estimate.std))}

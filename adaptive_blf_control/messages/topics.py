@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 __all__ = ['ADAPTATION_TERM', 'ALL', 'BARRIER', 'CLOCK', 'COMMANDS', 'CONSISTENT_MODEL',
            'EXCITATION', 'GUARANTEE', 'HISTORY_RANK', 'HISTORY_SIGMA_MIN', 'JOINT_STATES',
-           'JOINT_TRAJECTORY', 'KINDS', 'RECORDED', 'REFERENCE', 'ROBOT_DESCRIPTION', 'THETA_HAT',
-           'THETA_STD', 'TOPICS', 'TRACKING_ERROR', 'Topic', 'published_by']
+           'JOINT_TRAJECTORY', 'KINDS', 'PAYLOAD', 'PAYLOAD_STD', 'RECORDED', 'REFERENCE',
+           'ROBOT_DESCRIPTION', 'THETA_HAT', 'THETA_STD', 'TOPICS', 'TRACKING_ERROR', 'Topic',
+           'published_by']
 
 KINDS = ('arm_driver', 'controller', 'identifier', 'recorder')
 """Kinds of nodes, by which their names are known here."""
@@ -100,6 +101,15 @@ THETA_STD = _topic(
     'identifier/theta_std', 'sensor_msgs/msg/JointState', 'identifier', (),
     'named vector, likewise: standard deviation of each parameter of θ̂ under the recorded '
     'pairs, infinite where these do not determine it')
+PAYLOAD = _topic(
+    'identifier/payload', 'geometry_msgs/msg/InertiaStamped', 'identifier', (),
+    'every `payload.period` where `payload.frame` is set: the load in that frame, mass [kg], '
+    'centre of mass [m], inertia about the centre of mass [kg·m²]; all zero while there is none. '
+    'See [identification.md](identification.md#the-load)')
+PAYLOAD_STD = _topic(
+    'identifier/payload_std', 'geometry_msgs/msg/InertiaStamped', 'identifier', (),
+    'likewise: standard deviation of each of these numbers; infinite for centre of mass and '
+    'inertia while there is no load')
 ADAPTATION_TERM = _topic(
     'controller/adaptation_term', 'sensor_msgs/msg/JointState', 'controller', ('identifier',),
     'named vector: Xᵀe2 of (37); it acts over the interval that follows its stamp. Joints whose '

@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from adaptive_blf_control.configuration.build import build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
+from adaptive_blf_control.configuration.payload import build_payload
 from adaptive_blf_control.errors import ArmError, BagError
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.messages.identifier_codecs import EstimateStream, HistoryFigures
@@ -22,6 +23,7 @@ from adaptive_blf_control.messages.stamp import STAMP_LIMIT
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES
 from adaptive_blf_control.nodes.estimate_saver import EstimateSaver, resumed_estimate
 from adaptive_blf_control.nodes.model_output import ModelOutput
+from adaptive_blf_control.nodes.payload_output import PayloadOutput
 from adaptive_blf_control.nodes.term_input import TermInput
 from adaptive_blf_control.runtime.compiling import compiling
 from adaptive_blf_control.runtime.data_node import DataNode
@@ -40,6 +42,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         terms: The adaptation terms of the controller.
         saver: Writes the estimate file.
         model: Publishes and writes the physically consistent model.
+        payload: Finds and publishes the load.
         last_ns: Stamp of the last state [ns]; 0 before the first.
     """
 
@@ -51,6 +54,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             self.identifier = build_identifier(self.settings, self.arm,
                                                resumed_estimate(self, self.arm.parameters))
             self.identifier.warm_up()
+            payload = build_payload(self.settings, self.arm, self.identifier.memory)
         self._check_rank()
         self._changes = 0
         self.terms = TermInput(self, self.arm.parameters)
@@ -70,6 +74,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         self.create_service(Trigger, '~/save_model', self.on_save_model)
         self.saver = EstimateSaver(self, self.identifier.snapshot)
         self.model = ModelOutput(self, self.identifier, self._outputs)
+        self.payload = PayloadOutput(self, payload, self._outputs)
 
     def _check_rank(self) -> None:
         warning = rank_warning(self.identifier.settings, self.arm.n, self.arm.m)
@@ -115,6 +120,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             self._zero_ns = stamp  # seconds since 1970 as a double would cost 2e-7 s of precision
         t = (stamp - self._zero_ns) * 1e-9
         theta = self.identifier.update(t, q, qd, tau, self.terms.held(stamp))
+        self.payload.observe(stamp, t, self.identifier)
         stack = self.identifier.stack
         for topic, message in self._stream.messages(
                 stamp, theta, stack.insertions, lambda: HistoryFigures(
@@ -177,6 +183,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             'artificial noise': 'in use' if identifier.artificial_noise else 'not in use',
             'excitation index': identifier.excitation,
             'norm of theta_hat': f'{np.linalg.norm(identifier.theta):.6g}',
+            **self.payload.status(),
             **{f'samples {reason}': count for reason, count in identifier.dropped.items()}}
         if identifier.artificial_noise:
             return DiagnosticStatus.WARN, ('theta_hat is biased: it is learned with artificial '

@@ -136,6 +136,9 @@ def sections(recordings: Sequence[Recording],
                 maker.estimate_errors(), 2),
         Section('history', 'History stack', 'Full rank makes θ̂ converge (Assumption 2), σ_min '
                 'sets how fast.', maker.history(), 2),
+        Section('payload', 'Load', 'Mass at `payload.frame`, as found beside the model of the '
+                'arm without it, with two standard deviations; 0 while there is none.',
+                maker.payload(), 1),
         Section('lyapunov', 'Lyapunov function', 'V = V1 + ½ e2ᵀM(θ*)e2 + ½ θ̃ᵀΓ⁻¹θ̃ must stay '
                 'below its value at the start, or at a change of θ* (Theorem 2). The controller '
                 'publishes V1 + ½ e2ᵀM(θ̂)e2.',
@@ -313,6 +316,22 @@ class _Maker:
             if any(curve.x.size for curve in curves):
                 panels.append(Panel(key, title, label, tuple(curves), log_y=key != 'rank'))
         return tuple(panels)
+
+    def payload(self) -> tuple[Panel, ...]:
+        curves = []
+        for b, r in enumerate(self.recordings):
+            if r.payload is None:
+                continue
+            mass, std = r.payload.values.T
+            for label, values, dash in (('mass', mass, 'solid'),
+                                        ('± 2 std', mass + 2.0 * std, 'dot'),
+                                        ('', np.maximum(mass - 2.0 * std, 0.0), 'dot')):
+                curves.append(replace(
+                    self._curve(Series(r.payload.t, values[:, None]), 0, self._label(b, label),
+                                self.colours[b], b, dash=dash),
+                    legend=bool(label), step=True))
+        return (Panel('payload', 'Mass of the load', 'mass [kg]', tuple(curves)),) if curves \
+            else ()
 
     def lyapunov(self) -> tuple[Panel, ...]:
         curves = []

@@ -13,15 +13,24 @@ import yaml
 from adaptive_blf_control.arms.robot_description import robot_description
 from adaptive_blf_control.bags.metadata import default_qos
 from adaptive_blf_control.bags.writer import BagWriter
-from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, TABLES
+from adaptive_blf_control.configuration.node_settings import (
+    ControllerNodeSettings,
+    IdentifierNodeSettings,
+    TABLES,
+)
 from adaptive_blf_control.configuration.parameter_file import (
     node_settings,
     node_values,
     PARAMETERS_KEY,
 )
+from adaptive_blf_control.configuration.payload import build_payload
 from adaptive_blf_control.messages.cdr import encode_text, Float64MultiArrayCodec
 from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
-from adaptive_blf_control.messages.identifier_codecs import EstimateStream, HistoryFigures
+from adaptive_blf_control.messages.identifier_codecs import (
+    EstimateStream,
+    HistoryFigures,
+    PayloadStream,
+)
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
@@ -72,6 +81,11 @@ class BagObserver:
         self._decimation = node_settings(data, ControllerNodeSettings).monitor_decimation
         self._monitors = MonitorStream(self._controller)
         self._estimates = EstimateStream(arm.parameters)
+        identifier = node_settings(data, IdentifierNodeSettings)
+        self._payload = build_payload(identifier, loop.identifier.arm, loop.identifier.memory)
+        # The load is found from the pair of each sample: the loop may not run ahead of them.
+        loop.sample_by_sample = loop.sample_by_sample or self._payload is not None
+        self._payloads = PayloadStream(identifier.payload.frame)
 
     def __enter__(self) -> BagObserver:
         """Return the observer."""
@@ -92,9 +106,17 @@ class BagObserver:
             ADAPTATION_TERM: self._controller.adaptation_term(stamp, output),
             **self._monitors.messages(stamp, output, controller.margins(output), self._decimation,
                                       lambda: controller.lyapunov(output, sample.theta_used)),
+            **self._payload_messages(stamp),
             **self._estimates.messages(
                 stamp, sample.theta_hat, sample.insertions,
                 lambda: HistoryFigures(sample.rank, sample.sigma_min, sample.excitation)),
         }
         for topic, message in messages.items():
             self._bag.write(f'/{topic}', message, stamp)
+
+    def _payload_messages(self, stamp: int) -> dict[str, bytes]:
+        """Return what the identifier node would say of the load after a sample."""
+        found, t = self._payload, (stamp - self._epoch_ns) * 1e-9
+        if found is None or not found.follow(t, self._loop.identifier) or found.estimate is None:
+            return {}
+        return self._payloads.messages(stamp, found.estimate)

@@ -31,6 +31,7 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
     TRACKING_ERROR,
 )
+from adaptive_blf_control.runs.bag_payload import payload_masses
 from adaptive_blf_control.runs.bag_run import (
     bag_parameters,
     constraints_of,
@@ -96,6 +97,8 @@ class Recording:
         rank: Rank of the history stack, (N,).
         sigma_min: σ_min of the history stack, (N,).
         lyapunov: V as published, (N,).
+        payload: Mass of the load and its standard deviation [kg], (N, 2); None where none was
+            looked for.
         answered: States and errors matched by stamp.
         run: The run as `summarise` wants it; None where the bag lacks something it needs.
         states: joint_states as read, for timing.
@@ -125,6 +128,7 @@ class Recording:
     rank: Series | None = None
     sigma_min: Series | None = None
     lyapunov: Series | None = None
+    payload: Series | None = None
     answered: Answered | None = None
     run: Run | None = None
     states: JointSeries | None = None
@@ -300,6 +304,8 @@ def _topics(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...],
         if pair := reader.doubles(topic, f'{name} of the history stack'):
             data[name] = Series(clock.of_log(pair[0]), pair[1])
     data.update(_barrier(reader, clock))
+    if load := reader.attempt('load', lambda: payload_masses(reader.bag)):
+        data['payload'] = Series(clock.of_stamp(load[0]), load[1])
     commands = reader.doubles(COMMANDS, 'commands')
     if commands is not None:
         data['commands_ns'] = commands[0]

@@ -50,7 +50,12 @@ class Trace:
 
 
 class ClosedLoop:
-    """The whole path on one thread: the same objects that run in the nodes."""
+    """The whole path on one thread: the same objects that run in the nodes.
+
+    Attributes:
+        sample_by_sample: Whether :meth:`run` calls its observer before the loop goes on, for one
+            that looks at the parts; the loop then runs no blocks.
+    """
 
     def __init__(self, plant: Plant, controller: Controller, identifier: Identifier | None = None,
                  period: float = 0.001, initial_estimate: Any = None, known: bool = False,
@@ -81,6 +86,7 @@ class ClosedLoop:
             self.identifier.theta if initial_estimate is None else checked_array(
                 'initial_estimate', initial_estimate, (arm.m,), arm.parameters))
         self._known = known
+        self.sample_by_sample = False
 
     @property
     def initial_estimate(self) -> np.ndarray:
@@ -136,7 +142,7 @@ class ClosedLoop:
         rows = trace_rows(times.size, self.arm.n, self.arm.m)
         begin = time.perf_counter()  # duration of the computation, not a time of the logic
         in_python = self.in_python
-        if in_python:
+        if in_python or self.sample_by_sample:
             self._run_by_samples(duration, rows, observer)
         else:
             BlockRun(self._parts).run(times, rows, observer)

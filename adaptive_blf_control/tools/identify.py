@@ -30,6 +30,11 @@ from adaptive_blf_control.runs.identification import identify, joints_of, REAL_R
 from adaptive_blf_control.runs.log_report import table
 from adaptive_blf_control.runs.model_report import parameter_table
 from adaptive_blf_control.runs.rmse_requirement import RmseRequirement
+from adaptive_blf_control.tools.identify_load import (
+    add_load_arguments,
+    asks_for_load,
+    show_load,
+)
 from adaptive_blf_control.tools.log_arguments import add_log_arguments, log_options
 
 __all__ = ['main']
@@ -76,6 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--parameters', action='store_true',
                         help='also print every parameter with its standard deviation and whether '
                         'the log determines it')
+    add_load_arguments(parser)
     add_log_arguments(parser)
     return parser
 
@@ -168,6 +174,9 @@ def main(args: list[str] | None = None) -> int:
     try:
         required = RmseRequirement.of(options.require_rmse) if options.require_rmse else None
         with CompilationNotice():
+            if asks_for_load(options):
+                show_load(options, _settings(options), log_options(options))
+                return 0
             figures = _identify(options)
     except BlfError as error:
         print(f'identify: {" ".join(str(error).split())}', file=sys.stderr)

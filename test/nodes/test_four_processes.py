@@ -34,6 +34,8 @@ from adaptive_blf_control.messages.topics import (
     GUARANTEE,
     JOINT_STATES,
     JOINT_TRAJECTORY,
+    PAYLOAD,
+    PAYLOAD_STD,
     RECORDED,
 )
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
@@ -46,7 +48,7 @@ from adaptive_blf_control.runtime.stop_flag import StopFlag
 from patience import PATIENCE
 
 # Spoken on only if asked for, where a parameter changes, and for an arm from a URDF.
-QUIET = (GUARANTEE, JOINT_TRAJECTORY, '/parameter_events', CONSISTENT_MODEL)
+QUIET = (GUARANTEE, JOINT_TRAJECTORY, '/parameter_events', CONSISTENT_MODEL, PAYLOAD, PAYLOAD_STD)
 
 
 def _left_over(folder: Path) -> list[str]:

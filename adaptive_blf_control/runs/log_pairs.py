@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The filtered pairs of measured logs, without learning from them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import itertools
+
+import numpy as np
+
+from adaptive_blf_control.bags.logs import Log, MeasuredLog
+from adaptive_blf_control.configuration.build import build_arm, build_identifier
+from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
+from adaptive_blf_control.errors import LogError
+from adaptive_blf_control.identification.identifier import BLOCK
+from adaptive_blf_control.runs.identification import with_masses
+from adaptive_blf_control.runs.log_options import LogOptions, name_of
+from adaptive_blf_control.runs.log_pass import NO_TEST
+from adaptive_blf_control.runs.log_reader import LogReader
+
+__all__ = ['LogPairs']
+
+
+class LogPairs:
+    """Reads logs for one arm, checked as `identify` does, and filters them.
+
+    Attributes:
+        settings: Those that were given.
+        arm: The arm.
+        identifier: The identifier whose filters are used; it learns nothing.
+        reader: With what was found and noted of the logs.
+    """
+
+    def __init__(self, settings: IdentifierNodeSettings, options: LogOptions) -> None:
+        """Build the arm.
+
+        Args:
+            settings: Those of an identifier, its arm included.
+            options: How logs are read.
+
+        Raises:
+            ArmError: no arm can be made of the URDF and the joints.
+            ParameterError: a setting cannot be used.
+        """
+        settings, filled = with_masses(settings, False)
+        self.settings = settings
+        self.arm = build_arm(settings)
+        self.identifier = build_identifier(settings, self.arm)
+        self.reader = LogReader(self.arm, settings, options, filled, self.identifier.memory)
+
+    def read(self, log: Log) -> MeasuredLog:
+        """Read and check a log; LogError where it cannot be read or cannot be right."""
+        return self.reader.sections([log], [], ':', NO_TEST)[0].log
+
+    def of(self, source: Log) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield times, shape (B,) [s], and [Y_f τ_f], shape (B, n, m + 1), of settled filters.
+
+        Raises:
+            LogError: the log cannot be read, cannot be right, or leaves no pair.
+        """
+        log, count = self.read(source), 0
+        ends = [0, *log.breaks, len(log.t)]
+        for begin, end in itertools.pairwise(ends):
+            some = slice(begin, end)
+            self.identifier.restart()
+            t = log.t[some]
+            for block in self.identifier.learn_in_blocks(
+                    t, log.q[some], log.qd[some], log.tau[some], np.zeros(len(t), bool), BLOCK):
+                usable = block.usable
+                count += int(usable.sum())
+                yield t[block.samples][usable], block.rows[usable]
+        if not count:
+            raise LogError(f'{name_of(source)}: no sample can be used: the filters never settle')
