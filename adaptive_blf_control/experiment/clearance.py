@@ -107,7 +107,8 @@ class Clearance:
             bodies = pin.buildGeomFromUrdfString(full, arm.xml, pin.GeometryType.COLLISION,
                                                  package_dirs=roots)
         except Exception as error:  # the binding may raise any type for a C++ exception
-            raise ArmError('collision bodies of the URDF cannot be read: '
+            raise ArmError('collision bodies of the URDF cannot be read (--package-dir, or '
+                           '--no-collisions): '
                            f'{" ".join(str(error).split())}') from error
         locked = [i for i in range(1, full.njoints) if full.names[i] not in arm.joints]
         if locked:

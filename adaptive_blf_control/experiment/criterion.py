@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a motion is to be good for: parameters that are told apart, and told well.
 
-Of G = Σ YᵀY / σ² over the samples of a motion, with columns scaled to length one (R = D^-½ G D^-½),
+Of G = Σ YᵀY / σ² over the samples of a motion, with columns scaled to length one,
+R = D^-½ G D^-½,
 
     J = ½ log tr R⁻² − w log det G / (2m),    w = ½.
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What to expect of a motion: standard deviations after a time, and the time that it takes.
 
-With noise of the standard deviation σ_j that is alike for a time T (exp(−|t| / T)), a sample counts
-as Δt / max(Δt, 2T) independent ones, and the least-squares estimate from a motion of the duration D
-has the covariance C = (G D / max(Δt, 2T))⁻¹, with G the information of one sample.
+With noise of the standard deviation σ_j that is alike for a time T (exp(−|t| / T)), a sample
+counts as Δt / max(Δt, 2T) independent ones, and least squares over a motion of the duration D has
+the covariance C = (G D / max(Δt, 2T))⁻¹, with G the information of one sample.
 """
 
 from __future__ import annotations

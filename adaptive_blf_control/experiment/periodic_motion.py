@@ -4,8 +4,8 @@
     q_i(t) = centre_i + Σ_k a_ik cos(k ω t) + b_ik sin(k ω t),    ω = 2π / period
 
 (Swevers, Ganseman, Tükel, De Schutter, Van Brussel, IEEE T-RA 1997) with Σ_k k b_ik = 0 and
-Σ_k k² a_ik = 0, so that velocity and acceleration are zero where a period begins: the motion can be
-repeated, and joined to a posture, without a jump.
+Σ_k k² a_ik = 0, so that velocity and acceleration are zero where a period begins: the motion can
+be repeated, and joined to a posture, without a jump.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class PeriodicMotion(NamedTuple):
         amplitude, phase = np.hypot(self.cosine, self.sine), np.arctan2(self.cosine, self.sine)
         return tuple(SinusoidSettings(
             offset=float(np.round(centre, _DIGITS)), amplitude=np.round(size, _DIGITS),
-            frequency=np.round(harmonics, 9), phase=np.round(angle, _DIGITS))
+            frequency=harmonics, phase=np.round(angle, _DIGITS))
             for centre, size, angle in zip(self.centre, amplitude, phase))
 
     @property

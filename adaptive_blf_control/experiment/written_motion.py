@@ -62,7 +62,7 @@ def reference_parameters(arm: UrdfArm, motion: PeriodicMotion) -> str:
     for joint, sinusoid in zip(arm.joints, motion.sinusoids()):
         lines += [f'      {joint}:', f'        offset: {sinusoid.offset!r}',
                   f'        amplitude: {_list(sinusoid.amplitude)}',
-                  f'        frequency: {_list(sinusoid.frequency)}',
+                  f'        frequency: [{", ".join(map(repr, sinusoid.frequency.tolist()))}]',
                   f'        phase: {_list(sinusoid.phase)}']
     return '\n'.join(lines) + '\n'
 
