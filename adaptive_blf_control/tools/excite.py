@@ -12,6 +12,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 import sys
+from typing import Any
 
 from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.command_line import seconds
@@ -100,8 +101,9 @@ def _add_limits(limits: argparse._ArgumentGroup, usual: Statement) -> None:
 
 
 def _stated(options: argparse.Namespace) -> Statement:
-    several = {name: None if getattr(options, name) is None else tuple(getattr(options, name))
-               for name in _PER_JOINT}
+    given = {name: getattr(options, name) for name in _PER_JOINT}
+    several: dict[str, Any] = {name: None if values is None else tuple(values)
+                               for name, values in given.items()}
     srdf = None
     if options.srdf is not None:
         try:

@@ -29,7 +29,7 @@ def arm(folding):
 @pytest.fixture(scope='module')
 def task(arm):
     return task_of(arm, Statement(duration=8.0, noise=(0.2,), payload=1.0,
-                                  torque_limit=(26.0, 4.0)))[0]
+                                  torque_limit=(22.0, 3.4)))[0]
 
 
 @pytest.fixture(scope='module')
@@ -67,8 +67,8 @@ def test_every_limit_is_kept_between_the_samples_and_by_every_arm_of_the_prior(a
         corner = RANDOM.choice([-1.0, 1.0], limits.prior.generators.shape[1])
         theta = limits.prior.centre + limits.prior.generators @ corner
         assert (np.abs(rows @ theta) <= 1.001 * limits.torque).all()
-    assert (limits.torque <= [26.0, 4.0]).all()
-    assert min(design.use.torque) > 0.9  # it is no timid motion either
+    assert (limits.torque <= [22.0, 3.4]).all()
+    assert max(design.use.torque) > 0.9  # it is no timid motion either
 
 
 def test_bodies_keep_their_distance_where_the_same_motion_without_them_would_touch(arm):
