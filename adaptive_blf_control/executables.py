@@ -19,6 +19,7 @@ NODES: dict[str, str] = {
 TOOLS: dict[str, str] = {
     'demo': "the four nodes as separate processes on the paper's two-link task",
     'configure': 'a parameter file for any URDF arm, with the reason of each gain',
+    'excite': 'a motion to record, from which a model can be learned',
     'simulate': 'the closed loop of a scenario without ROS, as fast as it runs',
     'campaign': 'thousands of runs of a scenario with parameters that vary',
     'identify': 'learn the parameters of a measured robot from its log',

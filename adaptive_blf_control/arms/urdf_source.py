@@ -14,7 +14,8 @@ import xml.etree.ElementTree as ElementTree
 
 from adaptive_blf_control.errors import ArmError, GIT_LFS_POINTER
 
-__all__ = ['UrdfJoint', 'read_urdf', 'resolve_package', 'select_joints', 'urdf_joints']
+__all__ = ['UrdfJoint', 'package_roots', 'read_urdf', 'resolve_package', 'select_joints',
+           'urdf_joints']
 
 SINGLE_DOF = ('revolute', 'continuous', 'prismatic')
 MULTI_DOF = ('floating', 'planar')
@@ -90,7 +91,7 @@ def resolve_package(uri: str, package_dirs: Sequence[str | os.PathLike[str]] = (
     if not package or not inside:
         raise ArmError(f'{uri!r} is not an address of the form package://package/path')
     looked = []
-    for root in _package_roots(package_dirs):
+    for root in package_roots(package_dirs):
         candidates = [root / package / inside]
         if root.name == package:
             candidates.append(root / inside)
@@ -101,7 +102,8 @@ def resolve_package(uri: str, package_dirs: Sequence[str | os.PathLike[str]] = (
     raise ArmError(f'{uri!r} not found in: {", ".join(looked) or "no folder at all"}')
 
 
-def _package_roots(package_dirs: Sequence[str | os.PathLike[str]]) -> Iterator[Path]:
+def package_roots(package_dirs: Sequence[str | os.PathLike[str]]) -> Iterator[Path]:
+    """Yield the folders in which packages are looked for, see `resolve_package`."""
     shares = [Path(folder) for folder in package_dirs]
     shares += [Path(prefix) / 'share'
                for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if prefix]

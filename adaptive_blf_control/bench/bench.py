@@ -21,6 +21,7 @@ from adaptive_blf_control.bench import (
     arms,
     campaigns,
     coverage,
+    excitation_figures,
     identifier_steps,
     payload,
     rates,
@@ -206,10 +207,16 @@ def _arms(options: argparse.Namespace) -> None:
     arms.run(options)
 
 
+def _excite(options: argparse.Namespace) -> None:
+    print('\n## Motions to record (`bench excite`)\n')
+    _machine()
+    excitation_figures.run(options)
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
     'scenarios': _scenarios, 'steps': _steps, 'against_c': _against_c, 'processes': _processes,
-    'measured': _measured, 'models': _models, 'coverage': _coverage, 'payload': _payload,
-    'arms': _arms, 'campaigns': _campaigns, 'rates': _rates}
+    'measured': _measured, 'models': _models, 'coverage': _coverage, 'excite': _excite,
+    'payload': _payload, 'arms': _arms, 'campaigns': _campaigns, 'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -229,6 +236,7 @@ def main(args: list[str] | None = None) -> int:
     rates.add_options(parser)
     arms.add_options(parser)
     campaigns.add_options(parser)
+    excitation_figures.add_options(parser)
     options = parser.parse_args(args)
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:

@@ -30,7 +30,8 @@ from adaptive_blf_control.parameters.table import (
 )
 
 __all__ = ['PARAMETERS_KEY', 'ROS_OWN', 'apply_changes', 'apply_settings', 'checked_sections',
-           'given_values', 'known_elsewhere', 'load_yaml', 'node_settings', 'node_values']
+           'given_values', 'known_elsewhere', 'load_yaml', 'load_yamls', 'node_settings',
+           'node_values']
 
 
 Kind = TypeVar('Kind', bound=RuntimeSettings)
@@ -63,6 +64,22 @@ def load_yaml(path: str | Path) -> dict[str, Any]:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ParameterError('params-file', str(path), f'well-formed YAML: {error}') from None
     return checked_sections(data, 'params-file', str(path))
+
+
+def load_yamls(paths: Iterable[str | Path]) -> dict[str, Any]:
+    """Read parameter files of which later ones change what earlier ones say, as ROS takes them."""
+    merged: dict[str, Any] = {}
+    for path in paths:
+        _merge(merged, load_yaml(path))
+    return merged
+
+
+def _merge(into: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    for key, value in changes.items():
+        if isinstance(value, Mapping) and isinstance(into.get(key), dict):
+            _merge(into[key], value)
+        else:
+            into[key] = value
 
 
 def checked_sections(data: Any, name: str, source: object) -> dict[str, Any]:

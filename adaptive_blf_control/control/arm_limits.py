@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.control.harmonics import extremes
 from adaptive_blf_control.control.settings import (
     ControllerSettings,
     ReferenceSettings,
@@ -48,6 +49,7 @@ def limit_warnings(arm: Arm, settings: ControllerSettings) -> Iterator[str]:
 
 
 def _speed(reference: ReferenceSettings, joints: tuple[str, ...]) -> np.ndarray:
-    """Return Σ |amplitude · frequency| of each joint, never exceeded, shape (n,) [rad/s]."""
+    """Return a speed that each joint never exceeds, shape (n,) [rad/s]."""
     each = (reference.of_joint.get(joint, SinusoidSettings()) for joint in joints)
-    return np.array([float(np.sum(np.abs(one.amplitude * one.frequency))) for one in each])
+    return np.array([max(np.abs(extremes(one.amplitude * one.frequency, one.frequency,
+                                         one.phase + 0.5 * np.pi))) for one in each])

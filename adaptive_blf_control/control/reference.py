@@ -10,6 +10,7 @@ import numpy as np
 
 from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.compiled import jit, uncompiled
+from adaptive_blf_control.control.harmonics import extremes
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['Crossfade', 'Posture', 'Reference', 'ReferencePoint', 'SmoothStart', 'SumOfSinusoids',
@@ -123,10 +124,10 @@ class SumOfSinusoids:
                                                 self._frequency, self._phase))
 
     def range(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return offset ∓ Σ |amplitude|: never left, and approached with several frequencies."""
-        # A term of zero frequency is a constant; it is counted like the others.
-        reach = np.sum(np.abs(self._amplitude), axis=1)
-        return self._offset - reach, self._offset + reach
+        """Return what is never left: offset ∓ Σ |amplitude|, or less of harmonics (`extremes`)."""
+        ends = np.array([extremes(*terms) for terms in zip(
+            self._amplitude, self._frequency, self._phase)]).reshape(-1, 2)
+        return self._offset + ends[:, 0], self._offset + ends[:, 1]
 
 
 class Posture:

@@ -5,39 +5,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
-from importlib import resources
 import json
 from typing import Any
 
-from adaptive_blf_control import __version__
 from adaptive_blf_control.configuration.node_settings import TABLES
 from adaptive_blf_control.parameters.table import per_joint
 from adaptive_blf_control.report.animation import animate
-from adaptive_blf_control.report.panels import BAG_COLOURS, Panel, Section, sections, time_span
-from adaptive_blf_control.report.plotly_figures import (
-    animation_figure,
-    animation_frames,
-    panel_figure,
-    plotly_js,
-    y_axis,
-)
+from adaptive_blf_control.report.panels import BAG_COLOURS, Section, sections, time_span
+from adaptive_blf_control.report.plotly_figures import animation_figure, animation_frames
+from adaptive_blf_control.report.shell import card, document, Plots, section_html
 from adaptive_blf_control.runs.lyapunov import GuaranteeOverTime
 from adaptive_blf_control.runs.numbers import verdict
 from adaptive_blf_control.runs.recording import Recording
 
 __all__ = ['number_text', 'page']
-
-PACKAGE = 'adaptive_blf_control.report'
-LEGEND = 13  # names that fit beside a plot of several bags
-
-
-class _Plots:
-    """The plots of a page as they are made, in order."""
-
-    def __init__(self, recordings: Sequence[Recording]) -> None:
-        self.made: list[dict[str, Any]] = []
-        self.span = time_span(recordings)
-        self.one = len(recordings) == 1
 
 
 def page(recordings: Sequence[Recording], guarantees: Sequence[GuaranteeOverTime | None],
@@ -52,39 +33,24 @@ def page(recordings: Sequence[Recording], guarantees: Sequence[GuaranteeOverTime
     Raises:
         MissingExtra: plotly is not installed.
     """
-    library = plotly_js()
     names = [recording.name for recording in recordings]
-    plots = _Plots(recordings)
+    plots = Plots(time_span(recordings), one=len(recordings) == 1)
     body = ['<h1>Adaptive barrier Lyapunov control: report</h1>', *_verdicts(numbers),
             _chips(names)]
     shown = sections(recordings, guarantees)
     film, frames = _animation(recordings, names, plots)
-    aside = ''.join(_card(panel, section, plots) for section in shown
+    aside = ''.join(card(panel, section, plots) for section in shown
                     for panel in section.panels if section.key == 'margins')
     body.append(f'<div class="grid columns{2 if film and aside else 1} top">{film}{aside}</div>')
-    body += [_section(section, plots) for section in shown
+    body += [section_html(section, plots) for section in shown
              if section.key not in ('margins', 'timing')]
     body.append(_timing(numbers, [s for s in shown if s.key == 'timing'], plots))
     body += ['<h2>Parameters</h2>', *(_parameters(r) for r in recordings)]
-    css, script = (resources.files(PACKAGE).joinpath(name).read_text(encoding='utf-8')
-                   for name in ('page.css', 'page.js'))
-    return '\n'.join([
-        '<!DOCTYPE html>', '<html lang="en">', '<head>', '<meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f'<title>{escape(" · ".join(names))} – report</title>',
-        '<link rel="icon" href="data:,">',
-        f'<style>{css}</style>', f'<script>{library}</script>', '</head>', '<body>', '<main>',
-        *body, f'<footer>adaptive_blf_control {__version__}, report. Drag in a plot to zoom '
-        'the time axis of all plots, double-click to reset, click to move the arm to that time; '
-        'the camera saves a plot as SVG.</footer>', '</main>',
-        _data('figures', numbers), _data('plots', plots.made), _data('frames', frames),
-        f'<script>{script}</script>', '</body>', '</html>', ''])
-
-
-def _data(name: str, value: Any) -> str:
-    """A script tag with JSON in it; ``</`` must not end the tag."""
-    text = json.dumps(value, separators=(',', ':'), allow_nan=False).replace('</', '<\\/')
-    return f'<script type="application/json" id="{name}">{text}</script>'
+    return document(
+        f'{" · ".join(names)} – report',
+        'Drag in a plot to zoom the time axis of all plots, double-click to reset, click to move '
+        'the arm to that time; the camera saves a plot as SVG.', body, plots, figures=numbers,
+        frames=frames)
 
 
 def number_text(value: Any, form: str) -> str:
@@ -186,7 +152,7 @@ def _chips(names: Sequence[str]) -> str:
 
 
 def _animation(recordings: Sequence[Recording], names: Sequence[str],
-               plots: _Plots) -> tuple[str, dict[str, Any] | None]:
+               plots: Plots) -> tuple[str, dict[str, Any] | None]:
     film = animate(recordings)
     if film is None:
         return '', None
@@ -202,29 +168,7 @@ def _animation(recordings: Sequence[Recording], names: Sequence[str],
             animation_frames(film))
 
 
-def _section(section: Section, plots: _Plots) -> str:
-    cards = ''.join(_card(panel, section, plots) for panel in section.panels)
-    zoom = any(panel.zoom is not None for panel in section.panels)
-    button = (f'<button type="button" class="zoom" data-section="{section.key}">'
-              'zoom to the errors</button>') if zoom else ''
-    return (f'<h2 id="{section.key}">{section.title} {button}</h2>'
-            f'<p class="note">{section.note}</p>'
-            f'<div class="grid columns{section.columns}">{cards}</div>')
-
-
-def _card(panel: Panel, section: Section, plots: _Plots) -> str:
-    name = f'{section.key}{len(plots.made)}'
-    right = section.columns == 1 or bool(panel.filters)
-    figure = panel_figure(panel, 400 if section.columns == 1 else 310, right, plots.span)
-    if not plots.one and not (section.columns == 1 and len(panel.curves) < LEGEND):
-        figure['layout']['showlegend'] = False  # the bags' legend is above, for all plots
-    zoom = None if panel.zoom is None else [y_axis(panel)['range'], list(panel.zoom)]
-    plots.made.append({'id': name, 'section': section.key, 'time': panel.time, 'zoom': zoom,
-                       **figure})
-    return f'<div class="card"><div id="{name}"></div></div>'
-
-
-def _timing(numbers: Mapping[str, Any], found: Sequence[Section], plots: _Plots,
+def _timing(numbers: Mapping[str, Any], found: Sequence[Section], plots: Plots,
             ) -> str:
     columns = [('nominal period [ms]', ('period_ms',), '.4g'),
                *((f'interval {name} [ms]', ('interval_ms', key), '.4g')
@@ -246,7 +190,7 @@ def _timing(numbers: Mapping[str, Any], found: Sequence[Section], plots: _Plots,
              '<div class="card"><div class="scroll"><table>'
              f'<tr><th>bag</th>{head}</tr>{rows}</table></div>{tables}</div>']
     for section in found:
-        cards = ''.join(_card(panel, section, plots)
+        cards = ''.join(card(panel, section, plots)
                         for panel in section.panels)
         parts.append(f'<div class="grid columns{section.columns}" style="margin-top:12px">'
                      f'{cards}</div>')

@@ -11,7 +11,7 @@ import sys
 from adaptive_blf_control.command_line import seconds
 from adaptive_blf_control.compilation_notice import CompilationNotice
 from adaptive_blf_control.configuration.build import build_closed_loop
-from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
+from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yamls
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runs.simulation import duration_of, simulate
 from adaptive_blf_control.runs.start_check import start_warnings
@@ -21,7 +21,9 @@ __all__ = ['main']
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='simulate', description=__doc__)
-    parser.add_argument('config', type=Path, help='parameter file, e.g. config/two_link.yaml')
+    parser.add_argument('config', type=Path, nargs='+', metavar='CONFIG',
+                        help='parameter file, e.g. config/two_link.yaml; of several, later ones '
+                        'change what earlier ones say')
     parser.add_argument('--duration', type=seconds, metavar='S',
                         help="length of the run [s]; default: the driver's duration, else 20")
     parser.add_argument('--set', action='append', default=[], metavar='NODE.NAME=VALUE',
@@ -35,7 +37,7 @@ def main(args: list[str] | None = None) -> int:
     """Run the command; 0 if no set was left, 1 if one was, 2 on bad input."""
     options = _parser().parse_args(args)
     try:
-        data = apply_settings(load_yaml(options.config), options.settings)
+        data = apply_settings(load_yamls(options.config), options.settings)
         loop = build_closed_loop(data)
         for warning in start_warnings(data, loop):
             print(f'simulate: warning: {warning}', file=sys.stderr)

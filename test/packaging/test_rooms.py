@@ -13,8 +13,9 @@ PACKAGE = 'adaptive_blf_control'
 # From the foundations up. A room may import itself and what stands before it, nothing else.
 ORDER = ('errors', 'arrays', 'machine_code', 'compiled', 'compilation_notice',
          'executables', 'command_line', 'parameters', 'arms', 'control', 'identification',
-         'limits', 'simulation', 'messages', 'configuration', 'tuning', 'bags', 'runs', 'runtime',
-         'nodes', 'report', 'campaigns', 'bench', 'tools', '__main__', '__init__')
+         'limits', 'simulation', 'messages', 'configuration', 'tuning', 'experiment', 'bags',
+         'runs', 'runtime', 'nodes', 'report', 'campaigns', 'bench', 'tools', '__main__',
+         '__init__')
 WITH_ROS = ('runtime', 'nodes')
 
 

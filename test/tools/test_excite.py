@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``excite``: its files say the same, are followed, and never replace others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip('pinocchio')
+
+from adaptive_blf_control.bags.logs import read_log
+from adaptive_blf_control.configuration.parameter_file import load_yamls
+from adaptive_blf_control.runs.simulation import simulate
+from adaptive_blf_control.tools.configure import main as configure
+from adaptive_blf_control.tools.excite import main
+
+URDF = """<robot name="planar">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.2 0.03 0"/><mass value="2.5"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.03"/></inertial></link>
+  <link name="fore"><inertial><origin xyz="0.15 0 0"/><mass value="1.2"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>
+    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
+</robot>
+"""
+FILES = {'-o': 'motion.csv', '--trajectory': 'trajectory.yaml', '--reference': 'reference.yaml'}
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('excite')
+    (folder / 'arm.urdf').write_text(URDF)
+    options = [part for option, name in FILES.items() for part in (option, str(folder / name))]
+    assert main([str(folder / 'arm.urdf'), '--duration', '8', '--lead', '3', *options]) == 0
+    return folder
+
+
+def test_the_csv_is_a_log_that_begins_and_ends_at_rest(folder):
+    log = read_log(folder / 'motion.csv', joints=['shoulder', 'elbow'])
+    assert log.t[-1] == 8.0
+    assert len(log.t) == 801
+    np.testing.assert_allclose(log.qd[[0, -1]], 0.0, atol=1e-6)
+    assert np.abs(log.qd).max() > 2.0
+    assert np.abs(log.tau).max() > 5.0
+
+
+def test_the_trajectory_has_the_positions_of_the_csv(folder):
+    log = read_log(folder / 'motion.csv', joints=['shoulder', 'elbow'])
+    message = yaml.safe_load((folder / 'trajectory.yaml').read_text())
+    assert message['joint_names'] == ['shoulder', 'elbow']
+    times = np.array([point['time_from_start']['sec'] + 1e-9 * point['time_from_start']['nanosec']
+                      for point in message['points']])
+    assert times[0] == 3.0
+    assert times[-1] == 11.0
+    positions = np.array([point['positions'] for point in message['points']])
+    expected = np.column_stack([np.interp(times - 3.0, log.t, q) for q in log.q.T])
+    np.testing.assert_allclose(positions, expected, atol=2e-3)
+    assert not np.any(message['points'][-1]['velocities'])
+    assert not np.any(message['points'][-1]['accelerations'])
+
+
+def test_the_controller_of_a_configured_arm_follows_the_reference(folder):
+    config = folder / 'arm.yaml'
+    assert configure([str(folder / 'arm.urdf'), '--rate', '200', '-o', str(config)]) == 0
+    run = simulate(load_yamls([config, folder / 'reference.yaml']), 9.0)
+    assert run.kept
+    log = read_log(folder / 'motion.csv', joints=['shoulder', 'elbow'])
+    late = run.t > 3.0  # after the smooth start
+    wanted = np.column_stack([np.interp(run.t[late] % 8.0, log.t, q) for q in log.q.T])
+    assert np.abs(run.q[late] - wanted).max() < 0.05
+
+
+def complaint(capsys, arguments):
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ''
+    return printed.err.splitlines()[-1]
+
+
+def test_files_that_exist_are_kept(folder, capsys):
+    before = (folder / 'reference.yaml').read_text()
+    error = complaint(capsys, [str(folder / 'arm.urdf'), '--reference',
+                               str(folder / 'reference.yaml')])
+    assert '--overwrite' in error
+    assert (folder / 'reference.yaml').read_text() == before
+
+
+@pytest.mark.parametrize(('arguments', 'part'), [
+    (['--joints', 'wrist'], "no joint 'wrist'"), (['--duration', '1'], '--duration'),
+    (['--rate', '3'], '--rate'), (['--torque-noise', '-1'], '--torque-noise'),
+    (['--acceleration', '1', '2', '3'], '--acceleration'), (['--srdf', 'none.srdf'], '--srdf'),
+    (['-o', 'nowhere/motion.csv'], '--output'), (['--centre', '9', '0'], 'shoulder'),
+    (['--correlation', 'nan'], '--correlation')])
+def test_bad_input_is_one_line_that_names_it(folder, capsys, arguments, part):
+    assert part in complaint(capsys, [str(folder / 'arm.urdf'), *arguments])
