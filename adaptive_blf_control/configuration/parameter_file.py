@@ -239,10 +239,3 @@ def _nested(name: str, value: Any) -> dict[str, Any]:
         value = {part: value}
     return dict(value)
 
-
-def _merge(into: dict[str, Any], other: Mapping[str, Any]) -> None:
-    for key, value in other.items():
-        if isinstance(value, dict) and isinstance(into.get(key), dict):
-            _merge(into[key], value)
-        else:
-            into[key] = value
