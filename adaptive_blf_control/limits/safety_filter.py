@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The safety filter ``limits``: made of settings, asked once a sample."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.mass_and_bias import model_of
+from adaptive_blf_control.arms.regressors import arrays_of
+from adaptive_blf_control.compiled import Handle, handle, jit
+from adaptive_blf_control.control.constraints import Constraint
+from adaptive_blf_control.control.safety_filter import FilterSample
+from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.limits.acceleration_error import Model
+from adaptive_blf_control.limits.braking import checked_braking, Resting
+from adaptive_blf_control.limits.filter_step import (
+    filter_step,
+    FilterArrays,
+    IDLE,
+    JointLimits,
+    Report,
+)
+from adaptive_blf_control.limits.limit_constraints import (
+    ClearanceConstraint,
+    VelocityConstraint,
+)
+from adaptive_blf_control.limits.parameter_set import ParameterSet
+from adaptive_blf_control.limits.prior import inertia_range, prior_of
+from adaptive_blf_control.limits.scene import scene_of
+
+__all__ = ['LimitsFilter']
+
+
+@jit
+def _step(filter_: Handle, q: np.ndarray, qd: np.ndarray, torque: np.ndarray, least: np.ndarray,
+          most: np.ndarray) -> Report:
+    return filter_step(filter_.value, q, qd, torque, least, most)
+
+
+class LimitsFilter:
+    """Lets through what keeps velocities, positions and obstacles for every θ* of the prior.
+
+    Attributes:
+        limits: Of the joints.
+        constraints: Velocities, and distances from obstacles.
+        report: Of the last sample; None before the first.
+        counts: How many samples were idle, active, braking and softened.
+    """
+
+    def __init__(self, arm: Arm, settings: ControllerSettings) -> None:
+        """Make the model and check that the braking is possible.
+
+        Args:
+            arm: One that compiled functions know.
+            settings: With arrays of full length.
+
+        Raises:
+            ParameterError: a value cannot be used, or the torque limit does not allow the
+                braking; the posture is named.
+            ArmError: the arm has no arrays, or no inertia with a θ of the prior.
+        """
+        self._arm = arm
+        self.report: Report | None = None
+        self._state: tuple[np.ndarray, np.ndarray] | None = None
+        self.counts = [0, 0, 0, 0]
+        given = settings.limits.prior
+        prior = prior_of(arm, mass_error=given.mass_error, payload=given.payload,
+                         friction=given.friction)
+        least, most = inertia_range(arm, mass_error=given.mass_error, payload=given.payload)
+        self.parameter_set = ParameterSet(prior, given.unexplained)
+        self._model = Model(
+            arrays_of(arm), model_of(arm, prior.centre), model_of(arm, least),
+            model_of(arm, most), prior.generators.copy(), np.zeros(arm.m),
+            self.parameter_set.root.copy(), given.unexplained.copy())
+        self._take(settings)
+
+    def _take(self, settings: ControllerSettings) -> None:
+        limits, safety = settings.limits, settings.safety
+        braking = checked_braking(
+            Resting(self._arm, self.parameter_set, limits.prior.unexplained,
+                    settings.torque_limit), limits.braking, safety.lower, safety.upper)
+        self.limits = JointLimits(safety.lower.copy(), safety.upper.copy(),
+                                  _speed(self._arm, limits.velocity), braking)
+        scene = scene_of(self._arm, limits)
+        self.constraints: tuple[Constraint, ...] = (
+            VelocityConstraint(self._arm.joints, self.limits.speed),)
+        if scene.obstacles.radius.size:
+            self.constraints += (ClearanceConstraint(scene),)
+        self._handle: Any = handle(FilterArrays(self._model, self.limits, scene, limits.period))
+
+    def retuned(self, settings: ControllerSettings) -> LimitsFilter:
+        """Return the filter that goes on with other settings.
+
+        Raises:
+            ParameterError: the state of the last sample does not allow them, with numbers.
+        """
+        other = copy.copy(self)
+        other._take(settings)
+        if self._state is not None:
+            check_state(self._arm, other.limits, *self._state)
+            other._check_clearance(settings)
+        return other
+
+    def _check_clearance(self, settings: ControllerSettings) -> None:
+        """Refuse obstacles that the arm touches, or cannot stop before."""
+        if self._state is None:
+            return
+        q, qd = self._state
+        limit = settings.torque_limit.copy()
+        report = _step(self._handle, q, qd, np.zeros_like(q), -limit, limit)
+        if report.stop_clearance < 0.0 and report.clearance < np.inf:
+            raise ParameterError(
+                'controller.limits.obstacles', settings.limits.obstacles.values(),
+                f'obstacles that the arm stops before: at q = {np.round(q, 3).tolist()} rad it is '
+                f'{report.clearance:.3g} m from one, {report.stop_clearance:.3g} m when it stands')
+
+    def filtered(self, sample: FilterSample) -> np.ndarray:
+        """Return the torque to command, see `SafetyFilter`."""
+        report = self.report = _step(self._handle, sample.q, sample.qd, sample.torque,
+                                     sample.least, sample.most)
+        self.counts = [count + (kind == report.kind) for kind, count in enumerate(self.counts)]
+        self._state = sample.q.copy(), sample.qd.copy()
+        return sample.torque if report.kind == IDLE else report.torque
+
+
+def check_state(arm: Arm, limits: JointLimits, q: np.ndarray, qd: np.ndarray) -> None:
+    """Raise ParameterError where a state, (n,) and (n,), does not allow the limits of the joints.
+
+    The safety set itself is checked by the controller.
+    """
+    stop = q + qd * np.abs(qd) / (2.0 * limits.braking)
+    for i, joint in enumerate(arm.joints):
+        if abs(qd[i]) > limits.speed[i]:
+            raise ParameterError('controller.limits.velocity', limits.speed.tolist(),
+                                 f'at least the present {abs(qd[i]):.4g} rad/s of {joint}')
+        if not limits.lower[i] <= stop[i] <= limits.upper[i]:
+            raise ParameterError(
+                'controller.limits.braking', limits.braking.tolist(),
+                f'braking that stops {joint} in its safety set {limits.lower[i]:.4g} .. '
+                f'{limits.upper[i]:.4g} rad: from {q[i]:.4g} rad at {qd[i]:.4g} rad/s it stands '
+                f'at {stop[i]:.4g} rad')
+
+
+def _speed(arm: Arm, velocity: np.ndarray) -> np.ndarray:
+    """Return the largest velocities, shape (n,) [rad/s]."""
+    own = np.broadcast_to(getattr(arm, 'velocity_limit', np.inf), arm.n)
+    speed = np.where(velocity > 0.0, velocity, own)
+    if not np.isfinite(speed).all():
+        raise ParameterError('controller.limits.velocity', velocity.tolist(),
+                             'a velocity > 0 rad/s for every joint whose URDF gives none')
+    return speed
