@@ -28,7 +28,7 @@ from adaptive_blf_control.arms.mass_and_bias import mass, mass_and_bias
 from adaptive_blf_control.arms.regressors import law_regressor
 from adaptive_blf_control.compiled import jit
 
-__all__ = ['acceleration_error', 'inverse', 'Inverses', 'Model', 'model_inverses', 'product']
+__all__ = ['acceleration_error', 'inverse', 'Model', 'model_inverses', 'Posture', 'product']
 
 
 class Model(NamedTuple):
@@ -55,14 +55,20 @@ class Model(NamedTuple):
     unexplained: np.ndarray
 
 
-class Inverses(NamedTuple):
-    """Inverses of the mass matrix at a posture, each (n, n) [1/(kg·m²)].
+class Posture(NamedTuple):
+    """Matrices of the model in a state.
 
     Attributes:
-        middle: N.
-        radius: R.
+        inertia: M_c, shape (n, n) [kg·m²].
+        bias: h_c, shape (n,) [N·m].
+        compliance: M_c⁻¹, shape (n, n) [1/(kg·m²)].
+        middle: N, shape (n, n) [1/(kg·m²)].
+        radius: R, shape (n, n) [1/(kg·m²)].
     """
 
+    inertia: np.ndarray
+    bias: np.ndarray
+    compliance: np.ndarray
     middle: np.ndarray
     radius: np.ndarray
 
@@ -105,7 +111,7 @@ def product(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 @jit
-def model_inverses(model: Model, q: np.ndarray) -> Inverses:
+def model_inverses(model: Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return N and R at a posture, shape (n,) [rad]."""
     n = q.size
     middle, radius = np.zeros((n, n)), np.zeros((n, n))
@@ -115,7 +121,7 @@ def model_inverses(model: Model, q: np.ndarray) -> Inverses:
             for j in range(n):
                 middle[i, j] += 0.5 * part[i, j]
                 radius[i, j] += (0.5 - end) * part[i, j]
-    return Inverses(middle, radius)
+    return middle, radius
 
 
 @jit
@@ -163,13 +169,13 @@ def _energy(model: Model, radius: np.ndarray, y: np.ndarray) -> float:
 
 
 @jit
-def acceleration_error(model: Model, inverses: Inverses, q: np.ndarray, qd: np.ndarray,
+def acceleration_error(model: Model, posture: Posture, q: np.ndarray, qd: np.ndarray,
                        a: np.ndarray, torque: np.ndarray, period: float) -> np.ndarray:
     """Return a bound of |a* − a| at any time of a sample, shape (n,) [rad/s²].
 
     Args:
         model: The arm with its set.
-        inverses: At q.
+        posture: Matrices of the model at q and qd.
         q: Positions at the begin, shape (n,) [rad].
         qd: Velocities at the begin, shape (n,) [rad/s].
         a: Acceleration of the model there, shape (n,) [rad/s²].
@@ -183,14 +189,14 @@ def acceleration_error(model: Model, inverses: Inverses, q: np.ndarray, qd: np.n
         for p in range(m):
             row[p] = 0.0
             for j in range(n):
-                row[p] += inverses.middle[i, j] * y[j, p]
+                row[p] += posture.middle[i, j] * y[j, p]
         result[i] = _support(model, row)
         for j in range(n):
-            result[i] += abs(inverses.middle[i, j]) * model.unexplained[j]
-    energy = _energy(model, inverses.radius, y)
+            result[i] += abs(posture.middle[i, j]) * model.unexplained[j]
+    energy = _energy(model, posture.radius, y)
     later, speed, drive = np.empty(n), np.empty(n), np.empty(n)
     for i in range(n):
-        result[i] += math.sqrt(max(inverses.radius[i, i], 0.0)) * energy
+        result[i] += math.sqrt(max(posture.radius[i, i], 0.0)) * energy
         later[i] = q[i] + period * (qd[i] + 0.5 * period * a[i])
         speed[i] = qd[i] + period * a[i]
     inertia, bias = mass_and_bias(model.centre, later, speed)

@@ -16,19 +16,18 @@ them in the box of postures that was free before.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.chain import Chain
 from adaptive_blf_control.arms.mass_and_bias import mass_and_bias
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import Handle, jit
 from adaptive_blf_control.limits.acceleration_error import (
     acceleration_error,
     inverse,
-    Model,
     model_inverses,
-    product,
+    Posture,
 )
 from adaptive_blf_control.limits.link_spheres import LinkSpheres
 from adaptive_blf_control.limits.obstacles import Obstacles
@@ -36,13 +35,11 @@ from adaptive_blf_control.limits.quadratic_program import solve
 from adaptive_blf_control.limits.stop_box import clearances, stop_box
 from adaptive_blf_control.limits.viability import acceleration_bounds
 
-__all__ = ['ACTIVE', 'BRAKING', 'FilterArrays', 'filter_step', 'IDLE', 'JointLimits', 'Report',
+__all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'FilterParts', 'IDLE', 'JointLimits', 'Report',
            'Scene', 'SOFTENED']
 
 IDLE, ACTIVE, BRAKING, SOFTENED = 0, 1, 2, 3
-FIRST, LAW, LAST = -1, 0, 5
-"""Stages: what braking leaves free, what the law does, solutions with the bound of the error of
-the one before, and at last braking of all joints."""
+ROUNDS = 4  # solutions, each with the bound of the error of the one before
 GAMMA = 0.05  # part of the free way that a sample may use up
 NEAREST = 8  # rows of obstacles at a time
 SOFT = 1e-6  # softness of a row that gives way, in units of its own curvature
@@ -79,20 +76,38 @@ class Scene(NamedTuple):
     obstacles: Obstacles
 
 
-class FilterArrays(NamedTuple):
-    """A safety filter as compiled functions take it.
+class FilterParts(NamedTuple):
+    """A safety filter.
 
     Attributes:
-        model: The arm with the set of its parameters.
+        model: Handle of the arm with the set of its parameters, see `Model`.
+        scene: Handle of spheres and obstacles, see `Scene`.
+        shape: Number of spheres and of obstacles.
         limits: Of the joints.
-        scene: Spheres and obstacles.
         period: Longest time that a torque is held [s].
     """
 
-    model: Model
+    model: Any
+    scene: Any
+    shape: tuple[int, int]
     limits: JointLimits
-    scene: Scene
     period: float
+
+
+class Room(NamedTuple):
+    """What a stop leaves free of k spheres and l obstacles, see `clearances`.
+
+    Attributes:
+        found: Least clearance until all joints stand, shape (k, l) [m].
+        before: The same where every joint brakes at once, shape (k, l) [m].
+        now: Clearance now, shape (k, l) [m].
+        gradients: Change of ``found`` with the acceleration, shape (k, l, n) [m·s²/rad].
+    """
+
+    found: np.ndarray
+    before: np.ndarray
+    now: np.ndarray
+    gradients: np.ndarray
 
 
 class Report(NamedTuple):
@@ -118,85 +133,133 @@ class Report(NamedTuple):
     stop_clearance: float
 
 
-@jit
-def filter_step(filter_: FilterArrays, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
+def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
                 least: np.ndarray, most: np.ndarray) -> Report:
     """Answer a sample.
 
     Args:
-        filter_: The filter.
+        parts: The filter.
         q: Positions, shape (n,) [rad].
         qd: Velocities, shape (n,) [rad/s].
         torque: Wanted, shape (n,) [N·m].
         least: τ̲, shape (n,) [N·m].
         most: τ̅, shape (n,) [N·m].
     """
-    f = borrowed(filter_)
-    n, limits, period = q.size, f.limits, f.period
-    inertia, bias = mass_and_bias(f.model.centre, q, qd)
-    compliance, inverses = inverse(inertia), model_inverses(f.model, q)
-    wanted, brake = np.empty(n), np.empty(n)
-    for i in range(n):
-        wanted[i] = torque[i] - bias[i]
-        brake[i] = min(max(-qd[i] / period, -limits.braking[i]), limits.braking[i])
-    wanted = product(compliance, wanted)
-    lower, upper = acceleration_bounds(q, qd, limits.lower, limits.upper, limits.speed,
-                                       limits.braking, period)
-    shape = (f.scene.spheres.body.size, f.scene.obstacles.radius.size)
-    found, before, now = np.empty(shape), np.zeros(shape), np.empty(shape)
-    gradients = np.empty((*shape, n))
-    a, held, error = brake, np.empty(n), np.zeros(n)
-    kind, free, passed = IDLE, np.inf, False
-    for stage in range(FIRST if found.size else LAW, LAST + 1):
-        if stage == LAW:
-            a = _within(wanted, lower, upper)
-        elif stage > LAW:
-            low, high = _joint_bounds(qd, brake, lower, upper, error, period, stage == LAST)
-            rows, bounds = _rows(inertia, bias, low, high, least, most, a, found, before,
-                                 gradients, 0 if stage == LAST else NEAREST)
-            a, kind = _solved(compliance, wanted, rows, bounds)
-        held = product(inertia, a)
-        for i in range(n):
-            held[i] += bias[i]
-        needed = acceleration_error(f.model, inverses, q, qd, a, held, period)
-        free = _clear(f, q, qd, a, needed, found, now, gradients)
-        if stage == FIRST:
-            before[:] = found
-        elif stage == LAW:
-            for i in range(n):
-                error[i] = needed[i]
-            passed = (_passes(wanted, lower, upper, error)
-                      and _passes(torque, least, most, np.zeros(n))
-                      and _uses_its_part(found, before))
-            if passed:
-                break
-        elif stage == LAST:
-            kind = SOFTENED if kind == SOFTENED else BRAKING
+    limits, period = parts.limits, parts.period
+    posture = posture_of(parts.model, q, qd)
+    wanted = posture.compliance @ (torque - posture.bias)
+    lower, upper = acceleration_bounds(q, qd, *limits, period)
+    room = _room(parts, q.size)
+    brake = np.minimum(np.maximum(-qd / period, -limits.braking), limits.braking)
+    if room.found.size:
+        error = _error(parts, posture, q, qd, brake)
+        _leaves(parts, q, qd, brake, error, room)
+        room.before[:] = room.found
+    a = np.minimum(np.maximum(wanted, lower), upper)
+    error = _error(parts, posture, q, qd, a)
+    free = _leaves(parts, q, qd, a, error, room)
+    if (_passes(wanted, lower, upper, error) and _passes(torque, least, most, np.zeros_like(q))
+            and _uses_its_part(room.found, room.before)):
+        return _report(posture, torque, IDLE, wanted, error, limits, least, most, room, free)
+    kind, rounds = ACTIVE, 0
+    while True:
+        rounds += 1
+        a, kind = solved(posture, wanted, *narrowed(lower, upper, error), least, most, a,
+                         room, NEAREST)
+        needed = _error(parts, posture, q, qd, a)
+        free = _leaves(parts, q, qd, a, needed, room)
+        growth = np.maximum(needed - error, 0.0)
+        certain = not (growth > SLACK).any()
+        # With twice the growth: what follows from the larger error is then within it.
+        error = error + 2.0 * growth
+        if rounds == ROUNDS or (certain and free >= 0.0):
             break
-        else:
-            grown = False
-            for i in range(n):
-                grown = grown or needed[i] > error[i] + SLACK
-                # With twice the growth: what follows from the larger error is then within it.
-                error[i] += 2.0 * max(needed[i] - error[i], 0.0)
-            if free >= 0.0 and (stage == LAST - 1 or not grown):
-                kind = SOFTENED if grown else kind
-                break
-    reserve = _reserve(inertia, bias, limits.braking, error, most, least)
-    clearance = np.inf
-    for value in now.ravel():
-        clearance = min(clearance, value)
-    if passed:
-        return Report(torque, IDLE, wanted, error, reserve, clearance, free)
-    return Report(_within(held, least, most), kind, a, error, reserve, clearance, free)
+    if not certain:
+        kind = SOFTENED
+    if free < 0.0:
+        a, braked = solved(posture, wanted, *_braking_bounds(qd, brake, error, period), least,
+                           most, a, room, 0)
+        kind = max(kind if kind == SOFTENED else BRAKING, BRAKING if braked == ACTIVE else braked)
+        error = _error(parts, posture, q, qd, a)
+        free = _leaves(parts, q, qd, a, error, room)
+    answer = np.minimum(np.maximum(posture.inertia @ a + posture.bias, least), most)
+    return _report(posture, answer, kind, a, error, limits, least, most, room, free)
+
+
+def _room(parts: FilterParts, n: int) -> Room:
+    shape = parts.shape
+    return Room(np.empty(shape), np.zeros(shape), np.empty(shape), np.empty((*shape, n)))
+
+
+def _error(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndarray,
+           a: np.ndarray) -> np.ndarray:
+    """Return the bound of |a* − a| under the torque of a, shape (n,) [rad/s²]."""
+    error: np.ndarray = error_of(parts.model, posture, q, qd, a,
+                                 posture.inertia @ a + posture.bias, parts.period)
+    return error
+
+
+def _leaves(parts: FilterParts, q: np.ndarray, qd: np.ndarray, a: np.ndarray, error: np.ndarray,
+            room: Room) -> float:
+    """Write what a stop after a leaves free, and its change with a; return the least [m]."""
+    if not room.found.size:
+        return np.inf
+    braking, period = parts.limits.braking, parts.period
+    low, high, slope = stop_box(qd, a, error, braking, period)
+    standstill = period + float(((np.abs(qd) + period * (np.abs(a) + error)) / braking).max())
+    clear(parts.scene, q, low, high, standstill, room.found, room.now, room.gradients)
+    np.multiply(room.gradients, slope, out=room.gradients)
+    return float(room.found.min())
+
+
+def _report(posture: Posture, torque: np.ndarray, kind: int, a: np.ndarray, error: np.ndarray,
+            limits: JointLimits, least: np.ndarray, most: np.ndarray, room: Room,
+            free: float) -> Report:
+    bias = posture.bias
+    reserve = (np.minimum(most - bias, bias - least)
+               - np.abs(posture.inertia) @ (limits.braking + error))
+    return Report(torque, kind, a, error, reserve, float(room.now.min(initial=np.inf)), free)
+
+
+def narrowed(lower: np.ndarray, upper: np.ndarray,
+             error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the bounds less the error; their mean where they cross."""
+    low, high = lower + error, upper - error
+    middle, crossed = 0.5 * (low + high), low > high
+    return np.where(crossed, middle, low), np.where(crossed, middle, high)
+
+
+def _braking_bounds(qd: np.ndarray, brake: np.ndarray, error: np.ndarray,
+                    period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return bounds within which every joint brakes, and if that allows it does not turn."""
+    forth, stop = qd > 0.0, -qd / period
+    low = np.where(forth, np.minimum(stop + error, brake - error), brake + error)
+    high = np.where(forth, brake - error, np.maximum(stop - error, brake + error))
+    return low, high
 
 
 @jit
-def _within(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    result = np.empty_like(values)
-    for i in range(values.size):
-        result[i] = min(max(values[i], low[i]), high[i])
-    return result
+def posture_of(model: Handle, q: np.ndarray, qd: np.ndarray) -> Posture:
+    """Return the matrices of the model in a state, shape (n,) [rad] and [rad/s]."""
+    inertia, bias = mass_and_bias(model.value.centre, q, qd)
+    middle, radius = model_inverses(model.value, q)
+    return Posture(inertia, bias, inverse(inertia), middle, radius)
+
+
+@jit
+def error_of(model: Handle, posture: Posture, q: np.ndarray, qd: np.ndarray, a: np.ndarray,
+             torque: np.ndarray, period: float) -> np.ndarray:
+    """Return `acceleration_error`."""
+    return acceleration_error(model.value, posture, q, qd, a, torque, period)
+
+
+@jit
+def clear(scene: Handle, q: np.ndarray, low: np.ndarray, high: np.ndarray, standstill: float,
+          found: np.ndarray, now: np.ndarray, gradients: np.ndarray) -> None:
+    """Write `clearances`."""
+    parts = scene.value
+    clearances(parts.chain, parts.spheres, parts.obstacles, q, low, high, standstill, found, now,
+               gradients)
 
 
 @jit
@@ -215,63 +278,6 @@ def _uses_its_part(found: np.ndarray, before: np.ndarray) -> bool:
             if found[s, k] < max((1.0 - GAMMA) * before[s, k], 0.0):
                 return False
     return True
-
-
-@jit
-def _clear(f: FilterArrays, q: np.ndarray, qd: np.ndarray, a: np.ndarray, error: np.ndarray,
-           found: np.ndarray, now: np.ndarray, gradients: np.ndarray) -> float:
-    """Write what a stop after a leaves free, and its change with a; return the least [m]."""
-    least = np.inf
-    if found.size == 0:
-        return least
-    braking = f.limits.braking
-    low, high, slope = stop_box(qd, a, error, braking, f.period)
-    standstill = f.period
-    for i in range(qd.size):
-        standstill = max(standstill, f.period + (abs(qd[i]) + f.period * (abs(a[i]) + error[i]))
-                         / braking[i])
-    clearances(f.scene.chain, f.scene.spheres, f.scene.obstacles, q, low, high, standstill,
-               found, now, gradients)
-    for s in range(found.shape[0]):
-        for k in range(found.shape[1]):
-            least = min(least, found[s, k])
-            for j in range(qd.size):
-                gradients[s, k, j] *= slope[j]
-    return least
-
-
-@jit
-def _reserve(inertia: np.ndarray, bias: np.ndarray, braking: np.ndarray, error: np.ndarray,
-             most: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """Return min(τ̅ − h, h − τ̲) − |M| (a_b + e), shape (n,) [N·m]."""
-    result = np.empty_like(bias)
-    for i in range(bias.size):
-        result[i] = min(most[i] - bias[i], bias[i] - least[i])
-        for j in range(bias.size):
-            result[i] -= abs(inertia[i, j]) * (braking[j] + error[j])
-    return result
-
-
-@jit
-def _joint_bounds(qd: np.ndarray, brake: np.ndarray, lower: np.ndarray, upper: np.ndarray,
-                  error: np.ndarray, period: float, braking: bool,
-                  ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the bounds of a: those of the joints, or those within which every joint brakes."""
-    low, high = np.empty_like(qd), np.empty_like(qd)
-    for i in range(qd.size):
-        if not braking:
-            low[i], high[i] = lower[i] + error[i], upper[i] - error[i]
-        elif qd[i] > 0.0:
-            low[i], high[i] = -qd[i] / period + error[i], brake[i] - error[i]
-        else:
-            low[i], high[i] = brake[i] + error[i], -qd[i] / period - error[i]
-        if braking and qd[i] > 0.0:  # that it brakes is what counts
-            low[i] = min(low[i], high[i])
-        elif braking:
-            high[i] = max(low[i], high[i])
-        elif low[i] > high[i]:
-            low[i] = high[i] = 0.5 * (low[i] + high[i])
-    return low, high
 
 
 @jit
@@ -321,19 +327,34 @@ def _obstacle_row(a: np.ndarray, found: np.ndarray, before: np.ndarray, gradient
 
 
 @jit
-def _solved(compliance: np.ndarray, wanted: np.ndarray, rows: np.ndarray,
-            bounds: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return the solution with all rows hard, else with the torque box hard and the rest soft."""
-    n = wanted.size
+def solved(posture: Posture, wanted: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+           least: np.ndarray, most: np.ndarray, a: np.ndarray, room: Room,
+           nearest: int) -> tuple[np.ndarray, int]:
+    """Return the solution with all rows hard, else with the torque box hard and the rest soft.
+
+    Args:
+        posture: Matrices of the model.
+        wanted: a_w, shape (n,) [rad/s²].
+        lower: Least acceleration of each joint, shape (n,) [rad/s²].
+        upper: Largest acceleration, shape (n,) [rad/s²].
+        least: τ̲, shape (n,) [N·m].
+        most: τ̅, shape (n,) [N·m].
+        a: Where the rows of obstacles are linearised, shape (n,) [rad/s²].
+        room: At ``a``.
+        nearest: Number of rows of obstacles.
+    """
+    n, compliance = wanted.size, posture.compliance
+    rows, bounds = _rows(posture.inertia, posture.bias, lower, upper, least, most, a, room.found,
+                         room.before, room.gradients, nearest)
     softness, multipliers = np.zeros(bounds.size), np.empty(bounds.size)
-    a = wanted
+    answer = wanted
     for kind in (ACTIVE, SOFTENED):
-        a, steps = solve(compliance, wanted, rows, bounds, softness, multipliers)
+        answer, steps = solve(compliance, wanted, rows, bounds, softness, multipliers)
         if steps >= 0 and kind == ACTIVE:
-            return a, ACTIVE
+            return answer, ACTIVE
         for r in range(2 * n, bounds.size):
             softness[r] = 0.0
             for i in range(n):
                 for j in range(n):
                     softness[r] += SOFT * rows[r, i] * compliance[i, j] * rows[r, j]
-    return a, SOFTENED
+    return answer, SOFTENED

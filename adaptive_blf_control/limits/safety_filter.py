@@ -11,7 +11,7 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.mass_and_bias import model_of
 from adaptive_blf_control.arms.regressors import arrays_of
-from adaptive_blf_control.compiled import Handle, handle, jit
+from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.control.constraints import Constraint
 from adaptive_blf_control.control.safety_filter import FilterSample
 from adaptive_blf_control.control.settings import ControllerSettings
@@ -20,7 +20,7 @@ from adaptive_blf_control.limits.acceleration_error import Model
 from adaptive_blf_control.limits.braking import checked_braking, Resting
 from adaptive_blf_control.limits.filter_step import (
     filter_step,
-    FilterArrays,
+    FilterParts,
     IDLE,
     JointLimits,
     Report,
@@ -34,12 +34,6 @@ from adaptive_blf_control.limits.prior import inertia_range, prior_of
 from adaptive_blf_control.limits.scene import scene_of
 
 __all__ = ['LimitsFilter']
-
-
-@jit
-def _step(filter_: Handle, q: np.ndarray, qd: np.ndarray, torque: np.ndarray, least: np.ndarray,
-          most: np.ndarray) -> Report:
-    return filter_step(filter_.value, q, qd, torque, least, most)
 
 
 class LimitsFilter:
@@ -73,10 +67,10 @@ class LimitsFilter:
                          friction=given.friction)
         least, most = inertia_range(arm, mass_error=given.mass_error, payload=given.payload)
         self.parameter_set = ParameterSet(prior, given.unexplained)
-        self._model = Model(
+        self._model: Any = handle(Model(
             arrays_of(arm), model_of(arm, prior.centre), model_of(arm, least),
             model_of(arm, most), prior.generators.copy(), np.zeros(arm.m),
-            self.parameter_set.root.copy(), given.unexplained.copy())
+            self.parameter_set.root.copy(), given.unexplained.copy()))
         self._take(settings)
 
     def _take(self, settings: ControllerSettings) -> None:
@@ -91,7 +85,9 @@ class LimitsFilter:
             VelocityConstraint(self._arm.joints, self.limits.speed),)
         if scene.obstacles.radius.size:
             self.constraints += (ClearanceConstraint(scene),)
-        self._handle: Any = handle(FilterArrays(self._model, self.limits, scene, limits.period))
+        self._parts = FilterParts(
+            self._model, handle(scene),
+            (scene.spheres.body.size, scene.obstacles.radius.size), self.limits, limits.period)
 
     def retuned(self, settings: ControllerSettings) -> LimitsFilter:
         """Return the filter that goes on with other settings.
@@ -112,7 +108,7 @@ class LimitsFilter:
             return
         q, qd = self._state
         limit = settings.torque_limit.copy()
-        report = _step(self._handle, q, qd, np.zeros_like(q), -limit, limit)
+        report = filter_step(self._parts, q, qd, np.zeros_like(q), -limit, limit)
         if report.stop_clearance < 0.0 and report.clearance < np.inf:
             raise ParameterError(
                 'controller.limits.obstacles', settings.limits.obstacles.values(),
@@ -121,7 +117,7 @@ class LimitsFilter:
 
     def filtered(self, sample: FilterSample) -> np.ndarray:
         """Return the torque to command, see `SafetyFilter`."""
-        report = self.report = _step(self._handle, sample.q, sample.qd, sample.torque,
+        report = self.report = filter_step(self._parts, sample.q, sample.qd, sample.torque,
                                      sample.least, sample.most)
         self.counts = [count + (kind == report.kind) for kind, count in enumerate(self.counts)]
         self._state = sample.q.copy(), sample.qd.copy()

@@ -21,10 +21,9 @@ from adaptive_blf_control.limits.obstacles import (
 from adaptive_blf_control.limits.scene import link_spheres_along
 from adaptive_blf_control.limits.stop_box import clearances, stop_box
 
-OBSTACLES = joined([sphere([0.5, 0.1, 0.5], 0.1),
-                    capsule([0.3, -0.4, 0.2], [0.4, 0.5, 0.9], 0.05),
-                    box([-0.3, 0.3, 0.6], [0.2, 0.3, 0.4]),
-                    half_space([0.0, 0.0, 0.1], [0.0, 0.0, 1.0])])
+OBSTACLES = joined([
+    sphere([0.5, 0.1, 0.5], 0.1), capsule([0.3, -0.4, 0.2], [0.4, 0.5, 0.9], 0.05),
+    box([-0.3, 0.3, 0.6], [0.2, 0.3, 0.4]), half_space([0.0, 0.0, 0.1], [0.0, 0.0, 1.0])])
 
 
 @pytest.fixture(scope='module')
