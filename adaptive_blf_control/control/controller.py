@@ -198,8 +198,9 @@ class Controller:
         self._not_measured = np.full(arm.n, np.nan)
         self._n, self._m = (arm.n,), (arm.m,)
         self._memory = new_memory(arm.n)
+        self._path_time = 0.0
         self._smooth_start = follow if isinstance(follow, SmoothStart) else None
-        self._take(self._tuned(settings),
+        self._take(self._tuned(_with_safety(settings, parts['safety'])),
                    self._checked(0.0, parts['safety'], parts['performance'], follow))
         self.constraints.check(self.state(0.0, follow.at(0.0).position, np.zeros(arm.n)))
         if start is not None:
@@ -269,6 +270,14 @@ class Controller:
         """
         return MotionState(t, q, qd, q - self.reference.at(t).position, self._bounds.at(t))
 
+    def path_time(self, t: float) -> float:
+        """Return the time of the reference that belongs to the sample at ``t`` [s], the last one.
+
+        They differ where a reference governor slows the reference down.
+        """
+        governed = getattr(self.safety_filter, 'governor', None) is not None
+        return self._path_time if governed else t
+
     def check_start(self, q: Any, qd: Any = None) -> None:
         """Raise SetViolation where the first measured state is not inside.
 
@@ -323,11 +332,13 @@ class Controller:
             SetViolation: with joint, value and bound.
             ParameterError: a value cannot be used.
         """
-        joints = self.arm.joints
+        joints, t = self.arm.joints, self.path_time(t)
         q = checked_array('q', q, self._n, joints)
-        tuning = (self._tuning if settings is None
-                  else self._tuned(ControllerSettings.taken(settings, {}), self._law,
-                                   self.safety_filter))
+        tuning = self._tuning
+        if settings is not None or (safety is not None and self.safety_filter is not None):
+            taken = self.settings if settings is None else ControllerSettings.taken(settings, {})
+            tuning = self._tuned(_with_safety(taken, safety or self.safety), self._law,
+                                 self.safety_filter)
         sets = _Sets(self.safety, self.performance, self.reference, self._bounds)
         follow = from_time(self.reference, t)
         if reference is not None and blend_time != 0.0:
@@ -364,11 +375,25 @@ class Controller:
         if not are_vectors(self._n, q, qd, torque):
             q, qd, torque = checked_vectors(self.arm.joints, q=q, qd=qd, torque=torque)
         theta = checked_array('theta', theta, self._m, self.arm.parameters)
-        point, bounds = self.reference.at(t), self._bounds.at(t)
-        sample = LawSample(t, q, qd, torque, point, bounds, theta)
         if self.safety_filter is not None:
-            return self._filtered(self.safety_filter, sample)
-        return self._answered(sample)
+            point, bounds = self._governed(self.safety_filter, t, q)
+            return self._filtered(self.safety_filter,
+                                  LawSample(t, q, qd, torque, point, bounds, theta))
+        point, bounds = self.reference.at(t), self._bounds.at(t)
+        return self._answered(LawSample(t, q, qd, torque, point, bounds, theta))
+
+    def _governed(self, safety_filter: SafetyFilter, t: float,
+                  q: np.ndarray) -> tuple[ReferencePoint, Bounds]:
+        """Return the reference and the bounds at a sample as a governor lets them pass."""
+        governor = getattr(safety_filter, 'governor', None)
+        if governor is None:
+            return self.reference.at(t), self._bounds.at(t)
+        point, self._path_time, rate = governor.governed(t, q, self.reference)
+        bounds = self._bounds.at(self._path_time)
+        bounds = bounds._replace(lower_rate=rate * bounds.lower_rate,
+                                 upper_rate=rate * bounds.upper_rate)
+        governor.heed(bounds)
+        return point, bounds
 
     def _answered(self, sample: LawSample) -> ControlOutput:
         """Answer a sample with the law and the limits of torque and its rate."""
@@ -436,6 +461,13 @@ class Controller:
         output = trial.update(0.5, start, np.zeros(self.arm.n), theta)
         trial.lyapunov(output, theta)
         trial.margins(output)
+
+
+def _with_safety(settings: ControllerSettings, safety: JointInterval) -> ControllerSettings:
+    """Return settings whose safety set is the one in use, where a safety filter is to keep it."""
+    if settings.safety_filter == 'none':
+        return settings
+    return settings.replace(safety={'lower': safety.lower, 'upper': safety.upper})
 
 
 def _check_reference(reference: Reference, arm: Arm) -> None:

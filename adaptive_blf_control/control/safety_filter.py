@@ -9,10 +9,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.settings import ControllerSettings, SAFETY_FILTERS
 from adaptive_blf_control.parameters.plugin import load_plugin, made
 
-__all__ = ['FilterSample', 'made_filter', 'SafetyFilter']
+__all__ = ['FilterSample', 'Governed', 'made_filter', 'SafetyFilter']
 
 
 class FilterSample(NamedTuple):
@@ -35,6 +36,20 @@ class FilterSample(NamedTuple):
     most: np.ndarray
 
 
+class Governed(NamedTuple):
+    """What is followed at a sample in place of the reference.
+
+    Attributes:
+        point: y_d with two derivatives.
+        path_time: Time of the reference that this belongs to [s]; it does not run ahead of t.
+        rate: Its rate, 1 where the reference is not slowed down.
+    """
+
+    point: ReferencePoint
+    path_time: float
+    rate: float
+
+
 class SafetyFilter(Protocol):
     """A safety filter, made as ``filter(arm, settings)``.
 
@@ -42,7 +57,10 @@ class SafetyFilter(Protocol):
 
     * ``retuned(settings)``: returns the filter that goes on with other settings, or raises
       ParameterError where the present state does not allow them; without it, it is made again;
-    * ``constraints``: what it keeps, see `Constraint`.
+    * ``constraints``: what it keeps, see `Constraint`;
+    * ``governor``: a reference governor with ``governed(t, q, reference) -> Governed``, asked
+      before the law, and ``heed(bounds)``, told the performance bounds of the sample; None for
+      none.
     """
 
     @abstractmethod

@@ -85,6 +85,8 @@ class FilterParts(NamedTuple):
         shape: Number of spheres and of obstacles.
         limits: Of the joints.
         period: Longest time that a torque is held [s].
+        exact: Matrices of a motion whose acceleration is exactly what it is told, in place of
+            the model; None for an arm.
     """
 
     model: Any
@@ -92,6 +94,7 @@ class FilterParts(NamedTuple):
     shape: tuple[int, int]
     limits: JointLimits
     period: float
+    exact: Posture | None = None
 
 
 class Room(NamedTuple):
@@ -146,7 +149,7 @@ def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.nd
         most: τ̅, shape (n,) [N·m].
     """
     limits, period = parts.limits, parts.period
-    posture = posture_of(parts.model, q, qd)
+    posture = parts.exact or posture_of(parts.model, q, qd)
     wanted = posture.compliance @ (torque - posture.bias)
     lower, upper = acceleration_bounds(q, qd, *limits, period)
     room = _room(parts, q.size)
@@ -194,6 +197,8 @@ def _room(parts: FilterParts, n: int) -> Room:
 def _error(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndarray,
            a: np.ndarray) -> np.ndarray:
     """Return the bound of |a* − a| under the torque of a, shape (n,) [rad/s²]."""
+    if parts.exact is not None:
+        return np.zeros_like(q)
     error: np.ndarray = error_of(parts.model, posture, q, qd, a,
                                  posture.inertia @ a + posture.bias, parts.period)
     return error

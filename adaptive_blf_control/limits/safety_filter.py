@@ -24,11 +24,14 @@ from adaptive_blf_control.limits.filter_step import (
     IDLE,
     JointLimits,
     Report,
+    Scene,
 )
+from adaptive_blf_control.limits.governor import Governor
 from adaptive_blf_control.limits.limit_constraints import (
     ClearanceConstraint,
     VelocityConstraint,
 )
+from adaptive_blf_control.limits.pace import Pace, SPEED_PART
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 from adaptive_blf_control.limits.prior import inertia_range, prior_of
 from adaptive_blf_control.limits.scene import scene_of
@@ -42,6 +45,7 @@ class LimitsFilter:
     Attributes:
         limits: Of the joints.
         constraints: Velocities, and distances from obstacles.
+        governor: Of the reference; None where ``limits.govern`` is off.
         report: Of the last sample; None before the first.
         counts: How many samples were idle, active, braking and softened.
     """
@@ -88,6 +92,19 @@ class LimitsFilter:
         self._parts = FilterParts(
             self._model, handle(scene),
             (scene.spheres.body.size, scene.obstacles.radius.size), self.limits, limits.period)
+        self.governor = self._governor(settings, scene) if limits.govern else None
+
+    def _governor(self, settings: ControllerSettings, scene: Scene) -> Governor:
+        """Return the governor of a new motion, with limits that leave room for e1."""
+        safety, performance = settings.safety, settings.performance
+        narrow = self.limits._replace(
+            lower=safety.lower - performance.lower, upper=safety.upper - performance.upper,
+            speed=SPEED_PART * self.limits.speed)
+        wider = scene._replace(spheres=scene.spheres._replace(
+            radius=scene.spheres.radius + settings.limits.obstacles.margin))
+        return Governor(
+            Pace(self._arm, self.parameter_set, self.limits.speed, settings.torque_limit),
+            self._parts._replace(scene=handle(wider), limits=narrow))
 
     def retuned(self, settings: ControllerSettings) -> LimitsFilter:
         """Return the filter that goes on with other settings.

@@ -7,7 +7,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.chain import Chain
-from adaptive_blf_control.control.limit_settings import LimitSettings, ObstacleSettings
+from adaptive_blf_control.control.limit_settings import LimitSettings, ObstacleSettings, rows_of
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.limits.filter_step import Scene
 from adaptive_blf_control.limits.link_spheres import LinkSpheres
@@ -28,10 +28,10 @@ SPACING = 1.0  # distance of neighbouring spheres in units of their radius
 def obstacles_of(settings: ObstacleSettings) -> Obstacles:
     """Return the obstacles that settings list; ParameterError where one cannot be."""
     return joined([
-        *(sphere(row[:3], row[3]) for row in settings.spheres.reshape(-1, 4).tolist()),
-        *(capsule(row[:3], row[3:6], row[6]) for row in settings.capsules.reshape(-1, 7).tolist()),
-        *(box(row[:3], row[3:]) for row in settings.boxes.reshape(-1, 6).tolist()),
-        *(half_space(row[:3], row[3:]) for row in settings.half_spaces.reshape(-1, 6).tolist())])
+        *(sphere(row[:3], row[3]) for row in settings.rows('spheres')),
+        *(capsule(row[:3], row[3:6], row[6]) for row in settings.rows('capsules')),
+        *(box(row[:3], row[3:]) for row in settings.rows('boxes')),
+        *(half_space(row[:3], row[3:]) for row in settings.rows('half_spaces'))])
 
 
 def link_spheres_along(chain: Chain, radius: float) -> LinkSpheres:
@@ -66,9 +66,9 @@ def scene_of(arm: Arm, settings: LimitSettings) -> Scene:
             raise ParameterError('controller.limits.obstacles', settings.obstacles.values(),
                                  f'an arm from a URDF: {type(arm).__name__} has no geometry')
         return Scene(_no_chain(arm.n), none, obstacles)
-    if not settings.link_spheres.size:
+    rows = np.array(rows_of('controller.limits.link_spheres', settings.link_spheres, 5))
+    if not rows.size:
         return Scene(chain, link_spheres_along(chain, settings.link_radius), obstacles)
-    rows = settings.link_spheres.reshape(-1, 5)
     joints = rows[:, 0]
     if not np.isin(joints, np.arange(1, arm.n + 1)).all() or not (rows[:, 4] > 0.0).all():
         raise ParameterError('controller.limits.link_spheres', rows.tolist(),

@@ -105,7 +105,9 @@ def test_the_loop_is_the_same_bit_for_bit_while_nothing_is_near(repository):
 
 def test_velocities_stay_within_their_limit_where_the_reference_asks_for_more(repository):
     run = blf.simulate(repository / 'config' / 'two_link.yaml', 2.0, controller={
-        'safety_filter': 'limits', 'limits': {'velocity': [0.4], 'prior': PRIOR}})
+        'safety_filter': 'limits',
+        'limits': {'velocity': [0.4], 'prior': PRIOR, 'govern': False}}, arm_driver={
+            'initial_velocity': [0.0]})
     counts = run.loop.controller.safety_filter.counts
     assert counts[ACTIVE] > 100
     assert counts[BRAKING:] == [0, 0]
