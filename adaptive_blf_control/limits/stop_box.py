@@ -49,7 +49,10 @@ def stop_box(qd: np.ndarray, a: np.ndarray, error: np.ndarray, braking: np.ndarr
     n = qd.size
     low, high, slope = np.empty(n), np.empty(n), np.empty(n)
     for i in range(n):
-        slack = 0.125 * braking[i] * period * period
+        # The last sample of braking, and a joint that turns back there by the error.
+        back = 2.0 * error[i] * period
+        slack = (0.125 * braking[i] * period + 0.5 * back) * period + back * back / (
+            2.0 * braking[i])
         high[i] = _reach(qd[i], a[i] + error[i], braking[i], period) + slack
         low[i] = -_reach(-qd[i], error[i] - a[i], braking[i], period) - slack
         end = qd[i] + period * a[i]
