@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bench import arms, coverage, identifier_steps, rates
+from adaptive_blf_control.bench import arms, coverage, identifier_steps, limits, rates
 from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
@@ -187,10 +187,19 @@ def _arms(options: argparse.Namespace) -> None:
     arms.run(options)
 
 
+def _limits(options: argparse.Namespace) -> None:
+    print('\n## The safety filter (`bench limits`)\n')
+    _machine()
+    print('| ' + ' | '.join(limits.TITLES) + ' |\n' + '|---' * len(limits.TITLES) + '|')
+    data = load_yaml(options.config / 'panda_obstacles.yaml')
+    for case in limits.cases():
+        print(limits.row(data, case, 8.0), flush=True)
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
     'scenarios': _scenarios, 'steps': _steps, 'against_c': _against_c, 'processes': _processes,
     'measured': _measured, 'models': _models, 'coverage': _coverage, 'arms': _arms,
-    'rates': _rates}
+    'rates': _rates, 'limits': _limits}
 
 
 def main(args: list[str] | None = None) -> int:
