@@ -10,8 +10,8 @@ In the acceleration a of the model, M_c a + h_c = τ, and with e the bound of |a
 
 What is wanted passes bit for bit where it keeps every row by itself. Where there is no such a, the
 rows but for the torque box give way, as little as they have to (SOFTENED). Where the solution does
-not leave every sphere free until all joints stand, all joints brake instead (BRAKING), which keeps
-them in the box of postures that was free before.
+not leave every sphere free until all joints stand, it goes back towards braking of all joints, and
+to that where nothing less does (BRAKING): braking keeps them in the box of postures that was free.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ __all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'FilterParts', 'IDLE', 'JointLimi
 
 IDLE, ACTIVE, BRAKING, SOFTENED = 0, 1, 2, 3
 ROUNDS = 4  # solutions, each with the bound of the error of the one before
+PARTS = (0.7, 0.4, 0.2, 0.1, 0.05, 0.0)  # of the way from braking to a solution
+WIDER = 1.5  # times the error at braking: the one that braking is solved with
 GAMMA = 0.05  # part of the free way that a sample may use up
 NEAREST = 8  # rows of obstacles at a time
 SOFT = 1e-6  # softness of a row that gives way, in units of its own curvature
@@ -164,6 +166,9 @@ def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.nd
     if (_passes(wanted, lower, upper, error) and _passes(torque, least, most, np.zeros_like(q))
             and _uses_its_part(room.found, room.before)):
         return _report(posture, torque, IDLE, wanted, error, limits, least, most, room, free)
+    if room.found.size:  # braking keeps the rows of obstacles: there they are linearised first
+        a = brake
+        _leaves(parts, q, qd, a, error, room)
     kind, rounds = ACTIVE, 0
     while True:
         rounds += 1
@@ -180,13 +185,34 @@ def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.nd
     if not certain:
         kind = SOFTENED
     if free < 0.0:
-        a, braked = solved(posture, wanted, *_braking_bounds(qd, brake, error, period), least,
-                           most, a, room, 0)
-        kind = max(kind if kind == SOFTENED else BRAKING, BRAKING if braked == ACTIVE else braked)
-        error = _error(parts, posture, q, qd, a)
-        free = _leaves(parts, q, qd, a, error, room)
+        a, kind, error, free = _backed_off(parts, posture, q, qd, wanted, a, brake, lower, upper,
+                                           least, most, room)
     answer = np.minimum(np.maximum(posture.inertia @ a + posture.bias, least), most)
     return _report(posture, answer, kind, a, error, limits, least, most, room, free)
+
+
+def _backed_off(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndarray,
+                wanted: np.ndarray, a: np.ndarray, brake: np.ndarray, lower: np.ndarray,
+                upper: np.ndarray, least: np.ndarray, most: np.ndarray, room: Room,
+                ) -> tuple[np.ndarray, int, np.ndarray, float]:
+    """Return what is as far from braking of all joints towards ``a`` as leaves a stop free.
+
+    What a stop leaves free is concave in a, so that a part of the way always does where braking
+    leaves something.
+    """
+    error = WIDER * _error(parts, posture, q, qd, brake)
+    braked, solution = solved(posture, wanted, *_braking_bounds(qd, brake, error, parts.period),
+                              least, most, brake, room, 0)
+    for part in PARTS:
+        tried = braked + part * (a - braked)
+        needed = _error(parts, posture, q, qd, tried)
+        free = _leaves(parts, q, qd, tried, needed, room)
+        if part == 0.0 or (free >= 0.0 and _passes(tried, lower, upper, needed)):
+            break
+    kind = BRAKING if part == 0.0 else ACTIVE
+    if solution == SOFTENED or (part == 0.0 and (needed > error + SLACK).any()):
+        kind = SOFTENED
+    return tried, kind, needed, free
 
 
 def _room(parts: FilterParts, n: int) -> Room:
