@@ -2,13 +2,14 @@
 """The reference governor: slows the reference down, and leads it round obstacles.
 
 Where there are obstacles the reference is a motion (y, ẏ) of its own that is drawn to the path by
-y̋ = y̋_p + k_d (ẏ_p − ẏ) + k_p (y_p − y), nearest to which its acceleration is chosen as the filter
+ÿ = ÿ_p + k_d (ẏ_p − ẏ) + k_p (y_p − y), nearest to which its acceleration is chosen as the filter
 does it: within the safety set less the performance set, the velocities and the stops before
 obstacles. Its acceleration is what it is told, so that nothing is uncertain in it.
 """
 
 from __future__ import annotations
 
+import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -89,6 +90,21 @@ class Governor:
         result = Governed(point, pace.time, pace.rate)
         self._last = _Last(t, result, None)
         return result
+
+    def __copy__(self) -> Governor:
+        """Return a governor that goes on from here without a trace in this one."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.pace = copy.copy(self.pace)
+        other._deflection = copy.copy(self._deflection)
+        return other
+
+    def go_on_from(self, before: Governor) -> None:
+        """Take place and speed from the governor that is replaced."""
+        self.pace.go_on_from(before.pace)
+        self._last = before._last
+        if before._deflection is not None and self._last is not None:
+            self._deflection = Deflection(self._parts, self._last.governed.point)
 
     def heed(self, bounds: Bounds) -> None:
         """Take the performance bounds of this sample."""

@@ -12,6 +12,9 @@ from adaptive_blf_control.limits.obstacles import distance
 
 __all__ = ['ClearanceConstraint', 'VelocityConstraint']
 
+FARTHEST = 10.0
+"""Largest distance that is told [m], also where there is no obstacle."""
+
 
 class VelocityConstraint:
     """q̇ within the largest velocities."""
@@ -31,22 +34,25 @@ class VelocityConstraint:
 
 
 class ClearanceConstraint:
-    """The distance of the nearest sphere of a link from each obstacle."""
+    """The distance of the links from the nearest obstacle.
+
+    It is there without obstacles, too: they may come while the arm moves.
+    """
 
     name, quantity, unit = 'clearance', 'distance', 'm'
     recovery = 'move the arm away by hand, or change controller.limits.obstacles'
+    bodies: tuple[str, ...] = ('arm',)
 
     def __init__(self, scene: Scene) -> None:
         """Take spheres and obstacles."""
-        self.bodies = tuple(f'obstacle{k + 1}' for k in range(scene.obstacles.radius.size))
         self._scene = scene
 
     def bounded(self, state: MotionState) -> Bounded:
-        """Return the distances, bounded from below by zero."""
+        """Return the distance, at most `FARTHEST`, bounded from below by zero."""
         chain, spheres, obstacles = self._scene
+        least, normal = FARTHEST, np.empty(3)
         points = sphere_centres(chain, spheres, np.ascontiguousarray(state.q))
-        normal = np.empty(3)
-        least = np.array([min(distance(obstacles, k, point, normal) - radius
-                              for point, radius in zip(points, spheres.radius))
-                          for k in range(obstacles.radius.size)])
-        return Bounded(least, np.zeros(least.size), np.full(least.size, np.inf))
+        for point, radius in zip(points, spheres.radius):
+            for k in range(obstacles.radius.size):
+                least = min(least, distance(obstacles, k, point, normal) - radius)
+        return Bounded(np.array([least]), np.zeros(1), np.full(1, np.inf))

@@ -82,6 +82,11 @@ class Pace:
         self._lag += dt * (1.0 - 0.5 * (self.rate + rate))
         self.time, self.rate = t - self._lag, rate
 
+    def go_on_from(self, before: Pace) -> None:
+        """Take path time and rate from another pace."""
+        self.time, self.rate, self.change = before.time, before.rate, before.change
+        self._t, self._lag = before._t, before._lag
+
     def _largest(self, reference: Reference, at: float) -> float:
         """Return the largest σ̇ at a point of the path, 0 where even rest asks for too much."""
         y, slope, bend = reference.at(at)

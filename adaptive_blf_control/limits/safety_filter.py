@@ -38,6 +38,9 @@ from adaptive_blf_control.limits.scene import scene_of
 
 __all__ = ['LimitsFilter']
 
+LONGEST = 0.1
+"""A longer time between two samples is a gap and says nothing about the next one [s]."""
+
 
 class LimitsFilter:
     """Lets through what keeps velocities, positions and obstacles for every θ* of the prior.
@@ -65,6 +68,7 @@ class LimitsFilter:
         self._arm = arm
         self.report: Report | None = None
         self._state: tuple[np.ndarray, np.ndarray] | None = None
+        self._t = np.inf  # no sample was before
         self.counts = [0, 0, 0, 0]
         given = settings.limits.prior
         prior = prior_of(arm, mass_error=given.mass_error, payload=given.payload,
@@ -87,12 +91,14 @@ class LimitsFilter:
         scene = scene_of(self._arm, limits)
         self.constraints: tuple[Constraint, ...] = (
             VelocityConstraint(self._arm.joints, self.limits.speed),)
-        if scene.obstacles.radius.size:
-            self.constraints += (ClearanceConstraint(scene),)
+        if scene.spheres.radius.size:
+            self.constraints = (*self.constraints, ClearanceConstraint(scene))
         self._parts = FilterParts(
             self._model, handle(scene),
             (scene.spheres.body.size, scene.obstacles.radius.size), self.limits, limits.period)
-        self.governor = self._governor(settings, scene) if limits.govern else None
+        self.governor: Governor | None = None
+        if limits.govern:
+            self.governor = self._governor(settings, scene)
 
     def _governor(self, settings: ControllerSettings, scene: Scene) -> Governor:
         """Return the governor of a new motion, with limits that leave room for e1."""
@@ -114,6 +120,8 @@ class LimitsFilter:
         """
         other = copy.copy(self)
         other._take(settings)
+        if other.governor is not None and self.governor is not None:
+            other.governor.go_on_from(self.governor)
         if self._state is not None:
             check_state(self._arm, other.limits, *self._state)
             other._check_clearance(settings)
@@ -132,12 +140,27 @@ class LimitsFilter:
                 f'obstacles that the arm stops before: at q = {np.round(q, 3).tolist()} rad it is '
                 f'{report.clearance:.3g} m from one, {report.stop_clearance:.3g} m when it stands')
 
+    def __copy__(self) -> LimitsFilter:
+        """Return a filter that goes on from here without a trace in this one."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.governor = copy.copy(self.governor)
+        return other
+
     def filtered(self, sample: FilterSample) -> np.ndarray:
-        """Return the torque to command, see `SafetyFilter`."""
-        report = self.report = filter_step(self._parts, sample.q, sample.qd, sample.torque,
+        """Return the torque to command, see `SafetyFilter`.
+
+        The torque is taken to be held for ``limits.period``, or as long as the one before was
+        where that is longer.
+        """
+        held = sample.t - self._t
+        parts = self._parts
+        if parts.period < held <= LONGEST:
+            parts = parts._replace(period=held)
+        report = self.report = filter_step(parts, sample.q, sample.qd, sample.torque,
                                      sample.least, sample.most)
         self.counts = [count + (kind == report.kind) for kind, count in enumerate(self.counts)]
-        self._state = sample.q.copy(), sample.qd.copy()
+        self._t, self._state = sample.t, (sample.q.copy(), sample.qd.copy())
         return sample.torque if report.kind == IDLE else report.torque
 
 

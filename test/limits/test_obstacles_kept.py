@@ -94,5 +94,5 @@ def test_an_obstacle_that_contains_the_arm_at_the_start_is_refused_with_the_dist
     _, _, filter_ = made(spheres=[0.4, 0.0, 0.4, 0.2])
     near = filter_.constraints[1]
     assert isinstance(near, ClearanceConstraint)
-    with pytest.raises(SetViolation, match='obstacle1.*start distance outside the clearance set'):
+    with pytest.raises(SetViolation, match='arm.*start distance outside the clearance set'):
         Constraints([near], ('j1', 'j2', 'j3')).check_start(_state(np.zeros(3)))
