@@ -23,7 +23,7 @@ from adaptive_blf_control.arms.spatial import (
 )
 from adaptive_blf_control.compiled import borrowed, jit
 
-__all__ = ['chain_acceleration', 'chain_mass', 'ChainInertias']
+__all__ = ['chain_acceleration', 'chain_mass', 'chain_mass_and_bias', 'ChainInertias']
 
 
 class ChainInertias(NamedTuple):

@@ -23,6 +23,7 @@ from adaptive_blf_control.bench import (
     coverage,
     excitation_figures,
     identifier_steps,
+    limits,
     payload,
     rates,
 )
@@ -213,10 +214,20 @@ def _excite(options: argparse.Namespace) -> None:
     excitation_figures.run(options)
 
 
+def _limits(options: argparse.Namespace) -> None:
+    print('\n## The safety filter (`bench limits`)\n')
+    _machine()
+    print('| ' + ' | '.join(limits.TITLES) + ' |\n' + '|---' * len(limits.TITLES) + '|')
+    data = load_yaml(options.config / 'panda_obstacles.yaml')
+    for case in limits.cases():
+        print(limits.row(data, case, 8.0), flush=True)
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
     'scenarios': _scenarios, 'steps': _steps, 'against_c': _against_c, 'processes': _processes,
     'measured': _measured, 'models': _models, 'coverage': _coverage, 'excite': _excite,
-    'payload': _payload, 'arms': _arms, 'campaigns': _campaigns, 'rates': _rates}
+    'payload': _payload, 'arms': _arms, 'campaigns': _campaigns, 'rates': _rates,
+    'limits': _limits}
 
 
 def main(args: list[str] | None = None) -> int:

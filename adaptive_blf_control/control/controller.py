@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import copy
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from adaptive_blf_control.arrays import (
 from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.constraints import Constraint, Constraints, MotionState
-from adaptive_blf_control.control.law import limited_answer
+from adaptive_blf_control.control.law import limited_answer, unwound_term
 from adaptive_blf_control.control.laws.ablf import AblfLaw
 from adaptive_blf_control.control.laws.choice import checked_law, make_law, retuned_law
 from adaptive_blf_control.control.laws.protocol import Law, LawSample
@@ -31,6 +32,11 @@ from adaptive_blf_control.control.reference import (
     Reference,
     ReferencePoint,
     SmoothStart,
+)
+from adaptive_blf_control.control.safety_filter import (
+    FilterSample,
+    made_filter,
+    SafetyFilter,
 )
 from adaptive_blf_control.control.set_constraints import (
     made_constraint,
@@ -117,6 +123,7 @@ class _Tuning(NamedTuple):
     settings: ControllerSettings
     law: Law
     constraints: tuple[Constraint, ...]
+    safety_filter: SafetyFilter | None
     barrier_weight: np.ndarray
     torque_limit: np.ndarray
     torque_rate_limit: np.ndarray
@@ -130,11 +137,12 @@ class Controller:
     Attributes:
         arm: The arm.
         settings: Gains and limits.
+        safety_filter: What the torque passes behind the law; None where there is none.
         safety: Safety set (7).
         performance: Performance set (8), as wide as it gets.
         reference: y_d.
-        constraints: What counts as inside: both sets, then those of the settings, then those
-            given.
+        constraints: What counts as inside: both sets, then those of the safety filter, those of
+            the settings and those given.
     """
 
     def __init__(self, arm: Arm, settings: ControllerSettings | None = None,
@@ -190,8 +198,9 @@ class Controller:
         self._not_measured = np.full(arm.n, np.nan)
         self._n, self._m = (arm.n,), (arm.m,)
         self._memory = new_memory(arm.n)
+        self._path_time = 0.0
         self._smooth_start = follow if isinstance(follow, SmoothStart) else None
-        self._take(self._tuned(settings),
+        self._take(self._tuned(_with_safety(settings, parts['safety'])),
                    self._checked(0.0, parts['safety'], parts['performance'], follow))
         self.constraints.check(self.state(0.0, follow.at(0.0).position, np.zeros(arm.n)))
         if start is not None:
@@ -207,11 +216,13 @@ class Controller:
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other._memory = Memory(*(array.copy() for array in self._memory))
+        other.safety_filter = copy.copy(self.safety_filter)
         if self._arrays is not None:
             other._arrays, other._handle = self._arrays._replace(memory=other._memory), None
         return other
 
-    def _tuned(self, settings: ControllerSettings, before: Law | None = None) -> _Tuning:
+    def _tuned(self, settings: ControllerSettings, before: Law | None = None,
+               filter_before: SafetyFilter | None = None) -> _Tuning:
         full, given = settings.resolved(joints=self.arm.n), self._given_law
         law = None if before is None else retuned_law(before, full)
         if law is None:
@@ -221,8 +232,8 @@ class Controller:
         # Copies that may be written to: the compiled functions take those.
         return _Tuning(full, law, tuple(made_constraint(self.arm, full, each)
                                         for each in (*names, *self._given_constraints)),
-                       full.barrier_weight.copy(), full.torque_limit.copy(),
-                       full.torque_rate_limit.copy())
+                       made_filter(self.arm, full, filter_before), full.barrier_weight.copy(),
+                       full.torque_limit.copy(), full.torque_rate_limit.copy())
 
     def _checked(self, t: float, safety: JointInterval, performance: JointInterval,
                  reference: Reference) -> _Sets:
@@ -237,7 +248,7 @@ class Controller:
                      GrowingBounds(performance, safety, begun.start, begun.duration))
 
     def _take(self, tuning: _Tuning, sets: _Sets) -> None:
-        (self.settings, self._law, _, self._weight, self._limit,
+        (self.settings, self._law, _, self.safety_filter, self._weight, self._limit,
          self._rate_limit) = self._tuning = tuning
         self.safety, self.performance, self.reference, self._bounds = sets
         joints = self.arm.joints
@@ -247,7 +258,7 @@ class Controller:
             ControllerArrays(arm, self._law.gains, self._limit, self._rate_limit, self._memory))
         self.constraints = Constraints(
             [SafetyConstraint(joints, self.safety), PerformanceConstraint(joints),
-             *tuning.constraints], joints)
+             *getattr(self.safety_filter, 'constraints', ()), *tuning.constraints], joints)
 
     def state(self, t: float, q: np.ndarray, qd: np.ndarray) -> MotionState:
         """Return a state as the constraints see it: with e1 and the bounds in use.
@@ -258,6 +269,14 @@ class Controller:
             qd: Velocities, shape (n,) [rad/s].
         """
         return MotionState(t, q, qd, q - self.reference.at(t).position, self._bounds.at(t))
+
+    def path_time(self, t: float) -> float:
+        """Return the time of the reference that belongs to the sample at ``t`` [s], the last one.
+
+        They differ where a reference governor slows the reference down.
+        """
+        governed = getattr(self.safety_filter, 'governor', None) is not None
+        return self._path_time if governed else t
 
     def check_start(self, q: Any, qd: Any = None) -> None:
         """Raise SetViolation where the first measured state is not inside.
@@ -280,9 +299,9 @@ class Controller:
     def arrays(self) -> ControllerArrays | None:
         """The controller as `controller_step` takes it; None where it has to be asked itself.
 
-        That is for another law than (38), or for an arm that only its methods know.
+        That is for another law than (38), an arm that only its methods know, or a safety filter.
         """
-        return self._arrays
+        return self._arrays if self.safety_filter is None else None
 
     def bounds(self, t: float) -> Bounds:
         """Return the performance bounds in use at ``t`` [s], with their rates."""
@@ -313,10 +332,13 @@ class Controller:
             SetViolation: with joint, value and bound.
             ParameterError: a value cannot be used.
         """
-        joints = self.arm.joints
+        joints, t = self.arm.joints, self.path_time(t)
         q = checked_array('q', q, self._n, joints)
-        tuning = (self._tuning if settings is None
-                  else self._tuned(ControllerSettings.taken(settings, {}), self._law))
+        tuning = self._tuning
+        if settings is not None or (safety is not None and self.safety_filter is not None):
+            taken = self.settings if settings is None else ControllerSettings.taken(settings, {})
+            tuning = self._tuned(_with_safety(taken, safety or self.safety), self._law,
+                                 self.safety_filter)
         sets = _Sets(self.safety, self.performance, self.reference, self._bounds)
         follow = from_time(self.reference, t)
         if reference is not None and blend_time != 0.0:
@@ -353,15 +375,54 @@ class Controller:
         if not are_vectors(self._n, q, qd, torque):
             q, qd, torque = checked_vectors(self.arm.joints, q=q, qd=qd, torque=torque)
         theta = checked_array('theta', theta, self._m, self.arm.parameters)
+        if self.safety_filter is not None:
+            point, bounds = self._governed(self.safety_filter, t, q)
+            return self._filtered(self.safety_filter,
+                                  LawSample(t, q, qd, torque, point, bounds, theta))
         point, bounds = self.reference.at(t), self._bounds.at(t)
+        return self._answered(LawSample(t, q, qd, torque, point, bounds, theta))
+
+    def _governed(self, safety_filter: SafetyFilter, t: float,
+                  q: np.ndarray) -> tuple[ReferencePoint, Bounds]:
+        """Return the reference and the bounds at a sample as a governor lets them pass."""
+        governor = getattr(safety_filter, 'governor', None)
+        if governor is None:
+            return self.reference.at(t), self._bounds.at(t)
+        point, self._path_time, rate = governor.governed(t, q, self.reference)
+        bounds = self._bounds.at(self._path_time)
+        bounds = bounds._replace(lower_rate=rate * bounds.lower_rate,
+                                 upper_rate=rate * bounds.upper_rate)
+        governor.heed(bounds)
+        return point, bounds
+
+    def _answered(self, sample: LawSample) -> ControlOutput:
+        """Answer a sample with the law and the limits of torque and its rate."""
         if self._arrays is None:
-            return self._asked(LawSample(t, q, qd, torque, point, bounds, theta))
+            return self._asked(sample)
+        t, q, qd, _, point, bounds, theta = sample
         if self._handle is None:
             self._handle = handle(self._arrays)
         answer, x = answer_sample(self._handle, t, q, qd, theta, point, bounds)
         return ControlOutput(answer.torque, answer.term,
                              MotionState(t, q, qd, answer.e1, bounds), answer.e2, point, x,
                              answer.bound, answer.wanted)
+
+    def _filtered(self, safety_filter: SafetyFilter, sample: LawSample) -> ControlOutput:
+        """Answer a sample with what the safety filter lets through of the law's torque."""
+        memory = self._memory
+        last, before = memory.torque.copy(), memory.time[0]
+        output = self._answered(sample)
+        dt = FIRST_INTERVAL if np.isnan(before) else max(sample.t - before, 0.0)
+        reach = self._rate_limit * dt
+        least = np.maximum(-self._limit, np.minimum(last - reach, self._limit))
+        most = np.minimum(self._limit, np.maximum(last + reach, -self._limit))
+        torque = safety_filter.filtered(FilterSample(
+            sample.t, sample.q, sample.qd, output.torque, least, most))
+        if torque is output.torque:
+            return output
+        memory.torque[:] = torque
+        return output._replace(torque=torque, adaptation_term=unwound_term(
+            output.x, output.e2, output.wanted, torque))
 
     def _asked(self, sample: LawSample) -> ControlOutput:
         """Answer a sample by asking the law in Python: a plug-in, or for an arm without arrays."""
@@ -400,6 +461,13 @@ class Controller:
         output = trial.update(0.5, start, np.zeros(self.arm.n), theta)
         trial.lyapunov(output, theta)
         trial.margins(output)
+
+
+def _with_safety(settings: ControllerSettings, safety: JointInterval) -> ControllerSettings:
+    """Return settings whose safety set is the one in use, where a safety filter is to keep it."""
+    if settings.safety_filter == 'none':
+        return settings
+    return settings.replace(safety={'lower': safety.lower, 'upper': safety.upper})
 
 
 def _check_reference(reference: Reference, arm: Arm) -> None:

@@ -45,7 +45,7 @@ class Plan(NamedTuple):
         reference: What was followed then.
         safety: Safety set then.
         performance: Performance set then.
-        t: When the way begins [s] since the start of the motion.
+        t: When the way begins [s], in the time of the reference.
     """
 
     controller: Controller
@@ -200,7 +200,7 @@ class Motion:
         if controller is None or self.gate.last_ns is None or self.lost:
             return None
         return Plan(controller, controller.reference, controller.safety, controller.performance,
-                    self.t + head_start)
+                    controller.path_time(self.t) + head_start)
 
     def follow(self, plan: Plan, way: Reference) -> bool:
         """Follow a way computed for ``plan``; False where the moment of its start has passed.
@@ -211,7 +211,8 @@ class Motion:
         present = self.plan(0.0)
         if present is None or any(now is not then for now, then in zip(present[:4], plan[:4])):
             raise BlfError('the motion has changed meanwhile: send it again')
-        if self.t >= plan.t:
+        now = plan.controller.path_time(self.t)
+        if now >= plan.t:
             return False
-        plan.controller.reference, self.planned = from_time(way, self.t), True
+        plan.controller.reference, self.planned = from_time(way, now), True
         return True

@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from adaptive_blf_control.control.limit_settings import LimitSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.plugin import is_plugin
 from adaptive_blf_control.parameters.settings import (
@@ -19,8 +20,8 @@ from adaptive_blf_control.parameters.settings import (
     Settings,
 )
 
-__all__ = ['COUPLINGS', 'LAWS', 'ControllerSettings', 'PerformanceSettings', 'ReferenceSettings',
-           'SafetySettings', 'SinusoidSettings', 'SlotineLiSettings']
+__all__ = ['COUPLINGS', 'LAWS', 'SAFETY_FILTERS', 'ControllerSettings', 'PerformanceSettings',
+           'ReferenceSettings', 'SafetySettings', 'SinusoidSettings', 'SlotineLiSettings']
 
 COUPLINGS = ('per_joint', 'pseudoinverse')
 _ROOM = 'adaptive_blf_control.control.laws'
@@ -29,6 +30,9 @@ LAWS: Mapping[str, str] = MappingProxyType({
     'computed_torque': f'{_ROOM}.fixed:ComputedTorque',
     'slotine_li': f'{_ROOM}.slotine_li:SlotineLi'})
 """Our laws by name, each with where its class is."""
+SAFETY_FILTERS: Mapping[str, str] = MappingProxyType({
+    'limits': 'adaptive_blf_control.limits.safety_filter:LimitsFilter'})
+"""Our safety filters by name, likewise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -142,6 +146,11 @@ class ControllerSettings(Settings, where='controller'):
     torque_rate_limit: np.ndarray = parameter(
         [10000.0], 'Largest change of the commanded torque.',
         'N*m/s', 0.0, exclusive=True, length='joints', live=True)
+    safety_filter: str = parameter(
+        'none', 'What the torque passes behind the law. none: nothing; limits: what keeps the '
+        'limits of controller.limits; module:name: called with the arm and these settings, it '
+        'returns a safety filter.', choices=('none', *SAFETY_FILTERS), plugin=True)
+    limits: LimitSettings = group(LimitSettings)
     slotine_li: SlotineLiSettings = group(SlotineLiSettings)
     safety: SafetySettings = group(SafetySettings)
     performance: PerformanceSettings = group(PerformanceSettings)

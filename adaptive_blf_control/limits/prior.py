@@ -11,7 +11,7 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['Prior', 'prior_of']
+__all__ = ['inertia_range', 'Prior', 'prior_of']
 
 
 class Prior(NamedTuple):
@@ -46,7 +46,7 @@ class Prior(NamedTuple):
 
 
 def prior_of(arm: Arm, *, mass_error: float = 0.3, payload: float = 0.0,
-             friction: float = 0.0) -> Prior:
+             friction: float | np.ndarray = 0.0) -> Prior:
     """Return the prior of an arm.
 
     Args:
@@ -55,23 +55,24 @@ def prior_of(arm: Arm, *, mass_error: float = 0.3, payload: float = 0.0,
             the shape of its inertia being right. Where an arm does not tell links apart, how wrong
             each of its parameters may be.
         payload: Largest load at the tip [kg], from none.
-        friction: Largest of each friction parameter, from none (N·m·s/rad viscous, N·m Coulomb);
-            0 takes friction within ``mass_error`` of nominal.
+        friction: Largest of the friction parameters of each joint, one for all or shape (n,),
+            from none (N·m·s/rad viscous, N·m Coulomb); 0 takes friction within ``mass_error`` of
+            nominal.
 
     Raises:
         ParameterError: a value is out of range, or a payload is asked of an arm without a tip.
     """
     for name, value in (('prior.mass_error', mass_error), ('prior.payload', payload),
                         ('prior.friction', friction)):
-        if not (np.isfinite(value) and value >= 0.0):
+        if not (np.isfinite(value).all() and np.min(value) >= 0.0):
             raise ParameterError(name, value, 'a finite number >= 0')
     centre = np.array(arm.nominal, dtype=float)
     columns = [mass_error * column for column in _shares(arm)]
-    rubs = _friction_rows(arm)
-    if friction > 0.0:
-        columns = [np.where(rubs, 0.0, column) for column in columns]
-        columns += [0.5 * friction * axis for axis in np.eye(arm.m)[rubs]]
-        centre[rubs] = 0.5 * friction
+    most = _largest_friction(arm, np.broadcast_to(friction, arm.n))
+    given = most > 0.0
+    columns = [np.where(given, 0.0, column) for column in columns]
+    columns += [0.5 * most[i] * np.eye(arm.m)[i] for i in np.flatnonzero(given)]
+    centre[given] = 0.5 * most[given]
     if payload > 0.0:
         if arm.payload_direction is None:
             raise ParameterError('prior.payload', payload, '0.0: the arm has no tip to load')
@@ -82,6 +83,32 @@ def prior_of(arm: Arm, *, mass_error: float = 0.3, payload: float = 0.0,
         raise ParameterError('prior.mass_error', mass_error,
                              'something that may be wrong: a mass, a payload or friction')
     return Prior(centre, np.column_stack(kept))
+
+
+def inertia_range(arm: Arm, *, mass_error: float = 0.3,
+                  payload: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return the θ, each (m,), of the arm with the least and with the most mass of the prior.
+
+    Kinetic energy is linear and increasing in each mass. So where every mass is within
+    ``mass_error`` of nominal, with centres and shapes as they are, M(θ_least) ⪯ M(θ*) ⪯ M(θ_most)
+    in every posture, the order being that of quadratic forms. Friction is not looked at.
+
+    Args:
+        arm: The arm.
+        mass_error: As in `prior_of`; below 1.
+        payload: Largest load at the tip [kg].
+
+    Raises:
+        ParameterError: a mass could be zero.
+    """
+    if not 0.0 <= mass_error < 1.0:
+        raise ParameterError('prior.mass_error', mass_error, 'a number >= 0 and < 1: no mass is '
+                                                             'zero')
+    nominal = np.array(arm.nominal, dtype=float)
+    most = (1.0 + mass_error) * nominal
+    if payload > 0.0 and arm.payload_direction is not None:
+        most = most + payload * arm.payload_direction
+    return (1.0 - mass_error) * nominal, most
 
 
 def _shares(arm: Arm) -> list[np.ndarray]:
@@ -98,6 +125,8 @@ def _shares(arm: Arm) -> list[np.ndarray]:
                      zip(arm.nominal[arm.base_count:], np.eye(arm.m)[arm.base_count:])]
 
 
-def _friction_rows(arm: Arm) -> np.ndarray:
-    """Return which parameters are viscous or Coulomb friction, shape (m,), bool."""
-    return np.array([name.startswith(('fv_', 'fc_')) for name in arm.parameters])
+def _largest_friction(arm: Arm, friction: np.ndarray) -> np.ndarray:
+    """Return the largest viscous and Coulomb friction of each joint in its places of θ, (m,)."""
+    of_joint = dict(zip(arm.joints, friction.tolist()))
+    return np.array([of_joint.get(name[3:], 0.0) if name.startswith(('fv_', 'fc_')) else 0.0
+                     for name in arm.parameters])

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far the acceleration may be from that of a model, for every θ* that is possible.
+
+With M_c a + h_c = τ of the model θc, the true acceleration a* of M* a* + h* = τ + d fulfils
+
+    a* − a = −M*⁻¹ (Y(q, q̇, a)(θ* − θc) − d),
+
+d being what no θ explains, |d_i| ≤ δ_i. Where M_least ⪯ M* ⪯ M_most, M*⁻¹ lies between
+N − R and N + R with 2N = M_least⁻¹ + M_most⁻¹, 2R = M_least⁻¹ − M_most⁻¹ ⪰ 0. So
+
+    |a* − a|_i ≤ |N e|_i + √(R_ii) √(eᵀ R e)
+
+(Cauchy-Schwarz in R), e the bracket; both are bounded over the set of θ*, the second as a norm of
+the sum over the generators of the prior. Over a sample of length h under a held
+torque the acceleration moves on by about a_h − a, that of the model at the end of the sample; all
+of it is added, twice what the mean over the sample takes: the rest is for what of it depends on
+θ*, and for the velocity between the samples.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.arms.mass_and_bias import mass, mass_and_bias
+from adaptive_blf_control.arms.regressors import law_regressor
+from adaptive_blf_control.compiled import jit
+
+__all__ = ['acceleration_error', 'inverse', 'Model', 'model_inverses', 'Posture', 'product']
+
+
+class Model(NamedTuple):
+    """An arm with the set of its parameters.
+
+    Attributes:
+        arm: As `regressors` knows it.
+        centre: Model with θc, see `mass_and_bias`.
+        least: Model with M_least ⪯ M*.
+        most: Model with M* ⪯ M_most.
+        generators: Of the zonotope around θ0 that θ* is in, shape (m, ν).
+        offset: θc − θ0, shape (m,).
+        root: √c L⁻ᵀ of the ellipsoid around θc that θ* is in, shape (m, m).
+        unexplained: δ, shape (n,) [N·m].
+    """
+
+    arm: Any
+    centre: Any
+    least: Any
+    most: Any
+    generators: np.ndarray
+    offset: np.ndarray
+    root: np.ndarray
+    unexplained: np.ndarray
+
+
+class Posture(NamedTuple):
+    """Matrices of the model in a state.
+
+    Attributes:
+        inertia: M_c, shape (n, n) [kg·m²].
+        bias: h_c, shape (n,) [N·m].
+        compliance: M_c⁻¹, shape (n, n) [1/(kg·m²)].
+        middle: N, shape (n, n) [1/(kg·m²)].
+        radius: R, shape (n, n) [1/(kg·m²)].
+    """
+
+    inertia: np.ndarray
+    bias: np.ndarray
+    compliance: np.ndarray
+    middle: np.ndarray
+    radius: np.ndarray
+
+
+@jit
+def inverse(matrix: np.ndarray) -> np.ndarray:
+    """Return the inverse of a symmetric positive definite matrix, shape (n, n)."""
+    n = matrix.shape[0]
+    factor, result = np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            value = matrix[i, j]
+            for k in range(j):
+                value -= factor[i, k] * factor[j, k]
+            factor[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / factor[j, j]
+    for c in range(n):  # columns of L⁻¹
+        for i in range(c, n):
+            value = 1.0 if i == c else 0.0
+            for k in range(c, i):
+                value -= factor[i, k] * result[k, c]
+            result[i, c] = value / factor[i, i]
+    product = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            value = 0.0
+            for k in range(i, n):
+                value += result[k, i] * result[k, j]
+            product[i, j] = product[j, i] = value
+    return product
+
+
+@jit
+def product(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Return a matrix (n, n) times a vector (n,)."""
+    result = np.zeros(vector.size)
+    for i in range(vector.size):
+        for j in range(vector.size):
+            result[i] += matrix[i, j] * vector[j]
+    return result
+
+
+@jit
+def model_inverses(model: Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return N and R at a posture, shape (n,) [rad]."""
+    n = q.size
+    middle, radius = np.zeros((n, n)), np.zeros((n, n))
+    for end in range(2):
+        part = inverse(mass(model.least if end == 0 else model.most, q))
+        for i in range(n):
+            for j in range(n):
+                middle[i, j] += 0.5 * part[i, j]
+                radius[i, j] += (0.5 - end) * part[i, j]
+    return middle, radius
+
+
+@jit
+def _support(model: Model, row: np.ndarray) -> float:
+    """Return a bound of |a (θ* − θc)| for a row a of shape (m,)."""
+    m = row.size
+    square, zonotope, shift = 0.0, 0.0, 0.0
+    for j in range(m):
+        value = 0.0
+        for p in range(j + 1):  # L⁻ᵀ is upper triangular
+            value += row[p] * model.root[p, j]
+        square += value * value
+        shift += row[j] * model.offset[j]
+    for g in range(model.generators.shape[1]):
+        value = 0.0
+        for p in range(m):
+            value += row[p] * model.generators[p, g]
+        zonotope += abs(value)
+    return min(math.sqrt(square), zonotope + abs(shift))
+
+
+@jit
+def _norm(weight: np.ndarray, rows: np.ndarray, column: np.ndarray) -> float:
+    """Return √(vᵀ W v) of v = rows column."""
+    n = weight.shape[0]
+    value, vector = 0.0, np.zeros(n)
+    for i in range(n):
+        for p in range(column.size):
+            vector[i] += rows[i, p] * column[p]
+    for i in range(n):
+        for j in range(n):
+            value += vector[i] * weight[i, j] * vector[j]
+    return math.sqrt(max(value, 0.0))
+
+
+@jit
+def _energy(model: Model, radius: np.ndarray, y: np.ndarray) -> float:
+    """Return a bound of √(eᵀ R e)."""
+    total = _norm(radius, y, model.offset)
+    for g in range(model.generators.shape[1]):
+        total += _norm(radius, y, model.generators[:, g])
+    for j in range(radius.shape[0]):
+        total += model.unexplained[j] * math.sqrt(max(radius[j, j], 0.0))
+    return total
+
+
+@jit
+def acceleration_error(model: Model, posture: Posture, q: np.ndarray, qd: np.ndarray,
+                       a: np.ndarray, torque: np.ndarray, period: float) -> np.ndarray:
+    """Return a bound of |a* − a| at any time of a sample, shape (n,) [rad/s²].
+
+    Args:
+        model: The arm with its set.
+        posture: Matrices of the model at q and qd.
+        q: Positions at the begin, shape (n,) [rad].
+        qd: Velocities at the begin, shape (n,) [rad/s].
+        a: Acceleration of the model there, shape (n,) [rad/s²].
+        torque: Held, shape (n,) [N·m].
+        period: h [s].
+    """
+    y = law_regressor(model.arm, q, qd, qd, a)
+    n, m = y.shape
+    result, row = np.empty(n), np.empty(m)
+    for i in range(n):
+        for p in range(m):
+            row[p] = 0.0
+            for j in range(n):
+                row[p] += posture.middle[i, j] * y[j, p]
+        result[i] = _support(model, row)
+        for j in range(n):
+            result[i] += abs(posture.middle[i, j]) * model.unexplained[j]
+    energy = _energy(model, posture.radius, y)
+    later, speed, drive = np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        result[i] += math.sqrt(max(posture.radius[i, i], 0.0)) * energy
+        later[i] = q[i] + period * (qd[i] + 0.5 * period * a[i])
+        speed[i] = qd[i] + period * a[i]
+    inertia, bias = mass_and_bias(model.centre, later, speed)
+    for i in range(n):
+        drive[i] = torque[i] - bias[i]
+    held = product(inverse(inertia), drive)
+    for i in range(n):
+        result[i] += abs(held[i] - a[i])
+    return result

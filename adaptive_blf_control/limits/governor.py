@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The reference governor: slows the reference down, and leads it round obstacles.
+
+Where there are obstacles the reference is a motion (y, ẏ) of its own that is drawn to the path by
+ÿ = ÿ_p + k_d (ẏ_p − ẏ) + k_p (y_p − y), nearest to which its acceleration is chosen as the filter
+does it: within the safety set less the performance set, the velocities and the stops before
+obstacles. Its acceleration is what it is told, so that nothing is uncertain in it.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.control.reference import Reference, ReferencePoint
+from adaptive_blf_control.control.safety_filter import Governed
+from adaptive_blf_control.control.sets import Bounds
+from adaptive_blf_control.limits.acceleration_error import Posture
+from adaptive_blf_control.limits.filter_step import filter_step, FilterParts
+from adaptive_blf_control.limits.pace import Pace
+
+__all__ = ['Deflection', 'Governor']
+
+STIFFNESS, DAMPING = 100.0, 20.0  # k_p [1/s²], k_d [1/s]
+HARDEST = 4.0  # largest acceleration of the reference in units of the braking
+FAR, FARTHER = 0.3, 0.6  # distances from the path between which it waits [rad]
+
+
+class Deflection:
+    """The motion of the reference beside its path.
+
+    Attributes:
+        position: y, shape (n,) [rad].
+        velocity: ẏ, shape (n,) [rad/s].
+    """
+
+    def __init__(self, parts: FilterParts, begin: ReferencePoint) -> None:
+        """Begin on the path."""
+        n = begin.position.size
+        unit, none = np.eye(n), np.zeros((n, n))
+        self._parts = parts._replace(exact=Posture(unit, np.zeros(n), unit, unit, none))
+        self._hardest = HARDEST * parts.limits.braking
+        self.position, self.velocity = begin.position.copy(), begin.velocity.copy()
+
+    def off(self, path: ReferencePoint) -> float:
+        """Return how far it is from the path [rad]."""
+        return float(np.abs(path.position - self.position).max())
+
+    def advance(self, dt: float, path: ReferencePoint) -> ReferencePoint:
+        """Go on for a sample after which the path is at ``path``; return where it is then."""
+        pull = (path.acceleration + DAMPING * (path.velocity - self.velocity)
+                + STIFFNESS * (path.position - self.position))
+        report = filter_step(self._parts, self.position, self.velocity,
+                             np.clip(pull, -self._hardest, self._hardest), -self._hardest,
+                             self._hardest)
+        self.position = self.position + dt * self.velocity + 0.5 * dt * dt * report.acceleration
+        self.velocity = self.velocity + dt * report.acceleration
+        return ReferencePoint(self.position, self.velocity, report.acceleration)
+
+
+class Governor:
+    """Path time and deflection of one motion."""
+
+    def __init__(self, pace: Pace, parts: FilterParts) -> None:
+        """Take the pace, and the filter with the limits that the reference is to keep."""
+        self.pace = pace
+        self._parts = parts
+        self._deflection: Deflection | None = None
+        self._last: _Last | None = None
+
+    def governed(self, t: float, q: np.ndarray, reference: Reference) -> Governed:
+        """Return the reference at ``t`` [s], the arm being at q, shape (n,) [rad]."""
+        pace, last = self.pace, self._last
+        if last is not None and t <= last.t:
+            return last.governed
+        nearness = 0.0 if last is None or last.bounds is None else _nearness(
+            q - last.governed.point.position, last.bounds)
+        dt = 0.0 if last is None else t - last.t
+        off = 0.0 if self._deflection is None else self._deflection.off(reference.at(pace.time))
+        wait = (off - FAR) / (FARTHER - FAR)  # the path waits for a reference that goes round
+        pace.advance(t, reference, max(nearness, 0.4 + 0.4 * wait))
+        path = _paced(reference.at(pace.time), pace)
+        point = path
+        if self._parts.shape[0] and self._parts.shape[1]:
+            if self._deflection is None:
+                self._deflection = Deflection(self._parts, path)
+            point = self._deflection.advance(dt, path) if dt > 0.0 else path
+        result = Governed(point, pace.time, pace.rate)
+        self._last = _Last(t, result, None)
+        return result
+
+    def __copy__(self) -> Governor:
+        """Return a governor that goes on from here without a trace in this one."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.pace = copy.copy(self.pace)
+        other._deflection = copy.copy(self._deflection)
+        return other
+
+    def go_on_from(self, before: Governor) -> None:
+        """Take place and speed from the governor that is replaced."""
+        self.pace.go_on_from(before.pace)
+        self._last = before._last
+        if before._deflection is not None and self._last is not None:
+            self._deflection = Deflection(self._parts, self._last.governed.point)
+
+    def heed(self, bounds: Bounds) -> None:
+        """Take the performance bounds of this sample."""
+        if self._last is not None:
+            self._last = self._last._replace(bounds=bounds)
+
+
+class _Last(NamedTuple):
+    """What the sample before was answered."""
+
+    t: float
+    governed: Governed
+    bounds: Bounds | None
+
+
+def _paced(point: ReferencePoint, pace: Pace) -> ReferencePoint:
+    """Return a point of the path as it is passed at a pace."""
+    return ReferencePoint(point.position, pace.rate * point.velocity,
+                          pace.rate ** 2 * point.acceleration + pace.change * point.velocity)
+
+
+def _nearness(e1: np.ndarray, bounds: Bounds) -> float:
+    """Return the largest |e1| in units of its bound."""
+    return float((np.abs(e1) / np.where(e1 > 0.0, bounds.upper, -bounds.lower)).max())

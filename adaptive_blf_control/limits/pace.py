@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How fast the path of a reference may be followed so that velocity and torque suffice.
+
+The reference is y_d(σ(t)) with 0 ≤ σ̇ ≤ 1 and |σ̈| ≤ D. At points of the path ahead the largest σ̇ is
+looked for with which, for every θ of the set,
+
+    |Y(y, σ̇ y', σ̇² y'') θ| + D |M y'| ≤ ρ τ̄,    σ̇ |y'| ≤ ρ_v v̄,
+
+and σ̇² ≤ σ̇_j² + 2 D (σ_j − σ) for each of them lets the path slow down in time. Where e1 comes near
+its bound the path slows down, too, and harder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.control.reference import Reference
+from adaptive_blf_control.limits.parameter_set import ParameterSet
+
+__all__ = ['Pace', 'SPEED_PART']
+
+AHEAD = 40  # points of the path that are looked at
+STEP = 0.02  # between them [s]
+CHANGE = 2.0  # D [1/s]
+HARDER = 5.0  # times D where e1 comes near its bound
+TORQUE_PART, SPEED_PART = 0.85, 0.9  # ρ and ρ_v: the rest is for the law
+SMOOTHING = 0.005  # time constant of σ̇ [s]
+HALVINGS = 5
+NEAR, NEARER = 0.4, 0.8  # parts of the bound of e1 between which the path slows down to rest
+
+
+class Pace:
+    """Path time of a reference.
+
+    Attributes:
+        time: σ [s].
+        rate: σ̇.
+        change: σ̈ [1/s].
+    """
+
+    def __init__(self, arm: Arm, parameters: ParameterSet, speed: np.ndarray,
+                 torque: np.ndarray) -> None:
+        """Take the arm with its set, largest velocities and torques, each (n,)."""
+        self._arm, self._parameters = arm, parameters
+        self._speed, self._torque = SPEED_PART * speed, TORQUE_PART * torque
+        self.time, self.rate, self.change = 0.0, 1.0, 0.0
+        self._t: float | None = None
+        self._lag = 0.0  # t − σ: where it is zero σ is t bit for bit
+        self._of: Reference | None = None
+        self._rates: dict[int, float] = {}
+
+    def advance(self, t: float, reference: Reference, nearness: float) -> None:
+        """Go on along the path.
+
+        Args:
+            t: Time of the sample [s]; the first one is on the path at that time.
+            reference: The path.
+            nearness: Largest |e1| in units of its bound, at the last sample.
+        """
+        dt = 0.0 if self._t is None else t - self._t
+        before, self._t = t - dt - self._lag, t
+        if reference is not self._of:
+            self._of, self._rates = reference, {}
+        first = max(int(before / STEP), 0)
+        self._rates = {j: rate for j, rate in self._rates.items() if j >= first}
+        allowed = 1.0
+        for j in range(first, first + AHEAD + 1):
+            if j not in self._rates:
+                self._rates[j] = self._largest(reference, j * STEP)
+            ahead = max(j * STEP - before, 0.0)
+            allowed = min(allowed, math.sqrt(self._rates[j] ** 2 + 2.0 * CHANGE * ahead))
+        slowed = min(1.0, max(0.0, (NEARER - nearness) / (NEARER - NEAR)))
+        hardest = CHANGE * (HARDER if slowed < 1.0 else 1.0)
+        wanted = (allowed * slowed - self.rate) / SMOOTHING
+        self.change = min(max(wanted, -hardest), CHANGE) if dt > 0.0 else 0.0
+        rate = min(max(self.rate + dt * self.change, 0.0), 1.0)
+        self.change = (rate - self.rate) / dt if dt > 0.0 else 0.0
+        self._lag += dt * (1.0 - 0.5 * (self.rate + rate))
+        self.time, self.rate = t - self._lag, rate
+
+    def go_on_from(self, before: Pace) -> None:
+        """Take path time and rate from another pace."""
+        self.time, self.rate, self.change = before.time, before.rate, before.change
+        self._t, self._lag = before._t, before._lag
+
+    def _largest(self, reference: Reference, at: float) -> float:
+        """Return the largest σ̇ at a point of the path, 0 where even rest asks for too much."""
+        y, slope, bend = reference.at(at)
+        rest = np.zeros_like(y)
+        still = self._arm.X(y, rest, rest, rest)
+        change = CHANGE * self._most(self._arm.X(y, rest, rest, slope) - still)
+
+        def fits(rate: float) -> bool:
+            speed = rate * slope
+            rows = self._arm.X(y, speed, speed, rate * rate * bend)
+            return bool((self._most(rows) + change <= self._torque).all())
+
+        quickest = float(np.min(self._speed / np.maximum(np.abs(slope), 1e-9)))
+        return _bisected(fits, min(1.0, quickest))
+
+    def _most(self, rows: np.ndarray) -> np.ndarray:
+        """Return the largest torque of the set, (n, m) → (n,) [N·m]."""
+        return np.abs(rows @ self._parameters.centre) + self._parameters.support(rows)
+
+
+def _bisected(fits: Callable[[float], bool], high: float) -> float:
+    if fits(high):
+        return high
+    low = 0.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return low

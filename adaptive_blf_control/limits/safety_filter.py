@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The safety filter ``limits``: made of settings, asked once a sample."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.mass_and_bias import model_of
+from adaptive_blf_control.arms.regressors import arrays_of
+from adaptive_blf_control.compiled import handle
+from adaptive_blf_control.control.constraints import Constraint
+from adaptive_blf_control.control.safety_filter import FilterSample
+from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.limits.acceleration_error import Model
+from adaptive_blf_control.limits.braking import checked_braking, Resting
+from adaptive_blf_control.limits.filter_step import (
+    filter_step,
+    FilterParts,
+    IDLE,
+    JointLimits,
+    Report,
+    Scene,
+)
+from adaptive_blf_control.limits.governor import Governor
+from adaptive_blf_control.limits.limit_constraints import (
+    ClearanceConstraint,
+    VelocityConstraint,
+)
+from adaptive_blf_control.limits.pace import Pace, SPEED_PART
+from adaptive_blf_control.limits.parameter_set import ParameterSet
+from adaptive_blf_control.limits.prior import inertia_range, prior_of
+from adaptive_blf_control.limits.scene import scene_of
+
+__all__ = ['LimitsFilter']
+
+LONGEST = 0.1
+"""A longer time between two samples is a gap and says nothing about the next one [s]."""
+
+
+class LimitsFilter:
+    """Lets through what keeps velocities, positions and obstacles for every θ* of the prior.
+
+    Attributes:
+        limits: Of the joints.
+        constraints: Velocities, and distances from obstacles.
+        governor: Of the reference; None where ``limits.govern`` is off.
+        report: Of the last sample; None before the first.
+        counts: How many samples were idle, active, braking and softened.
+    """
+
+    def __init__(self, arm: Arm, settings: ControllerSettings) -> None:
+        """Make the model and check that the braking is possible.
+
+        Args:
+            arm: One that compiled functions know.
+            settings: With arrays of full length.
+
+        Raises:
+            ParameterError: a value cannot be used, or the torque limit does not allow the
+                braking; the posture is named.
+            ArmError: the arm has no arrays, or no inertia with a θ of the prior.
+        """
+        self._arm = arm
+        self.report: Report | None = None
+        self._state: tuple[np.ndarray, np.ndarray] | None = None
+        self._t = np.inf  # no sample was before
+        self.counts = [0, 0, 0, 0]
+        given = settings.limits.prior
+        prior = prior_of(arm, mass_error=given.mass_error, payload=given.payload,
+                         friction=given.friction)
+        least, most = inertia_range(arm, mass_error=given.mass_error, payload=given.payload)
+        self.parameter_set = ParameterSet(prior, given.unexplained)
+        self._model: Any = handle(Model(
+            arrays_of(arm), model_of(arm, prior.centre), model_of(arm, least),
+            model_of(arm, most), prior.generators.copy(), np.zeros(arm.m),
+            self.parameter_set.root.copy(), given.unexplained.copy()))
+        self._take(settings)
+
+    def _take(self, settings: ControllerSettings) -> None:
+        limits, safety = settings.limits, settings.safety
+        braking = checked_braking(
+            Resting(self._arm, self.parameter_set, limits.prior.unexplained,
+                    settings.torque_limit), limits.braking, safety.lower, safety.upper)
+        self.limits = JointLimits(safety.lower.copy(), safety.upper.copy(),
+                                  _speed(self._arm, limits.velocity), braking)
+        scene = scene_of(self._arm, limits)
+        self.constraints: tuple[Constraint, ...] = (
+            VelocityConstraint(self._arm.joints, self.limits.speed),)
+        if scene.spheres.radius.size:
+            self.constraints = (*self.constraints, ClearanceConstraint(scene))
+        self._parts = FilterParts(
+            self._model, handle(scene),
+            (scene.spheres.body.size, scene.obstacles.radius.size), self.limits, limits.period)
+        self.governor: Governor | None = None
+        if limits.govern:
+            self.governor = self._governor(settings, scene)
+
+    def _governor(self, settings: ControllerSettings, scene: Scene) -> Governor:
+        """Return the governor of a new motion, with limits that leave room for e1."""
+        safety, performance = settings.safety, settings.performance
+        narrow = self.limits._replace(
+            lower=safety.lower - performance.lower, upper=safety.upper - performance.upper,
+            speed=SPEED_PART * self.limits.speed)
+        wider = scene._replace(spheres=scene.spheres._replace(
+            radius=scene.spheres.radius + settings.limits.obstacles.margin))
+        return Governor(
+            Pace(self._arm, self.parameter_set, self.limits.speed, settings.torque_limit),
+            self._parts._replace(scene=handle(wider), limits=narrow))
+
+    def retuned(self, settings: ControllerSettings) -> LimitsFilter:
+        """Return the filter that goes on with other settings.
+
+        Raises:
+            ParameterError: the state of the last sample does not allow them, with numbers.
+        """
+        other = copy.copy(self)
+        other._take(settings)
+        if other.governor is not None and self.governor is not None:
+            other.governor.go_on_from(self.governor)
+        if self._state is not None:
+            check_state(self._arm, other.limits, *self._state)
+            other._check_clearance(settings)
+        return other
+
+    def _check_clearance(self, settings: ControllerSettings) -> None:
+        """Refuse obstacles that the arm touches, or cannot stop before."""
+        if self._state is None:
+            return
+        q, qd = self._state
+        limit = settings.torque_limit.copy()
+        report = filter_step(self._parts, q, qd, np.zeros_like(q), -limit, limit)
+        if report.stop_clearance < 0.0 and report.clearance < np.inf:
+            raise ParameterError(
+                'controller.limits.obstacles', settings.limits.obstacles.values(),
+                f'obstacles that the arm stops before: at q = {np.round(q, 3).tolist()} rad it is '
+                f'{report.clearance:.3g} m from one, {report.stop_clearance:.3g} m when it stands')
+
+    def __copy__(self) -> LimitsFilter:
+        """Return a filter that goes on from here without a trace in this one."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.governor = copy.copy(self.governor)
+        return other
+
+    def filtered(self, sample: FilterSample) -> np.ndarray:
+        """Return the torque to command, see `SafetyFilter`.
+
+        The torque is taken to be held for ``limits.period``, or as long as the one before was
+        where that is longer.
+        """
+        held = sample.t - self._t
+        parts = self._parts
+        if parts.period < held <= LONGEST:
+            parts = parts._replace(period=held)
+        report = self.report = filter_step(parts, sample.q, sample.qd, sample.torque,
+                                     sample.least, sample.most)
+        self.counts = [count + (kind == report.kind) for kind, count in enumerate(self.counts)]
+        self._t, self._state = sample.t, (sample.q.copy(), sample.qd.copy())
+        return sample.torque if report.kind == IDLE else report.torque
+
+
+def check_state(arm: Arm, limits: JointLimits, q: np.ndarray, qd: np.ndarray) -> None:
+    """Raise ParameterError where a state, (n,) and (n,), does not allow the limits of the joints.
+
+    The safety set itself is checked by the controller.
+    """
+    stop = q + qd * np.abs(qd) / (2.0 * limits.braking)
+    for i, joint in enumerate(arm.joints):
+        if abs(qd[i]) > limits.speed[i]:
+            raise ParameterError('controller.limits.velocity', limits.speed.tolist(),
+                                 f'at least the present {abs(qd[i]):.4g} rad/s of {joint}')
+        if not limits.lower[i] <= stop[i] <= limits.upper[i]:
+            raise ParameterError(
+                'controller.limits.braking', limits.braking.tolist(),
+                f'braking that stops {joint} in its safety set {limits.lower[i]:.4g} .. '
+                f'{limits.upper[i]:.4g} rad: from {q[i]:.4g} rad at {qd[i]:.4g} rad/s it stands '
+                f'at {stop[i]:.4g} rad')
+
+
+def _speed(arm: Arm, velocity: np.ndarray) -> np.ndarray:
+    """Return the largest velocities, shape (n,) [rad/s]."""
+    own = np.broadcast_to(getattr(arm, 'velocity_limit', np.inf), arm.n)
+    speed = np.where(velocity > 0.0, velocity, own)
+    if not np.isfinite(speed).all():
+        raise ParameterError('controller.limits.velocity', velocity.tolist(),
+                             'a velocity > 0 rad/s for every joint whose URDF gives none')
+    return speed

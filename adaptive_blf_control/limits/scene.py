@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The spheres on the links and the obstacles that settings describe."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.chain import Chain
+from adaptive_blf_control.control.limit_settings import LimitSettings, ObstacleSettings, rows_of
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.limits.filter_step import Scene
+from adaptive_blf_control.limits.link_spheres import LinkSpheres
+from adaptive_blf_control.limits.obstacles import (
+    box,
+    capsule,
+    half_space,
+    joined,
+    Obstacles,
+    sphere,
+)
+
+__all__ = ['link_spheres_along', 'obstacles_of', 'scene_of']
+
+SPACING = 1.0  # distance of neighbouring spheres in units of their radius
+
+
+def obstacles_of(settings: ObstacleSettings) -> Obstacles:
+    """Return the obstacles that settings list; ParameterError where one cannot be."""
+    return joined([
+        *(sphere(row[:3], row[3]) for row in settings.rows('spheres')),
+        *(capsule(row[:3], row[3:6], row[6]) for row in settings.rows('capsules')),
+        *(box(row[:3], row[3:]) for row in settings.rows('boxes')),
+        *(half_space(row[:3], row[3:]) for row in settings.rows('half_spaces'))])
+
+
+def link_spheres_along(chain: Chain, radius: float) -> LinkSpheres:
+    """Return spheres along the lines from each joint to those it carries; not at the base."""
+    bodies, centres = [], []
+    for joint in range(chain.parent.size):
+        if chain.parent[joint] == 0:
+            continue
+        end = chain.placement[joint, :, 3]
+        count = max(int(np.ceil(np.linalg.norm(end) / (SPACING * radius))), 1)
+        for part in np.arange(1, count + 1) / count:
+            bodies.append(chain.parent[joint])
+            centres.append(part * end)
+    bodies.append(chain.parent.size)
+    centres.append(np.zeros(3))
+    return LinkSpheres(np.array(bodies, dtype=np.int64), np.array(centres),
+                       np.full(len(bodies), radius))
+
+
+def scene_of(arm: Arm, settings: LimitSettings) -> Scene:
+    """Return spheres and obstacles.
+
+    Raises:
+        ParameterError: obstacles are given for an arm without a chain, or a sphere belongs to no
+            joint of it.
+    """
+    obstacles = obstacles_of(settings.obstacles)
+    chain = getattr(getattr(arm, 'chain', None), 'chain', None)
+    none = LinkSpheres(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
+    if chain is None:
+        if obstacles.radius.size:
+            raise ParameterError('controller.limits.obstacles', settings.obstacles.values(),
+                                 f'an arm from a URDF: {type(arm).__name__} has no geometry')
+        return Scene(_no_chain(arm.n), none, obstacles)
+    rows = np.array(rows_of('controller.limits.link_spheres', settings.link_spheres, 5))
+    if not rows.size:
+        return Scene(chain, link_spheres_along(chain, settings.link_radius), obstacles)
+    joints = rows[:, 0]
+    if not np.isin(joints, np.arange(1, arm.n + 1)).all() or not (rows[:, 4] > 0.0).all():
+        raise ParameterError('controller.limits.link_spheres', rows.tolist(),
+                             f'joints from 1 to {arm.n} and radii > 0 m')
+    body = np.array([1 + int(np.flatnonzero(chain.place == joint - 1)[0]) for joint in joints])
+    return Scene(chain, LinkSpheres(body, rows[:, 1:4].copy(), rows[:, 4].copy()), obstacles)
+
+
+def _no_chain(n: int) -> Chain:
+    return Chain(np.zeros((n, 3, 4)), np.zeros((n, 3)), np.zeros(n, dtype=bool),
+                 np.zeros(n, dtype=np.intp), np.arange(n), np.zeros(3))

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts about the reference governor: it slows down, and what it lets pass can be followed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import adaptive_blf_control as blf
+from adaptive_blf_control.control.reference import Posture, SumOfSinusoids
+from adaptive_blf_control.limits.pace import Pace
+from adaptive_blf_control.limits.parameter_set import ParameterSet
+from adaptive_blf_control.limits.prior import prior_of
+
+ARM = blf.TwoLinkArm()
+SET = ParameterSet(prior_of(ARM, mass_error=0.1, friction=np.array([8.0, 2.0])), np.full(2, 0.1))
+SWING = SumOfSinusoids(np.zeros(2), np.array([[0.8], [0.5]]), np.array([[3.0], [4.0]]),
+                       np.zeros((2, 1)))
+
+
+def followed(pace, reference=SWING, nearness=0.0, steps=2000):
+    for k in range(steps):
+        pace.advance(k * 1e-3, reference, nearness)
+        yield reference.at(pace.time), pace
+
+
+@pytest.mark.parametrize(('speed', 'torque'), [(1.2, 500.0), (20.0, 30.0), (1.0, 25.0)])
+def test_what_passes_keeps_velocity_and_torque_for_every_arm_of_the_set(speed, torque):
+    pace = Pace(ARM, SET, np.full(2, speed), np.array([torque, torque / 4.0]))
+    slowest, furthest = 1.0, 0.0
+    corners = [SET.prior.centre + SET.prior.generators @ np.sign(z)
+               for z in np.random.default_rng(0).normal(size=(8, SET.prior.generators.shape[1]))]
+    for k, (point, _) in enumerate(followed(pace)):
+        velocity = pace.rate * point.velocity
+        # Within the first part of a second it slows down from full speed.
+        assert k < 500 or (np.abs(velocity) <= speed).all()
+        acceleration = pace.rate ** 2 * point.acceleration + pace.change * point.velocity
+        rows = ARM.X(point.position, velocity, velocity, acceleration)
+        for theta in corners:
+            assert k < 500 or (np.abs(rows @ theta) <= [torque, torque / 4.0]).all()
+        slowest, furthest = min(slowest, pace.rate), pace.time
+        assert abs(pace.change) <= 2.0 + 1e-9
+    assert slowest < 0.9  # it was needed
+    assert furthest > 0.3
+
+
+def test_a_reference_that_asks_for_little_passes_bit_for_bit():
+    pace = Pace(ARM, SET, np.full(2, 20.0), np.full(2, 500.0))
+    for k in range(200):
+        pace.advance(k * 1e-3, SWING, 0.0)
+        assert pace.time == k * 1e-3
+        assert (pace.rate, pace.change) == (1.0, 0.0)
+
+
+def test_the_path_comes_to_rest_before_e1_reaches_its_bound():
+    pace = Pace(ARM, SET, np.full(2, 20.0), np.full(2, 500.0))
+    rates = [pace.rate for _, pace in followed(pace, nearness=0.85, steps=400)]
+    assert rates[-1] < 1e-6
+    assert all(after <= before for before, after in zip(rates, rates[1:]))
+
+
+def test_a_posture_that_the_torque_cannot_hold_for_every_arm_is_never_reached():
+    heavy = blf.ThreeLinkArm()
+    parameters = ParameterSet(prior_of(heavy, mass_error=0.3), np.full(3, 0.1))
+    pace = Pace(heavy, parameters, np.full(3, 5.0), np.full(3, 1e-6))
+    moving = SumOfSinusoids(np.zeros(3), np.full((3, 1), 0.5), np.full((3, 1), 1.0),
+                            np.full((3, 1), 0.5))
+    assert [pace.rate for _, pace in followed(pace, moving, steps=1200)][-1] < 1e-3
+    assert [pace.rate for _, pace in followed(Pace(ARM, SET, np.ones(2), np.ones(2)),
+                                              Posture(np.zeros(2)), steps=5)][-1] == 1.0
+
+
+def test_the_loop_slows_down_instead_of_leaving_a_set(repository):
+    run = blf.simulate(repository / 'config' / 'two_link.yaml', 1.5, arm_driver={
+        'initial_velocity': [0.0]}, controller={'safety_filter': 'limits', 'limits': {
+            'velocity': [0.4], 'prior': {'mass_error': 0.1, 'friction': [8.0, 2.0]}}})
+    filter_ = run.loop.controller.safety_filter
+    assert run.kept
+    assert np.abs(run.qd).max() < 0.4
+    assert np.abs(run.e1).max() < 0.05
+    assert filter_.counts[1:] == [0, 0, 0]
+    assert 0.7 < filter_.governor.pace.time < 1.45
