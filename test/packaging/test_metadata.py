@@ -36,6 +36,7 @@ MODULES = {
     'zstandard': Declared('zstandard', 'mcap-ros2-support'),
     'lz4': Declared('lz4', 'mcap-ros2-support'),
     'pinocchio': Declared('pin', 'pinocchio'),
+    'coal': Declared('pin', 'pinocchio'),  # its collision library, which it brings
     'numba': Declared('numba', 'python3-numba'),
     'scipy': Declared('scipy', 'python3-scipy'),
     'matplotlib': Declared('matplotlib', 'python3-matplotlib'),
