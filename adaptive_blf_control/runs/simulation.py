@@ -181,7 +181,7 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
 def _scenario(scenario: Any) -> tuple[dict[str, Any], Arm | None]:
     """Return a parameter file's data, and the arm where it is given as an object."""
     if isinstance(scenario, (str, os.PathLike)):
-        return load_yaml(Path(scenario)), None
+        return load_yaml(Path(scenario), 'scenario'), None
     if isinstance(scenario, Mapping):
         return checked_sections(scenario, 'scenario', scenario), None
     arm = checked_arm('scenario', scenario)
