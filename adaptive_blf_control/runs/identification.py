@@ -31,6 +31,7 @@ from adaptive_blf_control.identification.consistent_model import (
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.settings import FilterSettings, IdentifierSettings
 from adaptive_blf_control.identification.uncertainty import Uncertainty
+from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.runs.finding import Finding, listed
 from adaptive_blf_control.runs.log_checks import checks_of
 from adaptive_blf_control.runs.log_options import LogOptions, name_of, several
@@ -57,7 +58,8 @@ REAL_ROBOT: dict[str, Any] = {
 
 
 @dataclass(frozen=True, repr=False)
-class Identification:
+class Identification(Guided, instead={
+        'theta_hat': 'theta is the estimate, estimate has it by name'}):
     """What one pass over a log has taught; ``print`` shows the figures as a table.
 
     Attributes:

@@ -50,8 +50,8 @@ def _loop(recipe: Recipe) -> Iterator[str]:
            f'{1e3 * delay.delay:.3g}, velocity {1e3 * delay.velocity_lag:.3g}, held torque '
            f'{500.0 * delay.period:.3g}; it oscillates from {delay.largest_rate:.4g} 1/s')
     yield (f'damping    lambda_max(M^-1 k2) = {recipe.rate:.4g} 1/s along the reference, with k1 '
-           f'{total_rate(delay):.4g} 1/s; it bears '
-           f'{1e3 * delay.delay_margin(total_rate(delay)):.3g} ms of delay more')
+           f'{total_rate(delay):.4g} 1/s; stable with '
+           f'up to {1e3 * delay.delay_margin(total_rate(delay)):.3g} ms of further delay')
 
 
 def _sensors(recipe: Recipe) -> Iterator[str]:
