@@ -20,8 +20,9 @@ _CLOSE = 0.7  # likeness of a name that is suggested
 
 def _short(value: object) -> str:
     """Return a value as a message shows it; of a long array or list its shape and its ends."""
-    if getattr(value, 'size', 0) > _SHOWN and hasattr(value, 'flat'):
-        return f'an array of shape {value.shape}, {_ends(value.flat, value.size)}'  # type: ignore
+    size = getattr(value, 'size', None)
+    if isinstance(size, int) and size > _SHOWN and hasattr(value, 'flat'):
+        return f'an array of shape {value.shape}, {_ends(value.flat, size)}'  # type: ignore
     if isinstance(value, (list, tuple)) and len(value) > _SHOWN:
         return f'a {type(value).__name__} of {len(value)} elements, {_ends(value, len(value))}'
     text = ' '.join(repr(value).split())

@@ -15,7 +15,13 @@ import numpy as np
 from adaptive_blf_control import __version__
 from adaptive_blf_control.campaigns.campaign import Campaign
 from adaptive_blf_control.campaigns.results import flat_changes
-from adaptive_blf_control.campaigns.summary import FIGURES, summarise, wilson_interval, worst_runs
+from adaptive_blf_control.campaigns.summary import (
+    FIGURES,
+    shown_per_unit,
+    summarise,
+    wilson_interval,
+    worst_runs,
+)
 from adaptive_blf_control.report.plotly_figures import plotly_js
 
 __all__ = ['campaign_page', 'shares_by_bin']
@@ -111,7 +117,8 @@ def _columns(rows: Sequence[Row], campaign: Campaign) -> dict[str, Any]:
         'run': [row['run'] for row in done], 'kept': kept.tolist(), 'varied': varied,
         'figures': {column: {
             'label': f'{name} [{unit}]' if unit else name, 'log': 'error' in column,
-            'values': [_number(row[column]) for row in done]} for column, name, unit in FIGURES}}
+            'values': [_number(shown_per_unit(unit) * row[column]) for row in done]}
+            for column, name, unit in FIGURES}}
 
 
 def _spreads(figures: Mapping[str, Any]) -> str:
@@ -120,7 +127,8 @@ def _spreads(figures: Mapping[str, Any]) -> str:
     lines = []
     for column, name, unit in FIGURES:
         quantiles = figures[column]['quantiles']
-        cells = ''.join(f'<td>{value:.3g}</td>' for value in quantiles.values()) \
+        scale = shown_per_unit(unit)
+        cells = ''.join(f'<td>{scale * value:.3g}</td>' for value in quantiles.values()) \
             if quantiles else '<td colspan="5">not known</td>'
         lines.append(f'<tr><td>{escape(f"{name} [{unit}]" if unit else name)}</td>{cells}</tr>')
     return f'<table><tr>{heads}</tr>{"".join(lines)}</table>'

@@ -11,7 +11,8 @@ import numpy as np
 
 from adaptive_blf_control.campaigns.campaign import Campaign
 
-__all__ = ['FIGURES', 'Figure', 'summarise', 'table', 'wilson_interval', 'worst_runs']
+__all__ = ['FIGURES', 'Figure', 'shown_per_unit', 'summarise', 'table', 'wilson_interval',
+           'worst_runs']
 
 QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 WORST = 10
@@ -23,9 +24,14 @@ FIGURES: tuple[Figure, ...] = (
     ('largest_error', 'largest |e1|', 'rad'),
     ('rms_error_end', 'RMS e1, last quarter', 'rad'),
     ('convergence_time_s', 'convergence time', 's'),
-    ('parameter_error', 'parameter error', ''),
-    ('torque_error', 'predicted torque error', ''))
+    ('parameter_error', 'parameter error', '%'),
+    ('torque_error', 'predicted torque error', '%'))
 """Column, name and unit of what is shown as a distribution."""
+
+
+def shown_per_unit(unit: str) -> float:
+    """Return what a column is multiplied by where it is shown: parts are shown in %."""
+    return 100.0 if unit == '%' else 1.0
 
 
 def wilson_interval(kept: int, runs: int, z: float = 1.959963984540054) -> tuple[float, float]:
@@ -92,8 +98,9 @@ def table(rows: Sequence[Row], campaign: Campaign) -> str:
             lines.append(f'{label:<24}  not known of any run')
             continue
         known = spread['known']
+        scale = shown_per_unit(unit)
         lines.append(f'{label:<28}'.rstrip().ljust(24) + ''.join(
-            f'{value:>11.3g}' for value in spread['quantiles'].values())
+            f'{scale * value:>11.3g}' for value in spread['quantiles'].values())
             + (f'   ({known} runs)' if known < len(rows) else ''))
     lines += ['', 'Worst runs, each with the command that repeats it:']
     for row in worst_runs(rows):

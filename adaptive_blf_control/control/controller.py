@@ -385,6 +385,14 @@ class Controller(Guided, settings=ControllerSettings,
                              'present error outside the new performance set')
         self._take(tuning, sets)
 
+    def follow(self, reference: Reference) -> None:
+        """Go over to a reference that is known to fit; :meth:`retune` is for any other.
+
+        Args:
+            reference: One that goes on from the present one, its range inside the sets.
+        """
+        vars(self)['reference'] = reference
+
     def update(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
                torque: np.ndarray | None = None) -> ControlOutput:
         """Compute the torque for the sample taken at ``t`` [s] since the start of the motion.

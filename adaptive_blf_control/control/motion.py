@@ -213,5 +213,6 @@ class Motion:
             raise BlfError('the motion has changed meanwhile: send it again')
         if self.t >= plan.t:
             return False
-        plan.controller.reference, self.planned = from_time(way, self.t), True
+        plan.controller.follow(from_time(way, self.t))
+        self.planned = True
         return True

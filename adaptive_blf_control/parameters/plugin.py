@@ -82,7 +82,8 @@ def require(parameter: str, value: object, part: object, names: Sequence[str],
     """
     missing = [name for name in names if not hasattr(part, name)]
     if missing and isinstance(part, type):
-        raise ParameterError(parameter, value, f'an object, not the class: {part.__name__}(...)')
+        raise ParameterError(parameter, value, f'a part with {", ".join(names)}: '
+                             f'an object, not the class {part.__name__}')
     if missing:
         raise ParameterError(parameter, value, f'a part with {", ".join(names)}: '
                              f'{type(part).__name__} has no {", ".join(missing)}'
