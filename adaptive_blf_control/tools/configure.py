@@ -33,7 +33,7 @@ def _parser() -> argparse.ArgumentParser:
                         help='joints of the arm, from the base on, separated by spaces or commas; '
                         'default: all')
     parser.add_argument('--coulomb', action='store_true',
-                        help='learn a dry friction per joint as well')
+                        help='learn a Coulomb friction per joint as well')
     parser.add_argument('--from-zero', action='store_true',
                         help="begin to learn from nothing rather than from the URDF's values")
     parser.add_argument('-o', '--output', type=Path, metavar='FILE',

@@ -72,9 +72,9 @@ def _sensors(recipe: Recipe) -> Iterator[str]:
         joint, error = recipe.arm.joints[worst], recipe.payload_error[worst]
         yield (f'payload    {robot.payload:g} kg put on at once moves {joint} by {error:.2g} rad, '
                'before it is learned')
-    if recipe.dry_friction.any():
-        yield ('friction   the error that a dry friction of 1 % of the torque limit leaves, which '
-               'the model does not have (--coulomb learns it)')
+    if recipe.coulomb_friction.any():
+        yield ('friction   the error that a Coulomb friction of 1 % of the torque limit leaves, '
+               'which the model does not have (--coulomb learns it)')
 
 
 def _cautions(recipe: Recipe) -> Iterator[str]:
