@@ -34,7 +34,7 @@ if __name__ == '__main__':
     for name in ('low_pass', '__main__:Mean'):  # low_pass: none, as state_order is 0
         run = blf.simulate(
             blf.TwoLinkArm(), 5.0, update_law='concurrent',
-            arm_driver={'sensors': {'torque_noise': 2.0}},
+            arm_driver={'sensors': {'model': 'encoder'}},
             identifier={'filter': {'state_filter': name}},
             controller={'k2': [30.0, 10.0], 'reference': {'joint1': swing, 'joint2': swing}})
         error = np.abs(run.theta_hat[-1] - blf.TwoLinkArm().nominal).max()
