@@ -15,6 +15,7 @@ GIT_LFS_POINTER = b'version https://git-lfs'
 _LONGEST = 400  # characters of a value in a message
 _SHOWN = 12  # elements of an array or list that a message shows
 _FEW = 8  # names that a message lists beside a suggestion
+_MANY = 120  # names that it lists without a suggestion: those of one node
 _CLOSE = 0.7  # likeness of a name that is suggested
 
 
@@ -69,7 +70,13 @@ class UnknownParameter(ParameterError):
         close = close_names(name, names)
         self.args = (f'parameter {name!r} is {_short(value)}: no such parameter'
                      + (f' (did you mean {" or ".join(close)}?)' if close else '')
-                     + ('' if close and len(names) > _FEW else f'; known: {", ".join(names)}'),)
+                     + _listed(names, _FEW if close else _MANY),)
+
+
+def _listed(names: list[str], most: int) -> str:
+    if len(names) <= most:
+        return f'; known: {", ".join(names)}'
+    return f': python -m adaptive_blf_control parameters lists all {len(names)}' * (most > _FEW)
 
 
 def close_names(name: str, known: Iterable[str]) -> list[str]:

@@ -23,6 +23,12 @@ def test_a_name_is_suggested_where_one_is_close(written, meant):
     assert close_names(written, KNOWN)[:1] == meant
 
 
+def test_more_names_than_a_message_can_list_are_counted():
+    text = str(UnknownParameter('colour', 1.0, [f'p{k}' for k in range(300)]))
+    assert 'parameters lists all 300' in text
+    assert 'p17' not in text
+
+
 def test_a_suggestion_takes_the_place_of_a_long_list():
     assert 'gravity' not in str(UnknownParameter('k22', 1.0, [*KNOWN, 'a', 'b']))
     assert 'gravity' in str(UnknownParameter('colour', 1.0, [*KNOWN, 'a', 'b']))

@@ -53,6 +53,7 @@ def conversion(degrees: Any, gain: Any, effort_delay: Any) -> Conversion:
     for joint, value in gain.items():
         if not np.isfinite(checked_number('gain', value)) or value == 0.0:
             raise ParameterError(f'gain of {joint}', value, 'a finite number that is not 0')
-    if not np.isfinite(checked_number('effort_delay', effort_delay)):
+    delay = checked_number('effort_delay', effort_delay)
+    if not np.isfinite(delay):
         raise ParameterError('effort_delay', effort_delay, 'a finite time [s]')
-    return Conversion(bool(degrees), gain, float(effort_delay))
+    return Conversion(bool(degrees), gain, delay)
