@@ -14,12 +14,15 @@ What a program needs is imported from here, when it is first used; `dir` lists i
                  Evidence, StateFilter, History, ChangeMonitor
     errors       BlfError and what inherits from it
 
+`help` of each says shapes, units, errors and source.
+
 Arrays may be lists or of any real type. Units are SI, angles radians. What cannot be used is
 refused with a BlfError that names it, its value and what is expected.
 """
 
 import importlib
 import os
+import sys
 from typing import Any, TYPE_CHECKING
 
 # The matrices here are small: BLAS threads cost more than they give, and their busy waiting
@@ -118,7 +121,7 @@ _NAMES = {
     'simulation.sensors': ('Measurement', 'Sensor'),
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
-__all__ = sorted(_MODULES)
+# No __all__: help() would import and print everything, 4000 lines in place of 60.
 
 
 def __getattr__(name: str) -> Any:
@@ -128,6 +131,8 @@ def __getattr__(name: str) -> Any:
                              f'{", ".join(sorted(_MODULES))}')
     value = getattr(importlib.import_module(f'{__name__}.{_MODULES[name]}'), name)
     globals()[name] = value
+    if f'{__name__}.compiled' in sys.modules:  # what was imported may compile
+        importlib.import_module(f'{__name__}.compilation_notice').announce_compilation()
     return value
 
 

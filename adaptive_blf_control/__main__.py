@@ -7,6 +7,7 @@ import importlib
 import sys
 
 from adaptive_blf_control import __version__
+from adaptive_blf_control.command_line import quiet_when_unread
 from adaptive_blf_control.executables import BENCHES, EXECUTABLES, module_of, NODES, TOOLS
 
 __all__ = ['main', 'usage']
@@ -52,7 +53,8 @@ def main(args: list[str] | None = None) -> int:
         return 2
     # What reads sys.argv by itself (argparse's program name, rclpy.init) sees what ros2 run gives.
     sys.argv = [f'{PROGRAM} {name}', *rest]
-    status: int = importlib.import_module(module_of(name)).main(rest)
+    with quiet_when_unread():
+        status: int = importlib.import_module(module_of(name)).main(rest)
     return status
 
 

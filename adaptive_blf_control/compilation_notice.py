@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A line that says why a command is silent: it compiles the laws for this machine."""
+"""A line that says why a program is silent: it compiles the laws for this machine."""
 
 from __future__ import annotations
 
@@ -7,9 +7,29 @@ import sys
 from types import TracebackType
 from typing import TextIO
 
-from adaptive_blf_control.compiled import before_each_compilation
+from adaptive_blf_control.compiled import before_each_compilation, before_first_compilation
 
-__all__ = ['CompilationNotice']
+__all__ = ['CompilationNotice', 'announce_compilation']
+
+_ONCE = 'compiling for this machine, once: up to a minute\n'
+_told = False
+
+
+def announce_compilation() -> None:
+    """Have one line written to standard error once, where this process compiles anything.
+
+    For programs that use the package from Python; a command has its `CompilationNotice`.
+    """
+    global _told
+    if not _told:
+        _told = True
+        before_first_compilation(_announce)
+
+
+def _announce() -> None:
+    if not CompilationNotice.active:
+        sys.stderr.write(_ONCE)
+        sys.stderr.flush()
 
 
 class CompilationNotice:
@@ -17,7 +37,12 @@ class CompilationNotice:
 
     On a terminal the line counts the functions and goes when the work is done; elsewhere it is
     written once.
+
+    Attributes:
+        active: Whether one is in use, of this class.
     """
+
+    active = False
 
     def __init__(self, stream: TextIO | None = None) -> None:
         """Write to ``stream``, standard error where None."""
@@ -27,11 +52,13 @@ class CompilationNotice:
     def __enter__(self) -> CompilationNotice:
         self._listening = before_each_compilation(self._one_more)
         self._listening.__enter__()
+        CompilationNotice.active = True
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         self._listening.__exit__(kind, error, trace)
+        CompilationNotice.active = False
         if self._functions and self._stream.isatty():
             self._say('')
 
@@ -40,7 +67,7 @@ class CompilationNotice:
         if self._stream.isatty():
             self._say(f'compiling for this machine, once: {self._functions} functions')
         elif self._functions == 1:
-            self._say('compiling for this machine, once: up to a minute\n')
+            self._say(_ONCE)
 
     def _say(self, text: str) -> None:
         clear = '\r\x1b[K' if self._stream.isatty() else ''

@@ -16,8 +16,9 @@ import numpy as np
 
 from adaptive_blf_control.machine_code import cache_folder
 
-__all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation', 'borrowed',
-           'by_type', 'handle', 'inlined', 'jit', 'jit_without_gil', 'jitable', 'uncompiled']
+__all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation',
+           'before_first_compilation', 'borrowed', 'by_type', 'handle', 'inlined', 'jit',
+           'jit_without_gil', 'jitable', 'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
@@ -235,6 +236,24 @@ def before_each_compilation(call: Callable[[], None]) -> AbstractContextManager[
     An exception that it raises ends that compilation and those that needed it.
     """
     return nullcontext() if numba is None else _listening(call)
+
+
+def before_first_compilation(call: Callable[[], None]) -> None:
+    """Have ``call`` called once, before the first function of this package is compiled."""
+    if numba is None:
+        return
+
+    class Listener(numba_event.Listener):  # type: ignore[misc]
+        def on_start(self, event: Any) -> None:
+            function = getattr(event.data.get('dispatcher'), 'py_func', None)
+            if str(getattr(function, '__module__', '')).startswith('adaptive_blf_control.'):
+                numba_event.unregister('numba:compile', self)
+                call()
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    numba_event.register('numba:compile', Listener())
 
 
 @contextmanager

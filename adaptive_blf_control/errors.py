@@ -5,18 +5,35 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 import difflib
+from typing import Any
 
 __all__ = ['GIT_LFS_POINTER', 'ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra',
-           'ParameterError', 'SetViolation', 'UnknownParameter']
+           'ParameterError', 'SetViolation', 'UnknownParameter', 'close_names']
 
 # How the file begins that Git leaves in place of a large one that was not fetched.
 GIT_LFS_POINTER = b'version https://git-lfs'
 _LONGEST = 400  # characters of a value in a message
+_SHOWN = 12  # elements of an array or list that a message shows
+_FEW = 8  # names that a message lists beside a suggestion
+_MANY = 120  # names that it lists without a suggestion: those of one node
+_CLOSE = 0.7  # likeness of a name that is suggested
 
 
 def _short(value: object) -> str:
+    """Return a value as a message shows it; of a long array or list its shape and its ends."""
+    size = getattr(value, 'size', None)
+    if isinstance(size, int) and size > _SHOWN and hasattr(value, 'flat'):
+        return f'an array of shape {value.shape}, {_ends(value.flat, size)}'  # type: ignore
+    if isinstance(value, (list, tuple)) and len(value) > _SHOWN:
+        return f'a {type(value).__name__} of {len(value)} elements, {_ends(value, len(value))}'
     text = ' '.join(repr(value).split())
     return text if len(text) <= _LONGEST else f'{text[:_LONGEST // 2]} ... {text[-40:]}'
+
+
+def _ends(values: Any, count: int) -> str:
+    first, second, last = (_short(getattr(values[k], 'item', lambda k=k: values[k])())
+                           for k in (0, 1, count - 1))
+    return f'{first}, {second} ... {last}'
 
 
 class BlfError(Exception):
@@ -40,22 +57,54 @@ class ParameterError(BlfError, ValueError):
 
 
 class UnknownParameter(ParameterError):
-    """A parameter is given that is not declared; ``expected`` lists those that are."""
+    """A parameter is given that is not declared; ``expected`` lists those that are.
+
+    Attributes:
+        known: Names of those that are declared.
+    """
 
     def __init__(self, name: str, value: object, known: Iterable[str]) -> None:
         names = sorted(known)
         super().__init__(name, value, f'one of {", ".join(names)}')
-        close = _closest(name, names)
-        hint = f' (did you mean {close}?)' if close else ''
-        self.args = (f'parameter {name!r} is {_short(value)}: no such parameter{hint}; known: '
-                     f'{", ".join(names)}',)
+        self.known = tuple(names)
+        close = close_names(name, names)
+        self.args = (f'parameter {name!r} is {_short(value)}: no such parameter'
+                     + (f' (did you mean {" or ".join(close)}?)' if close else '')
+                     + _listed(names, _FEW if close else _MANY),)
 
 
-def _closest(name: str, known: list[str]) -> str | None:
-    own = name.rpartition('.')[2]
-    same = [other for other in known if other.rpartition('.')[2] == own]
-    return next(iter(same or difflib.get_close_matches(name.partition('.')[2] or name, known)
-                     or difflib.get_close_matches(own, known)), None)
+def _listed(names: list[str], most: int) -> str:
+    if len(names) <= most:
+        return f'; known: {", ".join(names)}'
+    return f': python -m adaptive_blf_control parameters lists all {len(names)}' * (most > _FEW)
+
+
+def close_names(name: str, known: Iterable[str]) -> list[str]:
+    """Return the names that a person may have meant, the closest first, at most three.
+
+    Args:
+        name: What was written; ``__`` counts as a dot.
+        known: Dotted names, which may begin with the name of a node, as ``name`` may.
+    """
+    typed = name.replace('__', '.').lower()
+    scores = {other: _likeness(typed, other.lower()) for other in known}
+    best = max(scores.values(), default=0.0)
+    close = [other for other, score in scores.items() if score >= max(_CLOSE, best - 0.05)]
+    return sorted(close, key=lambda other: -scores[other])[:3]
+
+
+def _likeness(name: str, other: str) -> float:
+    """Return how much alike two dotted names are, from 0 to 1, with or without their first part.
+
+    Names that only end alike count for less.
+    """
+    def ratio(first: str, second: str) -> float:
+        return difflib.SequenceMatcher(None, first, second).ratio()
+
+    inner = [text.partition('.')[2] or text for text in (name, other)]
+    ends = [text.rpartition('.')[2] for text in (name, other)]
+    return max(ratio(name, other), ratio(inner[0], other), ratio(name, inner[1]),
+               0.9 * ratio(*ends))
 
 
 class SetViolation(BlfError, ValueError):

@@ -19,7 +19,7 @@ class ModelAndSpring(blf.Law):
         model = blf.inverse_dynamics(self.arm, theta, sample.q, wanted.velocity,
                                      wanted.acceleration)
         torque = model - 10.0 * self.damping * error - self.damping * rate
-        return blf.LawAnswer(torque, e2=rate, regressor=None)  # None: it does not adapt by itself
+        return blf.LawAnswer(torque, e2=rate)  # no regressor: it sends no adaptation term
 
 
 if __name__ == '__main__':

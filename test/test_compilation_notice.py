@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
 
 import pytest
 
-from adaptive_blf_control.compilation_notice import CompilationNotice
+from adaptive_blf_control.compilation_notice import _announce, CompilationNotice  # private: once
+from patience import PATIENCE
 
 numba = pytest.importorskip('numba')
 
@@ -54,3 +57,42 @@ def test_nothing_is_said_where_nothing_is_compiled(stream):
     with CompilationNotice(stream):
         pass
     assert stream.getvalue() == ''
+
+
+PROGRAM = """
+import numba
+import adaptive_blf_control as blf
+
+@numba.njit
+def own(x):
+    return x
+
+own(1.0)
+print('a program of its own', flush=True)
+from adaptive_blf_control.compiled import jit
+blf.TwoLinkArm
+double = {function}
+for number in (1.0, 1, 1j):
+    double(number)
+"""
+
+
+@pytest.mark.parametrize(('module', 'said'), [
+    ('adaptive_blf_control.other', 'compiling for this machine, once: up to a minute\n'),
+    ('elsewhere', '')])
+def test_a_program_is_told_once_that_the_package_compiles(module, said, tmp_path):
+    function = f"numba.njit(type(own.py_func)(own.py_func.__code__, {{'__name__': {module!r}}}))"
+    path = tmp_path / 'program.py'
+    path.write_text(PROGRAM.format(function=function), encoding='utf-8')
+    done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True,
+                          timeout=PATIENCE)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == said
+
+
+def test_a_command_with_a_notice_of_its_own_says_nothing_twice(capsys):
+    with CompilationNotice(io.StringIO()):
+        _announce()
+    assert capsys.readouterr().err == ''
+    _announce()
+    assert 'compiling' in capsys.readouterr().err

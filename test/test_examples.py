@@ -22,6 +22,11 @@ EXAMPLES = {
     'own_law.py': r'KEPT(.*\n)*.*rank 5 of 5(.*\n)*.*is not about this law(.*\n)*'
                   r'.*in the last 0\.000\d+ rad',
     'own_sensor.py': r'perfect +sets kept: True.* 5\.30 (.*\n)Late +sets kept: True.*5\.2\d ',
+    'own_constraint.py': r'safety, performance and wall sets: KEPT(.*\n)*wall +least margin 0\.1'
+                         r'(.*\n)*refused: body .tip.: start reach outside the wall set',
+    'own_update_law.py': r'ours +sets kept: True.* at the end\nStraight +sets kept: True.*'
+                         r'0\.00\d+ at the end',
+    'own_state_filter.py': r'low_pass +sets kept: True.*\n__main__:Mean +sets kept: True',
     'own_plant.py': r'KEPT(.*\n)*.*theta\* of the plant is not known(.*\n)*.*inertia of 2\.\d',
 }
 
@@ -42,7 +47,12 @@ def test_an_example_runs_and_prints_its_result(name, tmp_path):
 
 @pytest.mark.parametrize('part', [{'controller': {'law': 'own_law:ModelAndSpring'}},
                                   {'arm_driver': {'plant': 'own_plant:Pendulums'}},
-                                  {'arm_driver': {'sensors': {'model': 'own_sensor:Late'}}}])
+                                  {'arm_driver': {'sensors': {'model': 'own_sensor:Late'}}},
+                                  {'controller': {'constraints': ['own_constraint:Wall']},
+                                   'arm_driver': {'initial_position': [0.0, 1.0]}},
+                                  {'identifier': {'update_law': 'own_update_law:Straight'}},
+                                  {'identifier': {'filter': {
+                                      'state_filter': 'own_state_filter:Mean'}}}])
 def test_the_parts_of_the_examples_can_be_named_in_a_parameter(part, monkeypatch, capsys):
     monkeypatch.syspath_prepend(str(ROOT / 'examples'))
     assert door.simulate(door.TwoLinkArm(), 0.1, **part).kept

@@ -78,8 +78,18 @@ except blf.MissingExtra as error:
 
 
 def test_dir_shows_the_public_names_and_nothing_else():
-    assert set(PUBLIC) == set(door.__all__)
-    assert dir(door) == sorted([*door.__all__, '__version__'])
+    assert dir(door) == sorted([*door._MODULES, '__version__'])  # private: the one list of them
+
+
+def test_its_help_fits_on_two_screens_and_loads_nothing():
+    program = """
+import pydoc, sys
+import adaptive_blf_control as blf
+lines = pydoc.render_doc(blf, renderer=pydoc.plaintext).splitlines()
+assert len(lines) < 80, len(lines)
+assert any('simulate (a Simulation)' in line for line in lines)
+"""
+    _alone(program, {'rclpy'})
 
 
 def test_the_page_of_the_door_names_all_it_offers_and_nothing_else(repository):

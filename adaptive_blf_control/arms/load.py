@@ -4,17 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import os
 
 import numpy as np
 
 from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.arms.urdf_source import UrdfSource
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['load_arm']
 
 
-def load_arm(urdf: str | os.PathLike[str], joints: Sequence[str] | None = None, *,
+def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
              viscous: bool = True, coulomb: bool = False, offset: bool = False,
              square_root: bool = False, rotor_inertia: bool = False,
              coulomb_velocity: float = 0.02,
@@ -22,7 +22,8 @@ def load_arm(urdf: str | os.PathLike[str], joints: Sequence[str] | None = None, 
     """Return the arm of a URDF, linear in its base parameters and the friction asked for (2).
 
     Args:
-        urdf: Path, ``package://package/path`` or XML text.
+        urdf: Path, ``package://package/path``, XML text, or what has it as ``xml``: an arm, or
+            what `Identification.urdf` returns.
         joints: Joint names in the order of every array; None takes every joint with one axis,
             from the base outwards. The others are locked at zero.
         viscous: Whether θ has a viscous coefficient per joint [N·m·s/rad].

@@ -34,7 +34,7 @@ from adaptive_blf_control.arms.urdf_model import (
     reduced_model,
     with_gravity,
 )
-from adaptive_blf_control.arms.urdf_source import read_urdf
+from adaptive_blf_control.arms.urdf_source import read_urdf, UrdfSource
 from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors, dimensions
 from adaptive_blf_control.errors import ArmError, ParameterError
 
@@ -78,7 +78,7 @@ class UrdfArm:
         xml: Text of the URDF.
     """
 
-    def __init__(self, source: str | os.PathLike[str], joints: Sequence[str] | None = None, *,
+    def __init__(self, source: UrdfSource, joints: Sequence[str] | None = None, *,
                  friction_viscous: bool = True, friction_coulomb: bool = False,
                  friction_offset: bool = False, friction_square_root: bool = False,
                  rotor_inertia: bool = False, coulomb_velocity: float = 0.02,

@@ -38,6 +38,15 @@ class ExportedUrdf(NamedTuple):
     scaled: dict[str, float]
     missing: dict[str, float]
 
+    def __str__(self) -> str:
+        """Return the text."""
+        return self.xml
+
+    def __repr__(self) -> str:
+        """Show what is not as the model has it."""
+        return (f'<ExportedUrdf of {len(self.xml)} characters: scaled {self.scaled}, '
+                f'missing {self.missing}>')
+
 
 def export_urdf(arm: UrdfArm, theta: np.ndarray, inertial: np.ndarray) -> ExportedUrdf:
     """Write identified values into the text of the URDF that an arm was made of.

@@ -9,13 +9,13 @@ import os
 from pathlib import Path
 import re
 import sys
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 import xml.etree.ElementTree as ElementTree
 
 from adaptive_blf_control.errors import ArmError, GIT_LFS_POINTER
 
-__all__ = ['UrdfJoint', 'package_roots', 'read_urdf', 'resolve_package', 'select_joints',
-           'urdf_joints']
+__all__ = ['HasXml', 'UrdfJoint', 'UrdfSource', 'package_roots', 'read_urdf', 'resolve_package',
+           'select_joints', 'urdf_joints']
 
 SINGLE_DOF = ('revolute', 'continuous', 'prismatic')
 MULTI_DOF = ('floating', 'planar')
@@ -37,18 +37,33 @@ class UrdfJoint(NamedTuple):
     mimics: str | None
 
 
-def read_urdf(source: str | os.PathLike[str],
+class HasXml(Protocol):
+    """What carries the text of a URDF: an arm made of one, or an exported one."""
+
+    @property
+    def xml(self) -> str:
+        """The text."""
+        ...
+
+
+UrdfSource = str | os.PathLike[str] | HasXml
+"""A URDF as a caller gives it, see `read_urdf`."""
+
+
+def read_urdf(source: UrdfSource,
               package_dirs: Sequence[str | os.PathLike[str]] = ()) -> str:
     """Return the XML text of a URDF.
 
     Args:
         source: A path, ``file://path``, ``package://package/path`` (see `resolve_package`), or
-            the XML text itself (anything that starts with ``<``, as on ``robot_description``).
+            the XML text itself (anything that starts with ``<``, as on ``robot_description``),
+            or what carries it as ``xml``.
         package_dirs: Further folders to look for packages in.
 
     Raises:
         ArmError: If there is no such file or package, or nothing in it.
     """
+    source = getattr(source, 'xml', source)
     if not isinstance(source, (str, os.PathLike)):
         raise ArmError(f'URDF source is {source!r}: expected a path, package://... or XML text')
     if not isinstance(package_dirs, (list, tuple)) or not all(

@@ -16,10 +16,9 @@ from adaptive_blf_control.messages.joint_readers import (
     joint_kind,
     JOINT_STATE,
 )
+from adaptive_blf_control.spelling import argument, setting
 
 __all__ = ['bag_log']
-
-_VELOCITIES = ': --set filter.state_order=4 takes velocities from the positions'
 
 
 def bag_log(bag: Bag, topic: str | None, joints: Sequence[str] | None, *,
@@ -39,7 +38,8 @@ def bag_log(bag: Bag, topic: str | None, joints: Sequence[str] | None, *,
         for i in np.flatnonzero(np.isnan(values).all(axis=0)):
             raise LogError(f'{where}: no {name} for joint {series.names[i]!r} in any message: '
                            f'expected numbers [{unit}]'
-                           + (_VELOCITIES if name == 'velocity' else ''))
+                           + (f': {setting("filter.state_order", "4")} takes velocities from the '
+                              'positions' if name == 'velocity' else ''))
     return RawLog(series.names, _clock(series), 1e9, _table(series, velocity),
                   len(series.names), velocity, series.skipped, (), bag.problem)
 
@@ -69,10 +69,11 @@ def _default_topic(bag: Bag) -> str:
         if len(named) == 1 or (len(found) == 1 and types != ('',)):
             return (named or found)[0]
         if found and types != ('',):
-            raise LogError(f'{bag.path}: several JointState topics: name one of {found}')
+            raise LogError(f'{bag.path}: several JointState topics: expected '
+                           f'{argument("topic")} to name one of {", ".join(found)}')
     raise LogError(f'{bag.path}: no topic of type {JOINT_STATE}: it has '
                    + ', '.join(_described(bag, name) for name in bag.topics)
-                   + ': where a type is not stated, name the topic with --topic')
+                   + f': where a type is not stated, {argument("topic")} names the topic')
 
 
 def _described(bag: Bag, name: str) -> str:

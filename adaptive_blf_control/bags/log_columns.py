@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from adaptive_blf_control.bags.log_clock import UNITS
 from adaptive_blf_control.errors import LogError
+from adaptive_blf_control.spelling import argument, option, setting
 
 __all__ = ['Columns', 'KINDS', 'find_columns', 'given_columns']
 
@@ -35,7 +36,11 @@ _UNIT_NAMES = {'s': 's', 'sec': 's', 'secs': 's', 'seconds': 's', 'ms': 'ms', 'm
 _TIME = re.compile(r'(?:.*[/.])?_*(?:t|time|time[_ ]?stamp|stamp|elapsed(?:[_ ]?time)?|clock|'
                    rf'rosbagtimestamp|seconds|secs?)(?:_?(?P<unit>{"|".join(_UNIT_NAMES)}))?')
 _BRACKETS = re.compile(r'(.*?)\s*[\[(<]\s*([^\[\](){}<>]*?\D)\s*[\])>]\s*')
-_HELP = 'name them with --columns t=...,q=...,qd=...,tau=...'
+
+
+def _help() -> str:
+    return 'name them with ' + option('columns', "{'t': ..., 'q': ..., 'qd': ..., 'tau': ...}",
+                                      't=...,q=...,qd=...,tau=...')
 
 
 class Columns(NamedTuple):
@@ -87,10 +92,10 @@ def find_columns(header: Sequence[str], joints: Sequence[str] | None, *, velocit
     for kind in kinds:
         missing += [_shown(kind, joint) for joint in ids or ['1'] if (kind, joint) not in found]
     if ids and not any(kind == 'tau' for kind, _ in found):
-        raise LogError(f'no effort: expected columns tau1..tau{len(ids)} [N·m]: {_HELP}')
+        raise LogError(f'no effort: expected columns tau1..tau{len(ids)} [N·m]: {_help()}')
     if missing:
         raise LogError(f'missing column {", ".join(missing)}: expected a header '
-                       f't,q1..,qd1..,tau1..: {_HELP}' + _without_velocity(missing))
+                       f't,q1..,qd1..,tau1..: {_help()}' + _without_velocity(missing))
     numbered = all(joint.isdecimal() for joint in ids)
     named = tuple(joints) if joints and not numbered else tuple(ids)
     return Columns(time, unit, {kind: tuple(found[kind, joint] for joint in ids)
@@ -112,8 +117,8 @@ def given_columns(text: str) -> dict[str, str]:
     for part in text.split(','):
         key, equals, column = part.strip().partition('=')
         if not equals or not column or not re.fullmatch(r't|(q|qd|tau)\d*', key):
-            raise LogError(f'--columns has the part {part!r}: expected KIND=COLUMN with t, q, qd '
-                           'or tau')
+            raise LogError(f'{argument("columns")} has the part {part!r}: expected KIND=COLUMN '
+                           'with t, q, qd or tau')
         parts[key] = column.strip()
     return parts
 
@@ -128,13 +133,14 @@ def _recognised(names: Sequence[str]) -> tuple[_Found, list[str]]:
             other = names[found[hit]]
             raise LogError(f'column {name!r} occurs more than once' if other == name else
                            f'columns {other!r} and {name!r} both look like the '
-                           f'{KINDS.get(hit[0], hit[0])} of joint {hit[1]!r}: {_HELP}')
+                           f'{KINDS.get(hit[0], hit[0])} of joint {hit[1]!r}: {_help()}')
         found[hit] = index
     currents = {joint: index for (kind, joint), index in found.items() if kind == 'current'}
     notes = []
     if currents and not any(kind == 'tau' for kind, _ in found):
         found.update({('tau', joint): index for joint, index in currents.items()})
-        notes.append('currents are taken for the effort: --gain JOINT:K multiplies by K N·m/A')
+        notes.append('currents are taken for the effort: '
+                     + option('gain', "{'JOINT': K}", 'JOINT:K') + ' multiplies by K N·m/A')
     return {hit: index for hit, index in found.items() if hit[0] in KINDS}, notes
 
 
@@ -180,7 +186,8 @@ def _chosen_time(header: Sequence[str], column: str) -> tuple[tuple[int, ...], s
         return (header.index(column),), _time([column.lower()])[1]
     plain, unit = _without_unit(column)
     if unit and _UNIT_NAMES.get(unit.lower()) not in UNITS:
-        raise LogError(f'--columns has the unit {unit!r} of time: expected s, ms, us or ns')
+        raise LogError(f'{argument("columns")} has the unit {unit!r} of time: expected s, ms, us '
+                       'or ns')
     return (_index(header, plain),), _UNIT_NAMES.get(unit.lower())
 
 
@@ -204,7 +211,7 @@ def _chosen(found: _Found, header: Sequence[str], kind: str, column: str) -> _Fo
     else:
         chosen = {(kind, '1'): _index(header, column)}
     if not chosen:
-        raise LogError(f'--columns has {column!r} for {kind}: no such column: '
+        raise LogError(f'{argument("columns")} has {column!r} for {kind}: no such column: '
                        f'{", ".join(header)}')
     return kept | chosen
 
@@ -218,7 +225,7 @@ def _index(header: Sequence[str], column: str) -> int:
         return list(header).index(column)
     if column.isdecimal() and 1 <= int(column) <= len(header):
         return int(column) - 1
-    raise LogError(f'--columns has the column {column!r}: expected one of '
+    raise LogError(f'{argument("columns")} has the column {column!r}: expected one of '
                    f'{", ".join(header) or "1.."}')
 
 
@@ -234,7 +241,7 @@ def _joint_ids(found: _Found, names: Sequence[str], joints: Sequence[str] | None
         if len(numbers) < len(ids):
             missing = [joint for joint in own if joint not in ids]
             raise LogError(f'no column for the position of joint {", ".join(map(repr, missing))}: '
-                           f'the columns are of {", ".join(ids)}: {_HELP}')
+                           f'the columns are of {", ".join(ids)}: {_help()}')
     if not numbers:
         kinds = ['q', 'tau', *(['qd'] if velocity else [])]
         return [joint for joint in ids if all((kind, joint) in found for kind in kinds)] or ids
@@ -247,5 +254,6 @@ def _shown(kind: str, joint: str) -> str:
 
 def _without_velocity(missing: Sequence[str]) -> str:
     if all(name.startswith(('qd', 'velocity')) for name in missing):
-        return '; or --set filter.state_order=4, which takes velocities from the positions'
+        return (f'; or {setting("filter.state_order", "4")}, which takes velocities from the '
+                'positions')
     return ''

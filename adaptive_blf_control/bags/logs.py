@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import os
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 import zipfile
 
@@ -15,14 +16,18 @@ from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.bags.bag_log import bag_log
 from adaptive_blf_control.bags.csv_log import csv_log
 from adaptive_blf_control.bags.log_clock import log_clock
+from adaptive_blf_control.bags.log_conversion import Conversion, conversion
 from adaptive_blf_control.bags.raw_log import RawLog
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.bags.row_store import BLOCK_ROWS, keep_rows
-from adaptive_blf_control.errors import BagError, LogError, ParameterError
+from adaptive_blf_control.errors import BagError, LogError, ParameterError, UnknownParameter
+from adaptive_blf_control.spelling import option
 
 __all__ = ['Log', 'MeasuredLog', 'read_log']
 
 MINIMUM_ROWS = 3
+LOG_OPTIONS = ('topic', 'joints', 'velocity', 'columns', 'degrees', 'gain', 'effort_delay')
+_NO_GAIN: Mapping[str, float] = MappingProxyType({})
 
 
 class MeasuredLog(NamedTuple):
@@ -53,13 +58,26 @@ class MeasuredLog(NamedTuple):
     breaks: tuple[int, ...] = ()
     measured_velocity: bool = True
 
+    def __repr__(self) -> str:
+        """Show samples, joints, span and rate, and what is missing."""
+        span = float(self.t[-1] - self.t[0])
+        rate = 1.0 / float(np.median(np.diff(self.t)))
+        names = ', '.join(self.joints)
+        return (f'<MeasuredLog: {len(self.t)} samples of {len(self.joints)} joints ({names}), '
+                f'{span:.4g} s at {rate:.4g} Hz'
+                + (f', {self.dropped} rows left out' if self.dropped else '')
+                + ('' if self.measured_velocity else ', without velocities')
+                + (f', {self.problem}' if self.problem else '') + '>')
+
 
 Log = str | os.PathLike[str] | Mapping[str, Any] | MeasuredLog
 """A log as a caller gives it, see `read_log`."""
 
 
 def read_log(source: Log, *, topic: str | None = None, joints: Sequence[str] | None = None,
-             velocity: bool = True, columns: Mapping[str, str] | None = None) -> MeasuredLog:
+             velocity: bool = True, columns: Mapping[str, str] | None = None,
+             degrees: bool = False, gain: Mapping[str, float] = _NO_GAIN,
+             effort_delay: float = 0.0, **others: Any) -> MeasuredLog:
     """Read a measured log.
 
     Args:
@@ -72,22 +90,38 @@ def read_log(source: Log, *, topic: str | None = None, joints: Sequence[str] | N
         joints: For a bag, a log and named columns, which joints in which order, by name; else
             the names of the columns in order (``joint1``, ... where not given).
         velocity: Whether velocities are needed; where not, they are not read.
-        columns: Columns of a CSV file by kind, e.g. ``{'t': 'stamp[ms]', 'q': 'pos_*'}``.
+        columns: Columns of a CSV file by kind, e.g. ``{'t': 'stamp[ms]', 'q': 'pos_*'}``; of a
+            mapping or ``.npz`` file names of arrays, e.g. ``{'t': 'time', 'tau': 'effort'}``.
+        degrees: Whether positions and velocities are in degrees.
+        gain: What the effort of a joint is multiplied by, by joint [N·m per unit].
+        effort_delay: How far the effort is behind the motion [s].
+        others: None: every other name is refused.
 
     Returns:
         The rows with finite values and increasing time.
 
     Raises:
         LogError: names the source and what is wrong where: column, row, topic or joint.
-        ParameterError: ``joints`` are no names.
+        ParameterError: an option is not known or cannot be used.
     """
+    for name, value in others.items():
+        raise UnknownParameter(name, value, LOG_OPTIONS)
+    converted_by = conversion(degrees, gain, effort_delay)
+    if columns is not None and not isinstance(columns, Mapping):
+        raise ParameterError('columns', columns, "a mapping such as {'t': 'stamp[ms]'}")
+    log = _read(source, topic, joints, velocity, columns)
+    return _converted(log, converted_by, source)
+
+
+def _read(source: Log, topic: str | None, joints: Sequence[str] | None, velocity: bool,
+          columns: Mapping[str, str] | None) -> MeasuredLog:
     if joints is not None and (not isinstance(joints, (list, tuple))
                                or not all(isinstance(name, str) for name in joints)):
         raise ParameterError('joints', joints, 'a list of names')
     if isinstance(source, MeasuredLog):
         return _chosen(source, joints)
     if isinstance(source, Mapping):
-        return _finished('log', _of_arrays('log', source, velocity), joints)
+        return _finished('log', _of_arrays('log', source, velocity, columns), joints)
     try:
         path = Path(source)
     except TypeError:
@@ -96,7 +130,7 @@ def read_log(source: Log, *, topic: str | None = None, joints: Sequence[str] | N
     if path.suffix.lower() in ('.csv', '.tsv', '.txt'):
         raw = csv_log(path, joints, velocity=velocity, columns=columns)
     elif path.suffix.lower() == '.npz':
-        raw = _load_npz(path, velocity)
+        raw = _load_npz(path, velocity, columns)
     else:
         try:
             raw = bag_log(read_bag(path), topic, joints, velocity=velocity)
@@ -144,21 +178,25 @@ def _chosen(log: MeasuredLog, joints: Sequence[str] | None) -> MeasuredLog:
     return log._replace(joints=tuple(joints), q=q, qd=qd, tau=tau)
 
 
-def _load_npz(path: Path, velocity: bool) -> RawLog:
+def _load_npz(path: Path, velocity: bool, columns: Mapping[str, str] | None) -> RawLog:
     try:
         with np.load(path, allow_pickle=False) as arrays:
-            return _of_arrays(str(path), dict(arrays), velocity)
+            return _of_arrays(str(path), dict(arrays), velocity, columns)
     except (OSError, ValueError, zipfile.BadZipFile) as exc:
         if isinstance(exc, LogError):
             raise
         raise LogError(f'{path}: cannot be read: {exc}') from exc
 
 
-def _of_arrays(source: str, arrays: Mapping[str, Any], velocity: bool) -> RawLog:
+def _of_arrays(source: str, arrays: Mapping[str, Any], velocity: bool,
+               columns: Mapping[str, str] | None) -> RawLog:
     needed = ('t', 'q', 'qd', 'tau') if velocity else ('t', 'q', 'tau')
+    arrays = _renamed(source, arrays, columns or {})
     if missing := [name for name in needed if name not in arrays]:
         raise LogError(f'{source}: no array {missing[0]!r}: expected t, q, qd and tau, got '
-                       f'{", ".join(map(str, arrays)) or "none"}')
+                       f'{", ".join(map(str, arrays)) or "none"}: '
+                       + option('columns', f'{{{missing[0]!r}: ...}}', f'{missing[0]}=...')
+                       + ' names another')
     try:
         t = checked_array('t', arrays['t'], (-1,))
         q = checked_array('q', arrays['q'], (len(t), -1))
@@ -166,6 +204,41 @@ def _of_arrays(source: str, arrays: Mapping[str, Any], velocity: bool) -> RawLog
     except ParameterError as exc:
         raise LogError(f'{source}: {exc}') from exc
     return RawLog(None, t, 1.0, np.hstack([q, *rest]), q.shape[1], velocity, 0, (), None)
+
+
+def _renamed(source: str, arrays: Mapping[str, Any],
+             columns: Mapping[str, str]) -> Mapping[str, Any]:
+    """Return arrays under the names t, q, qd and tau, where they are called otherwise."""
+    for kind, name in columns.items():
+        if kind not in ('t', 'q', 'qd', 'tau'):
+            raise ParameterError('columns', kind,
+                                 't, q, qd or tau, each with the name of an array')
+        if name not in arrays:
+            raise LogError(f'{source}: no array {name!r}: it has {", ".join(map(str, arrays))}')
+    return {**arrays, **{kind: arrays[name] for kind, name in columns.items()}}
+
+
+def _converted(log: MeasuredLog, by: Conversion, source: Log) -> MeasuredLog:
+    log = log._replace(q=by.angles(log.q), qd=by.angles(log.qd),
+                       tau=by.efforts(log.tau, log.joints))
+    return _shifted(log, by.effort_delay, source) if by.effort_delay else log
+
+
+def _shifted(log: MeasuredLog, delay: float, source: Log) -> MeasuredLog:
+    """Return a log whose effort at t is the one that was recorded at t + delay."""
+    later = log.t + delay
+    there = (later >= log.t[0]) & (later <= log.t[-1])
+    if there.sum() < MINIMUM_ROWS:
+        name = os.fspath(source) if isinstance(source, (str, os.PathLike)) else 'log'
+        raise LogError(f'{name}: {option("effort_delay", f"{delay:g}")} s leaves nothing of '
+                       f'{log.t[-1] - log.t[0]:.3g} s')
+    tau = np.column_stack([np.interp(later[there], log.t, column) for column in log.tau.T])
+    first = int(there.argmax())
+    t = log.t[there]
+    return log._replace(t=t - t[0], q=log.q[there], qd=log.qd[there], tau=tau,
+                        dropped=log.dropped + int((~there).sum()),
+                        breaks=tuple(row - first for row in log.breaks
+                                     if 0 < row - first < len(t)))
 
 
 def _column_names(source: str, n: int, joints: Sequence[str] | None) -> tuple[str, ...]:

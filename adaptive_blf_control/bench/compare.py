@@ -45,7 +45,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _compare(config: Path, options: argparse.Namespace) -> dict[str, Any]:
-    data = apply_settings(load_yaml(config), options.settings)
+    data = apply_settings(load_yaml(config, 'CONFIG'), options.settings)
     duration = options.duration or node_settings(data, DriverSettings).duration or 20.0
     if not options.json:
         print(f'## {config.stem}, {duration:g} s\n\n| {" | ".join(COLUMNS)} |\n'

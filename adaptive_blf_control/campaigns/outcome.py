@@ -15,12 +15,12 @@ import numpy as np
 from adaptive_blf_control.configuration.build import ArmStore, build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_changes
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.runs.margins import violated_at
 from adaptive_blf_control.runs.summary import (
     CONVERGED,
     convergence_time,
     margins_of_run,
     run_of_trace,
+    violated_along,
 )
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
@@ -122,7 +122,7 @@ def run_one(data: Mapping[str, Any], duration: float, number: int,
 def _outcome(number: int, loop: ClosedLoop, trace: Trace) -> Outcome:
     run = run_of_trace(loop, trace)
     margins = margins_of_run(run)
-    violated = np.flatnonzero(violated_at(run.t, margins))
+    violated = np.flatnonzero(violated_along(run, margins))
     last = run.t >= run.t[0] + 0.75 * (run.t[-1] - run.t[0])
     figures: dict[str, Any] = {}
     if run.truth:

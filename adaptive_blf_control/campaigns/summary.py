@@ -51,6 +51,11 @@ FIGURES = (
     Figure('torque_error', 'predicted torque error', '%', 100.0))
 
 
+def shown_per_unit(unit: str) -> float:
+    """Return what a column is multiplied by where it is shown: parts are shown in %."""
+    return 100.0 if unit == '%' else 1.0
+
+
 def wilson_interval(kept: int, runs: int, z: float = 1.959963984540054) -> tuple[float, float]:
     """Return the interval that holds a share with 95 % confidence.
 

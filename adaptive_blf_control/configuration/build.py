@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,9 +19,9 @@ from adaptive_blf_control.configuration.node_settings import (
     IdentifierNodeSettings,
 )
 from adaptive_blf_control.configuration.parameter_file import node_settings
-from adaptive_blf_control.control.constraints import Constraint
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.laws.protocol import Law
+from adaptive_blf_control.control.set_constraints import OwnConstraints
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.given_parameters import given_parameters, read_estimate
 from adaptive_blf_control.identification.identifier import Identifier
@@ -34,7 +34,8 @@ from adaptive_blf_control.simulation.rotation import rotation
 from adaptive_blf_control.simulation.sensors import Sensor
 
 __all__ = ['ArmStore', 'OwnParts', 'build_arm', 'build_closed_loop', 'build_identifier',
-           'build_plant', 'initial_estimate', 'initial_theta']
+           'build_plant',
+           'own_plant', 'initial_estimate', 'initial_theta']
 
 FRICTION = {'viscous': 'friction_viscous', 'coulomb': 'friction_coulomb',
             'offset': 'friction_offset', 'square_root': 'friction_square_root',
@@ -132,8 +133,22 @@ def build_plant(settings: DriverSettings, arm: Arm,
         return MujocoPlant(settings, _known_arm(settings, arm), settings.gravity, sensor)
     if sensor is not None:
         raise ParameterError('sensor', sensor, f'nothing: the plant {settings.plant} has its own')
-    plant: Plant = made('arm_driver.plant', settings.plant, load_plugin(
-        'arm_driver.plant', settings.plant), REQUIRED, settings.resolved(joints=arm.n), arm)
+    return own_plant('arm_driver.plant', settings.plant, load_plugin(
+        'arm_driver.plant', settings.plant), settings, arm)
+
+
+def own_plant(name: str, value: object, given: Any, settings: DriverSettings, arm: Arm) -> Plant:
+    """Return a plant as it is given, or what a class or function makes of settings and arm.
+
+    Args:
+        name: The parameter or argument that gives it, for messages.
+        value: Its value, likewise.
+        given: The plant, the class or the function.
+        settings: Those of the driver.
+        arm: The arm.
+    """
+    plant: Plant = made(name, value, given, REQUIRED, settings.resolved(joints=arm.n), arm,
+                        base='Plant')
     return plant
 
 
@@ -186,11 +201,11 @@ class OwnParts(NamedTuple):
     """Objects that take the place of what a parameter file names; None where it shall."""
 
     arm: Arm | None = None
-    plant: Plant | None = None
+    plant: Plant | type[Plant] | None = None
     sensor: Sensor | type[Sensor] | None = None
     law: Law | type[Law] | str | None = None
     update_law: UpdateLaw | type[UpdateLaw] | str | None = None
-    constraints: Sequence[Constraint | type[Constraint] | str] = ()
+    constraints: OwnConstraints = ()
 
 
 _NONE_OWN = OwnParts()
@@ -205,16 +220,18 @@ def build_closed_loop(data: Mapping[str, Any], own: OwnParts = _NONE_OWN,
         own: Parts in place of those that it names.
         arms: Where arms are kept between loops of one thread.
     """
-    arm, plant = own.arm, own.plant
+    arm = own.arm
     arms = ArmStore() if arms is None else arms
     driver = node_settings(data, DriverSettings)
     controller = node_settings(data, ControllerNodeSettings)
     identifier = node_settings(data, IdentifierNodeSettings)
-    if plant is None:
+    known = arm or arms.arm(controller)
+    if own.plant is None:
         plant = build_plant(driver, arm or arms.arm(driver), own.sensor)
     elif own.sensor is not None:
         raise ParameterError('sensor', own.sensor, 'nothing: the plant that is given has its own')
-    known = arm or arms.arm(controller)
+    else:
+        plant = own_plant('plant', own.plant, own.plant, driver, known)
     begun = Controller(known, controller, law=own.law, constraints=own.constraints,
                        start=plant.measured_position(), velocity=plant.qd)
     return ClosedLoop(plant, begun,

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import yaml
 
 from adaptive_blf_control.configuration.node_settings import NODE_SETTINGS, RuntimeSettings, TABLES
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.parameters.table import (
     declares,
@@ -53,24 +53,29 @@ def _loaded(text: str) -> Any:
     return yaml.load(text, _Loader)  # a SafeLoader
 
 
-def load_yaml(path: str | Path) -> dict[str, Any]:
-    """Read a parameter file; ParameterError names the file and line where it is malformed."""
+def load_yaml(path: str | Path, name: str = 'parameter file') -> dict[str, Any]:
+    """Read a parameter file; ParameterError names the file and line where it is malformed.
+
+    Args:
+        path: Where it is.
+        name: What the caller calls it, for the message.
+    """
     path = Path(path)
     try:
         data = _loaded(path.read_text(encoding='utf-8'))
     except OSError as error:
-        raise ParameterError('params-file', str(path),
+        raise ParameterError(name, str(path),
                              f'a readable YAML file ({error.strerror})') from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ParameterError('params-file', str(path), f'well-formed YAML: {error}') from None
-    return checked_sections(data, 'params-file', str(path))
+        raise ParameterError(name, str(path), f'well-formed YAML: {error}') from None
+    return checked_sections(data, name, str(path))
 
 
-def load_yamls(paths: Iterable[str | Path]) -> dict[str, Any]:
+def load_yamls(paths: Iterable[str | Path], name: str = 'parameter file') -> dict[str, Any]:
     """Read parameter files of which later ones change what earlier ones say, as ROS takes them."""
     merged: dict[str, Any] = {}
     for path in paths:
-        _merge(merged, load_yaml(path))
+        _merge(merged, load_yaml(path, name))
     return merged
 
 
@@ -130,10 +135,19 @@ def given_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
         for name, value in _flat(section['ros__parameters']):
             if key == '/**' and not _knows(TABLES[node], name, joints):
                 if not any(_knows(table, name, joints) for table in TABLES.values()):
-                    raise ParameterError(name, value, 'a parameter that one of the nodes knows')
+                    raise UnknownParameter(name, value, _all_names(joints))
                 continue
             given[name] = value
     return given
+
+
+def _all_names(joints: list[str]) -> list[str]:
+    """Return the parameters of all nodes; one that a single node has, with its name."""
+    owners: dict[str, list[str]] = {}
+    for node, table in TABLES.items():
+        for name in per_joint(table, joints):
+            owners.setdefault(name, []).append(node)
+    return [f'{nodes[0]}.{name}' if len(nodes) == 1 else name for name, nodes in owners.items()]
 
 
 def _joints(data: Mapping[str, Any], node: str) -> list[str]:
@@ -183,7 +197,8 @@ def node_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
 def apply_settings(data: Mapping[str, Any], settings: Iterable[str]) -> dict[str, Any]:
     """Apply ``[node.]name=value`` settings to a parameter file's data.
 
-    Without a node's name a setting goes to every node. Values are YAML: ``controller.k2=[30.0]``.
+    Without a node's name a setting goes to every node that knows it. Values are YAML, and a number
+    is taken where a list or a floating-point number is meant: ``controller.k2=30``.
 
     Returns:
         Changed data; what was given stays as it is.
@@ -197,7 +212,7 @@ def apply_settings(data: Mapping[str, Any], settings: Iterable[str]) -> dict[str
             value = _loaded(text)
         except yaml.YAMLError:
             raise ParameterError('--set', setting, 'a YAML value after =') from None
-        _put(changed, *_addressed(name), value)
+        _put(changed, *_change(name, value))
     return changed
 
 
@@ -211,17 +226,17 @@ def apply_changes(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[s
     """
     changed = copy.deepcopy(dict(data))
     for name, value in _flat(changes):
-        node, key = _addressed(name)
-        tables = [TABLES[node]] if node in TABLES else list(TABLES.values())
-        rows = [row for table in tables for row in table if declares(row, key)]
-        _put(changed, node, key, plain(rows[0].kind, value) if rows else value)
+        _put(changed, *_change(name, value))
     return changed
 
 
-def _addressed(name: str) -> tuple[str, str]:
-    """Return the node (``**`` for every one) and the parameter that ``[node.]name`` means."""
+def _change(name: str, value: Any) -> tuple[str, str, Any]:
+    """Return the node (``**`` for every one), the parameter and the value that are meant."""
     head, _, tail = name.partition('.')
-    return (head, tail) if head in TABLES and tail else ('**', name)
+    node, key = (head, tail) if head in TABLES and tail else ('**', name)
+    tables = [TABLES[node]] if node in TABLES else list(TABLES.values())
+    rows = [row for table in tables for row in table if declares(row, key)]
+    return node, key, plain(rows[0].kind, value) if rows else value
 
 
 def _put(data: dict[str, Any], node: str, key: str, value: Any) -> None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 import copy
 from typing import Any, NamedTuple
 
@@ -40,8 +40,10 @@ from adaptive_blf_control.control.safety_filter import (
 )
 from adaptive_blf_control.control.set_constraints import (
     made_constraint,
+    OwnConstraints,
     PerformanceConstraint,
     SafetyConstraint,
+    several_constraints,
 )
 from adaptive_blf_control.control.sets import (
     Bounds,
@@ -59,6 +61,7 @@ from adaptive_blf_control.control.step import (
     new_memory,
 )
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.parameters.settings import Settings
 
@@ -129,7 +132,8 @@ class _Tuning(NamedTuple):
     torque_rate_limit: np.ndarray
 
 
-class Controller:
+class Controller(Guided, settings=ControllerSettings,
+                 instead={'output': 'update returns it', 'torque': 'update returns it'}):
     """Equation (38) (or (34), when θ* is passed as θ̂) inside the sets (7) and (8).
 
     Holds the torque commanded last, so one object belongs to one motion.
@@ -145,13 +149,19 @@ class Controller:
             the settings and those given.
     """
 
+    settings: ControllerSettings
+    safety: JointInterval
+    performance: JointInterval
+    reference: Reference
+    constraints: Constraints
+
     def __init__(self, arm: Arm, settings: ControllerSettings | None = None,
                  safety: JointInterval | _Group | None = None,
                  performance: JointInterval | _Group | None = None,
                  reference: Reference | _Group | None = None,
                  law: Law | type[Law] | str | None = None,
-                 constraints: Sequence[Constraint | type[Constraint] | str] = (), *,
-                 start: Any = None, velocity: Any = None, **changes: Any) -> None:
+                 constraints: OwnConstraints = (), *, start: Any = None,
+                 velocity: Any = None, **changes: Any) -> None:
         """Check 𝒫̄ ⊆ 𝒮̄ (9); SetViolation names joint and numbers where it fails.
 
         With a `SmoothStart` the performance bounds grow along with it (`GrowingBounds`), so that
@@ -165,7 +175,8 @@ class Controller:
             reference: y_d in place of the sinusoids of the settings, or their settings.
             law: In place of the law that the settings name: a law, a class of laws, which is
                 called with the arm and the settings, or a name.
-            constraints: Beside those that the settings name: constraints, classes, names.
+            constraints: Beside those that the settings name: a constraint, a class or a name, or
+                several of them.
             start: Posture that the motion begins in, shape (n,) [rad]: it is joined to the
                 reference over ``reference.smooth_start``. None begins on the reference.
             velocity: Velocity that it begins with, shape (n,) [rad/s]; at rest where None.
@@ -193,7 +204,7 @@ class Controller:
             if settings.reference.smooth_start > 0.0:
                 follow = SmoothStart(follow, settings.reference.smooth_start, start)
         self._given_law = None if isinstance(law, str) else law
-        self._given_constraints = tuple(constraints)
+        self._given_constraints = several_constraints(constraints)
         self._no_regressor = np.zeros((arm.n, arm.m))
         self._not_measured = np.full(arm.n, np.nan)
         self._n, self._m = (arm.n,), (arm.m,)
@@ -248,17 +259,21 @@ class Controller:
                      GrowingBounds(performance, safety, begun.start, begun.duration))
 
     def _take(self, tuning: _Tuning, sets: _Sets) -> None:
-        (self.settings, self._law, _, self.safety_filter, self._weight, self._limit,
+        (settings, self._law, _, self.safety_filter, self._weight, self._limit,
          self._rate_limit) = self._tuning = tuning
-        self.safety, self.performance, self.reference, self._bounds = sets
+        self._bounds = sets.bounds
         joints = self.arm.joints
         arm = arrays_of(self.arm)
         self._handle: Any = None  # of the arrays, made with the first sample
         self._arrays = None if arm is None or type(self._law) is not AblfLaw else (
             ControllerArrays(arm, self._law.gains, self._limit, self._rate_limit, self._memory))
-        self.constraints = Constraints(
-            [SafetyConstraint(joints, self.safety), PerformanceConstraint(joints),
-             *getattr(self.safety_filter, 'constraints', ()), *tuning.constraints], joints)
+        constraints = Constraints([SafetyConstraint(joints, sets.safety),
+                                   PerformanceConstraint(joints),
+                                   *getattr(self.safety_filter, 'constraints', ()),
+                                   *tuning.constraints], joints)
+        # Not as attributes are set: there these names are refused, see `Guided`.
+        vars(self).update(settings=settings, safety=sets.safety, performance=sets.performance,
+                          reference=sets.reference, constraints=constraints)
 
     def state(self, t: float, q: np.ndarray, qd: np.ndarray) -> MotionState:
         """Return a state as the constraints see it: with e1 and the bounds in use.
@@ -311,34 +326,69 @@ class Controller:
         """Return the bounds in use at N times, (N,) [s]; the arrays have shape (N, n)."""
         return self._bounds.along(times)
 
-    def retune(self, t: float, q: np.ndarray, *, settings: ControllerSettings | None = None,
-               safety: JointInterval | None = None, performance: JointInterval | None = None,
-               reference: Reference | None = None, blend_time: float = 0.0) -> None:
+    def retune(self, t: float | None = None, q: Any = None, *,
+               settings: ControllerSettings | None = None,
+               safety: JointInterval | _Group | None = None,
+               performance: JointInterval | _Group | None = None,
+               reference: Reference | _Group | None = None, blend_time: float = 0.0,
+               **changes: Any) -> None:
         """Change what is given, from ``t`` on: all of it or, with an error, nothing.
 
         Gains and limits alone are taken whatever the state. A new set has to hold the present
         state strictly inside. (9) has to hold with all that is new, both references included.
 
         Args:
-            t: Time of the last sample [s] since the start of the motion.
-            q: Positions measured then, shape (n,) [rad].
+            t: Time of the last sample [s] since the start of the motion; needed where a set or
+                the reference changes.
+            q: Positions measured then, shape (n,) [rad]; likewise.
             settings: Gains and limits.
-            safety: Safety set (7).
-            performance: Performance set (8).
-            reference: Reference to follow; its time is that of the motion.
+            safety: Safety set (7), or what changes of its settings.
+            performance: Performance set (8), likewise.
+            reference: Reference to follow, likewise; its time is that of the motion.
             blend_time: Crossfade from the present reference to it [s]; 0 goes over at once.
+            changes: Settings by name, as the constructor takes them: ``k2=50.0``.
 
         Raises:
             SetViolation: with joint, value and bound.
             ParameterError: a value cannot be used.
         """
-        joints, t = self.arm.joints, self.path_time(t)
-        q = checked_array('q', q, self._n, joints)
+        joints = self.arm.joints
+        groups: dict[str, Any] = {'safety': safety, 'performance': performance,
+                                  'reference': reference}
+        changes.update((name, value) for name, value in groups.items()
+                       if isinstance(value, (Mapping, Settings)))
+        wanted = None
+        if settings is not None or changes:
+            wanted = ControllerSettings.taken(self.settings if settings is None else settings,
+                                              changes)
+        for name, value in groups.items():
+            if value is not None and name not in changes:
+                require(name, value, value, _ASKED[name])
+        made = controller_parts(wanted, joints)._asdict() if wanted and changes else {}
+        for name in groups:
+            if any(given.partition('.')[0] == name for given in changes):
+                groups[name] = made[name]
+        self._retune(t, q, wanted, **groups, blend_time=blend_time)
+
+    def _retune(self, t: float | None, q: Any, settings: ControllerSettings | None,
+                safety: JointInterval | None, performance: JointInterval | None,
+                reference: Reference | None, blend_time: float) -> None:
+        moved = any(part is not None for part in (safety, performance, reference))
+        for name, value in (('t', t), ('q', q)):
+            if moved and value is None:
+                raise ParameterError(name, None, 'that of the last sample: new sets and '
+                                     'references are checked against it')
+        joints = self.arm.joints
+        q = np.zeros(self.arm.n) if q is None else checked_array('q', q, self._n, joints)
+        t = 0.0 if t is None else self.path_time(checked_number('t', t))
         tuning = self._tuning
         if settings is not None or (safety is not None and self.safety_filter is not None):
             taken = self.settings if settings is None else ControllerSettings.taken(settings, {})
             tuning = self._tuned(_with_safety(taken, safety or self.safety), self._law,
                                  self.safety_filter)
+        if not moved:
+            self._take(tuning, _Sets(self.safety, self.performance, self.reference, self._bounds))
+            return
         sets = _Sets(self.safety, self.performance, self.reference, self._bounds)
         follow = from_time(self.reference, t)
         if reference is not None and blend_time != 0.0:
@@ -358,6 +408,14 @@ class Controller:
                 check_inside(bounds.lower, bounds.upper, q - follow.at(t).position, joints,
                              'present error outside the new performance set')
         self._take(tuning, sets)
+
+    def follow(self, reference: Reference) -> None:
+        """Go over to a reference that is known to fit; :meth:`retune` is for any other.
+
+        Args:
+            reference: One that goes on from the present one, its range inside the sets.
+        """
+        vars(self)['reference'] = reference
 
     def update(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
                torque: np.ndarray | None = None) -> ControlOutput:

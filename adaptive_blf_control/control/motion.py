@@ -214,5 +214,6 @@ class Motion:
         now = plan.controller.path_time(self.t)
         if now >= plan.t:
             return False
-        plan.controller.reference, self.planned = from_time(way, now), True
+        plan.controller.follow(from_time(way, now))
+        self.planned = True
         return True

@@ -3,13 +3,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.constraints import Bounded, Constraint, MotionState
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.parameters.plugin import load_plugin, made
 
-__all__ = ['PerformanceConstraint', 'SafetyConstraint', 'made_constraint']
+__all__ = ['OwnConstraints', 'PerformanceConstraint', 'SafetyConstraint', 'made_constraint',
+           'several_constraints']
+
+OwnConstraint = Constraint | type[Constraint] | str
+OwnConstraints = OwnConstraint | Sequence[OwnConstraint]
+"""What a caller gives beside the two sets: one, or several of them."""
 
 _ATTRIBUTES = ('name', 'quantity', 'unit', 'recovery', 'bodies', 'bounded')
 
@@ -47,14 +54,18 @@ class PerformanceConstraint:
         return Bounded(state.e1, state.bounds.lower, state.bounds.upper)
 
 
-def made_constraint(arm: Arm, settings: ControllerSettings,
-                    given: Constraint | type[Constraint] | str) -> Constraint:
+def several_constraints(given: OwnConstraints) -> tuple[OwnConstraint, ...]:
+    """Return what a caller gave as a tuple; one constraint is a tuple of one."""
+    return tuple(given) if isinstance(given, (list, tuple)) else (given,)  # type: ignore
+
+
+def made_constraint(arm: Arm, settings: ControllerSettings, given: OwnConstraint) -> Constraint:
     """Return a constraint as it is, or what a class or ``module:name`` makes of both arguments.
 
     Raises:
         ParameterError: it cannot be imported or made, or lacks what a `Constraint` has.
     """
-    part = load_plugin('controller.constraints', given) if isinstance(given, str) else given
-    constraint: Constraint = made('controller.constraints', given, part, _ATTRIBUTES, arm,
-                                  settings)
+    name = 'controller.constraints' if isinstance(given, str) else 'constraints'
+    part = load_plugin(name, given) if isinstance(given, str) else given
+    constraint: Constraint = made(name, given, part, _ATTRIBUTES, arm, settings)
     return constraint

@@ -37,6 +37,7 @@ from adaptive_blf_control.identification.step import (
 )
 from adaptive_blf_control.identification.torque_filter import FilteredPair
 from adaptive_blf_control.identification.update_laws import UpdateLaw
+from adaptive_blf_control.parameters.guided import Guided
 
 __all__ = ['BLOCK', 'Identifier', 'IdentifierSettings', 'LearnedBlock', 'Snapshot']
 
@@ -82,7 +83,8 @@ BLOCK = 64
 """Samples of a log that are taken between two returns to Python."""
 
 
-class Identifier:
+class Identifier(Guided, settings=IdentifierSettings, instead={
+        'theta_hat': 'theta is the estimate, estimate has it by name'}):
     """Torque filter, history stack and update law joined: (12)-(18), Algorithm 1, (37)."""
 
     def __init__(self, arm: Arm, settings: IdentifierSettings | None = None,
@@ -133,7 +135,7 @@ class Identifier:
         """The present settings; :meth:`retune` changes them."""
         return self._settings
 
-    def retune(self, settings: IdentifierSettings) -> None:
+    def retune(self, settings: IdentifierSettings | None = None, **changes: Any) -> None:
         """Use other settings from the next sample on, all or none of them.
 
         θ̂ and the recorded pairs stay whatever changes. The torque filter goes on through a change
@@ -144,11 +146,16 @@ class Identifier:
         window of its own, artificial noise with another deviation or seed. ``initial_estimate``
         is history: the one given is not looked at.
 
+        Args:
+            settings: The new ones; the present ones where None.
+            changes: Settings by name, as the constructor takes them: ``kt=5.0``.
+
         Raises:
             ParameterError: a value cannot be used; nothing has changed.
         """
         settings = IdentifierSettings.taken(
-            settings, {'initial_estimate': self._settings.initial_estimate})
+            self._settings if settings is None else settings,
+            {**changes, 'initial_estimate': self._settings.initial_estimate})
         settings = settings.resolved(joints=self.arm.n, parameters=self.arm.m)
         self._parts.retune(settings)
         self._settings = settings
@@ -185,8 +192,10 @@ class Identifier:
     def __repr__(self) -> str:
         """Show what has been learned."""
         dropped = sum(self.dropped.values())
+        most = self.stack.size * self.arm.n
         return (f'<Identifier of {self.arm!r}: rank {self.rank} of {self.arm.m}, '
                 f'{self.stack.count} of {self.stack.size} pairs'
+                + (f', too few for more than rank {most}' if most < self.arm.m else '')
                 + (f', {dropped} samples dropped' if dropped else '')
                 + (f', {self.restarts} restarts of the filter' if self.restarts > 1 else '') + '>')
 

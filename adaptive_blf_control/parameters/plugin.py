@@ -39,7 +39,8 @@ def load_plugin(parameter: str, text: str) -> Any:
                              f'({type(error).__name__}: {error})') from error
 
 
-def made(parameter: str, value: object, given: Any, names: Sequence[str], *arguments: Any) -> Any:
+def made(parameter: str, value: object, given: Any, names: Sequence[str], *arguments: Any,
+         base: str = '') -> Any:
     """Return a part: as it is given, or what a class or function that is given makes.
 
     Args:
@@ -48,6 +49,7 @@ def made(parameter: str, value: object, given: Any, names: Sequence[str], *argum
         given: The part, or what is called with ``arguments`` and returns it.
         names: What its protocol asks for.
         arguments: See ``given``.
+        base: See `require`.
 
     Raises:
         ParameterError: it cannot be made, or lacks what its protocol asks for.
@@ -61,13 +63,14 @@ def made(parameter: str, value: object, given: Any, names: Sequence[str], *argum
             raise
         except Exception as error:  # a plug-in's constructor may raise anything
             kinds = ', '.join(type(argument).__name__ for argument in arguments)
-            raise ParameterError(parameter, value, f'what can be called with {kinds} '
-                                 f'({type(error).__name__}: {error})') from error
-    require(parameter, value, part, names)
+            raise ParameterError(parameter, value, 'an object, or what can be called with '
+                                 f'{kinds} ({type(error).__name__}: {error})') from error
+    require(parameter, value, part, names, base)
     return part
 
 
-def require(parameter: str, value: object, part: object, names: Sequence[str]) -> None:
+def require(parameter: str, value: object, part: object, names: Sequence[str],
+            base: str = '') -> None:
     """Raise ParameterError where a part lacks one of the attributes its protocol asks for.
 
     Args:
@@ -75,8 +78,14 @@ def require(parameter: str, value: object, part: object, names: Sequence[str]) -
         value: Its value, likewise.
         part: What it stands for.
         names: What the protocol asks for.
+        base: Class of the package that has most of them, for who inherits from it.
     """
     missing = [name for name in names if not hasattr(part, name)]
+    if missing and isinstance(part, type):
+        raise ParameterError(parameter, value, f'a part with {", ".join(names)}: '
+                             f'an object, not the class {part.__name__}')
     if missing:
         raise ParameterError(parameter, value, f'a part with {", ".join(names)}: '
-                             f'{type(part).__name__} has no {", ".join(missing)}')
+                             f'{type(part).__name__} has no {", ".join(missing)}'
+                             + (f'; a class that inherits from {base} has most of them'
+                                if base else ''))

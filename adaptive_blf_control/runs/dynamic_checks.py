@@ -15,7 +15,8 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.settings import IdentifierSettings
-from adaptive_blf_control.runs.finding import Excerpt, Finding, WARNING
+from adaptive_blf_control.runs.finding import Excerpt, Finding, gain_of, WARNING
+from adaptive_blf_control.spelling import option, setting
 
 __all__ = ['Pairs', 'delay_findings', 'filtered_pairs', 'gravity_findings', 'observer',
            'unit_findings']
@@ -102,7 +103,7 @@ def delay_findings(pairs: Pairs, arm: Arm) -> Iterator[Finding]:
             yield Finding('delay', name, WARNING, delay, f'the effort is {abs(1e3 * delay):.0f} '
                           f'ms {"behind" if delay > 0.0 else "ahead of"} the motion (error '
                           f'{left[best] / left[zero]:.0%} without that)',
-                          f'--effort-delay {delay:.3g}')
+                          option('effort_delay', f'{delay:.3g}'))
 
 
 def gravity_findings(pairs: Pairs, weightless: Pairs, arm: Arm,
@@ -125,7 +126,7 @@ def gravity_findings(pairs: Pairs, weightless: Pairs, arm: Arm,
             yield Finding('gravity', arm.joints[joint], WARNING, without / with_it,
                           f'no gravity is visible in the effort (the URDF has '
                           f'{nominal[:, joint].std():.3g} N·m of it): compensated by the drive?',
-                          '--set gravity=[0.0,0.0,0.0]')
+                          setting('gravity', '[0.0,0.0,0.0]'))
 
 
 def unit_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Finding]:
@@ -149,7 +150,7 @@ def unit_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Findi
         if alike > 0.6 and not 0.25 < ratio < 4.0:
             yield Finding('unit', name, WARNING, ratio, f'the effort is {ratio:.2g} times what '
                           'the masses of the URDF need: a current in A, or another unit?',
-                          f'--gain {name}:K multiplies it by K N·m per unit')
+                          gain_of(name) + ' multiplies it by K N·m per unit')
 
 
 def _left_over(regressor: np.ndarray, torques: np.ndarray) -> np.ndarray:

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.bags.logs import MeasuredLog
+from adaptive_blf_control.spelling import option
 
-__all__ = ['Excerpt', 'Finding', 'REFUSED', 'WARNING', 'excerpt', 'listed']
+__all__ = ['Excerpt', 'Finding', 'REFUSED', 'WARNING', 'excerpt', 'gain_of', 'listed']
 
 REFUSED, WARNING = 'refused', 'warning'
 ROWS = 200_000  # looked at of a longer log
@@ -60,6 +61,11 @@ class Excerpt(NamedTuple):
     tau: np.ndarray
     period: float
     whole: np.ndarray
+
+
+def gain_of(joint: str) -> str:
+    """Return the option that multiplies the effort of a joint by K, as the caller writes it."""
+    return option('gain', f'{{{joint!r}: K}}', f'{joint}:K')
 
 
 def excerpt(log: MeasuredLog, rows: int = ROWS, blocks: int = BLOCKS) -> Excerpt:

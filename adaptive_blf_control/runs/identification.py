@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+import inspect
 import os
 import time
 from typing import Any
@@ -15,12 +16,12 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm, checked_arm
 from adaptive_blf_control.arms.urdf_export import export_urdf, ExportedUrdf
 from adaptive_blf_control.arms.urdf_inertials import with_inertials
-from adaptive_blf_control.arms.urdf_source import read_urdf
+from adaptive_blf_control.arms.urdf_source import read_urdf, UrdfSource
 from adaptive_blf_control.bags.logs import Log
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
-from adaptive_blf_control.errors import ArmError, LogError, ParameterError
+from adaptive_blf_control.errors import ArmError, LogError, ParameterError, UnknownParameter
 from adaptive_blf_control.identification.consistent_model import (
     consistent_model,
     ConsistentModel,
@@ -30,6 +31,7 @@ from adaptive_blf_control.identification.consistent_model import (
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.settings import FilterSettings, IdentifierSettings
 from adaptive_blf_control.identification.uncertainty import Uncertainty
+from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.runs.finding import Finding, listed
 from adaptive_blf_control.runs.log_checks import checks_of
 from adaptive_blf_control.runs.log_options import LogOptions, name_of, several
@@ -56,7 +58,8 @@ REAL_ROBOT: dict[str, Any] = {
 
 
 @dataclass(frozen=True, repr=False)
-class Identification:
+class Identification(Guided, instead={
+        'theta_hat': 'theta is the estimate, estimate has it by name'}):
     """What one pass over a log has taught; ``print`` shows the figures as a table.
 
     Attributes:
@@ -155,11 +158,14 @@ def real_robot_settings() -> IdentifierNodeSettings:
                          IdentifierNodeSettings)
 
 
-def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
+def identify(log: Log, urdf: UrdfSource | None = None,
              joints: Sequence[str] | None = None, *, arm: Arm | str | None = None,
              train: Given = None, test: Given = None, topic: str | None = None,
-             validate: Any = None, options: LogOptions | None = None,
-             settings: IdentifierSettings | None = None, **changes: Any) -> Identification:
+             validate: Any = None, columns: Mapping[str, str] | None = None,
+             degrees: bool | None = None, gain: Mapping[str, float] | None = None,
+             effort_delay: float | None = None, force: bool | None = None,
+             options: LogOptions | None = None, settings: IdentifierSettings | None = None,
+             **changes: Any) -> Identification:
     """Learn the parameters of a measured robot from its log, in one pass.
 
     The log is streamed through the identifier of the node: no look-ahead, one sample after the
@@ -170,7 +176,8 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
     Args:
         log: A bag, a CSV file, arrays by name (see `read_log`) or a log that was read; or a list
             of them, all of which are learned from before any is predicted.
-        urdf: Path, ``package://...`` or XML text of the robot, all of whose friction is learned.
+        urdf: Path, ``package://...`` or XML text of the robot (see `load_arm`), all of
+            whose friction is learned.
         joints: Joints to identify, the others are locked; the URDF's where None. For a CSV file
             and arrays the names of their columns, in order.
         arm: In place of a URDF an arm, or ``'two_link'`` or ``'three_link'``.
@@ -180,7 +187,12 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
         topic: Topic of joint values of a bag.
         validate: Another log, or a list of them, to predict with θ̂ frozen; the first are then
             learned from as a whole, where ``train`` is None.
-        options: How logs are read and converted, beside ``topic``.
+        columns: Columns of a CSV file, or names of arrays, by kind, see `read_log`.
+        degrees: Whether positions and velocities are in degrees.
+        gain: What the effort of a joint is multiplied by, by joint [N·m per unit].
+        effort_delay: How far the effort is behind the motion [s].
+        force: Whether a log is learned from that cannot be right.
+        options: The same as one object, which they take the place of one by one.
         settings: Those of the identifier; `REAL_ROBOT`'s where None.
         changes: Settings by name, e.g. ``kh=100.0, history={'size': 200}``.
 
@@ -194,12 +206,13 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
         ArmError: no arm can be made of the URDF and the joints.
         MissingExtra: Pinocchio, which reads the URDF, is not installed.
     """
+    urdf = getattr(urdf, 'xml', urdf)
     if urdf is not None and not isinstance(urdf, (str, os.PathLike)):
         raise ParameterError('urdf', urdf, 'a path, package://... or XML text')
     given = {'arm': arm if isinstance(arm, str) else None, 'urdf': urdf and os.fspath(urdf),
              'joints': joints}
     changes.update((name, value) for name, value in given.items() if value is not None)
-    chosen, filled = with_masses(_node_settings(settings).replace(**changes),
+    chosen, filled = with_masses(_changed(_node_settings(settings), changes),
                                  joints is None and urdf is not None)
     if arm is None or isinstance(arm, str):
         arm = _named_arm(chosen)
@@ -208,12 +221,11 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
         if urdf is not None:
             raise ParameterError('urdf', urdf, 'nothing beside an arm')
     source = ', '.join(map(name_of, several(log)))
-    if options is not None and not isinstance(options, LogOptions):
-        raise ParameterError('options', options, 'LogOptions')
-    options = options or LogOptions()
+    options = LogOptions.taken(options, {
+        'topic': topic, 'columns': columns, 'degrees': degrees, 'gain': gain,
+        'effort_delay': effort_delay, 'force': force})
     identifier = build_identifier(chosen, arm)
-    reader = LogReader(arm, chosen, replace(options, topic=topic or options.topic), filled,
-                       identifier.memory)
+    reader = LogReader(arm, chosen, options, filled, identifier.memory)
     sections = reader.sections(several(log), [] if validate is None else several(validate),
                                train, test)
     result = learn(identifier, sections)
@@ -245,6 +257,18 @@ def _node_settings(settings: IdentifierSettings | None) -> IdentifierNodeSetting
         return settings or real_robot_settings()
     given = IdentifierSettings.taken(settings, {})
     return real_robot_settings().replace(**given.values())
+
+
+def _changed(settings: IdentifierNodeSettings,
+             changes: Mapping[str, Any]) -> IdentifierNodeSettings:
+    """Return settings with changes; a name that is unknown may also be one of an argument."""
+    try:
+        return settings.replace(**changes)
+    except UnknownParameter as error:
+        name = error.name.removeprefix('identifier.')
+        arguments = [each for each in inspect.signature(identify).parameters
+                     if each not in ('log', 'changes')]
+        raise UnknownParameter(name, error.value, [*error.known, *arguments]) from None
 
 
 def _named_arm(settings: IdentifierNodeSettings) -> Arm:

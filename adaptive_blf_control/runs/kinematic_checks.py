@@ -11,7 +11,8 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.identification.settings import FilterSettings
-from adaptive_blf_control.runs.finding import Excerpt, Finding, REFUSED, WARNING
+from adaptive_blf_control.runs.finding import Excerpt, Finding, gain_of, REFUSED, WARNING
+from adaptive_blf_control.spelling import argument, option, setting
 
 __all__ = ['effort_findings', 'motion_findings', 'position_findings', 'rate_findings',
            'velocity_findings']
@@ -20,8 +21,6 @@ WINDOW = 0.05  # s, over which velocities are compared with positions
 STILL = 1e-3  # rad (or m): a joint whose range is smaller never moves
 LONGEST_DELAY = 0.2  # s
 STRETCH = 20_000  # rows that delays are looked for in
-STATE_FILTER = '--set filter.state_order=4 takes velocities from the positions'
-DEGREES = '--degrees converts positions and velocities'
 
 
 class _Windows(NamedTuple):
@@ -47,13 +46,14 @@ def motion_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
     for joint in np.flatnonzero(~there):
         yield Finding('motion', arm.joints[joint], WARNING, float(np.ptp(log.q[:, joint])),
                       f'it never moves (by {np.ptp(log.q[:, joint]):.2g} rad), so nothing is '
-                      'learned of it', '--joints without it locks it')
+                      'learned of it', argument('joints') + ' without it locks it')
     step = _windows(log).stepped
     if len(step):
         still = float((np.abs(step) < 1e-3 * np.ptp(log.q, axis=0).max()).all(axis=1).mean())
         if still > 0.5:
             yield Finding('motion', None, WARNING, still,
-                          f'{still:.0%} of the log is without motion', '--train picks a span')
+                          f'{still:.0%} of the log is without motion',
+                          argument('train') + ' picks a span')
 
 
 def velocity_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
@@ -81,26 +81,28 @@ def _velocity_finding(name: str, stepped: np.ndarray, integrated: np.ndarray,
     if energy < 1e-6 * whole:
         speed = math.sqrt(whole / len(stepped)) / max(WINDOW, period)
         return Finding('velocity', name, REFUSED, 0.0, 'the velocity is zero while the position '
-                       f'changes by {speed:.2g} rad/s', STATE_FILTER)
+                       f'changes by {speed:.2g} rad/s', _state_filter())
     correlation, slope = product / math.sqrt(energy * whole), product / whole
     if correlation < -0.5:
         return Finding('velocity', name, REFUSED, correlation, 'the velocity has the sign '
-                       f'opposite to that of dq/dt (correlation {correlation:.2f})', STATE_FILTER)
+                       f'opposite to that of dq/dt (correlation {correlation:.2f})',
+                       _state_filter())
     if period > WINDOW:
         return None  # the integral over so few rows is too coarse for more
     if correlation < 0.5:
         return Finding('velocity', name, REFUSED, correlation, 'the velocity is not the '
                        f'derivative of the position (correlation {correlation:.2f})',
-                       STATE_FILTER)
+                       _state_filter())
     if not 0.8 < slope < 1.25:
         unit = next((f', as in {unit}' for factor, unit in (
             (180.0 / math.pi, 'degrees per second'), (60.0 / (2.0 * math.pi), 'rpm'))
             if 0.9 < slope / factor < 1.1), '')
         return Finding('velocity', name, REFUSED, slope, f'the velocity is {slope:.3g} times the '
-                       f'derivative of the position{unit}', STATE_FILTER)
+                       f'derivative of the position{unit}', _state_filter())
     if correlation < 0.9 or not 0.93 < slope < 1.07:
         return Finding('velocity', name, WARNING, slope, f'the velocity is {slope:.3g} times the '
-                       f'derivative of the position (correlation {correlation:.2f})', STATE_FILTER)
+                       f'derivative of the position (correlation {correlation:.2f})',
+                       _state_filter())
     return None
 
 
@@ -123,7 +125,7 @@ def _delay_finding(log: Excerpt, joint: int, name: str) -> Finding | None:
     if abs(delay) < max(0.01, 1.5 * log.period) or not 3.0 * (1.0 - fit[best]) < 1.0 - fit[most]:
         return None
     return Finding('velocity', name, WARNING, delay, f'the velocity is {abs(1e3 * delay):.0f} ms '
-                   f'{"behind" if delay > 0.0 else "ahead of"} the position', STATE_FILTER)
+                   f'{"behind" if delay > 0.0 else "ahead of"} the position', _state_filter())
 
 
 def position_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
@@ -143,11 +145,13 @@ def position_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
         turned = np.deg2rad(q)
         if np.abs(q).max() > 2.0 * np.pi and (
                 np.maximum(lower[joint] - turned, turned - upper[joint]).max() < 0.05):
-            yield Finding('position', name, REFUSED, largest, f'{text}: degrees?', DEGREES)
+            yield Finding('position', name, REFUSED, largest, f'{text}: degrees?',
+                          f'{option("degrees")} converts positions and velocities')
         elif worst > 0.5:
             yield Finding('position', name, REFUSED, largest,
                           f'{text}, in {part:.0%} of the log: another robot, another order of '
-                          'the joints, or another zero?', '--joints names them in order')
+                          'the joints, or another zero?', argument('joints') + ' names them in '
+                          'order')
         else:
             yield Finding('position', name, WARNING, largest, f'{text}, in {part:.1%} of the log')
 
@@ -167,26 +171,30 @@ def effort_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
             largest = float(np.abs(tau).max())
             yield Finding('effort', name, WARNING, largest, f'the effort of {largest:.4g} N·m is '
                           f'far beyond the {limit[joint]:.4g} N·m of the URDF: another unit?',
-                          f'--gain {name}:K multiplies it')
+                          gain_of(name) + ' multiplies it')
 
 
 def rate_findings(log: Excerpt, settings: FilterSettings) -> Iterator[Finding]:
     """Rates that the filters cannot use, and jitter."""
     steps, rate = np.diff(log.t), 1.0 / log.period
     if log.period > settings.gap:
-        help_ = f'--set filter.gap={3.0 * log.period:.2g}'
+        help_ = setting('filter.gap', f'{3.0 * log.period:.2g}')
         if settings.time_constant < 2.0 * log.period:
-            help_ += f' --set filter.time_constant={3.0 * log.period:.2g}'
+            help_ += ' ' + setting('filter.time_constant', f'{3.0 * log.period:.2g}')
         yield Finding('rate', None, REFUSED, rate, f'the log has {rate:.3g} Hz, and the filters '
                       f'restart after {settings.gap:g} s without a sample', help_)
     elif log.period > settings.time_constant:
         yield Finding('rate', None, WARNING, rate, f'the log has {rate:.3g} Hz, too few for a '
                       f'filter of {settings.time_constant:g} s',
-                      f'--set filter.time_constant={3.0 * log.period:.2g}')
+                      setting('filter.time_constant', f'{3.0 * log.period:.2g}'))
     late = float((steps > 3.0 * log.period).mean())
     if late > 0.01:
         yield Finding('rate', None, WARNING, late, f'{late:.1%} of the intervals are more than '
                       f'three times the median of {1e3 * log.period:.3g} ms')
+
+
+def _state_filter() -> str:
+    return setting('filter.state_order', '4') + ' takes velocities from the positions'
 
 
 def _windows(log: Excerpt) -> _Windows:

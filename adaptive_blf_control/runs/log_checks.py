@@ -28,6 +28,7 @@ from adaptive_blf_control.runs.kinematic_checks import (
     rate_findings,
     velocity_findings,
 )
+from adaptive_blf_control.spelling import option
 
 __all__ = ['check_log', 'checks_of', 'refuse']
 
@@ -93,7 +94,8 @@ def refuse(findings: list[Finding], source: str) -> None:
     """
     fatal = [str(finding) for finding in findings if finding.level == REFUSED]
     if fatal:
-        raise LogError(f'{source}: ' + '; '.join(fatal) + '; --force learns from it all the same')
+        raise LogError(f'{source}: ' + '; '.join(fatal)
+                       + f'; {option("force")} learns from it all the same')
 
 
 def checks_of(findings: list[Finding]) -> list[dict[str, Any]]:

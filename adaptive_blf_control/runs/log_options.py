@@ -1,29 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measured logs as one call of `identify` reads them: converted, checked, and cut into spans."""
+"""Measured logs as one call of `identify` reads them: how they are read, converted, named."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 import os
 from typing import Any
 
-import numpy as np
-
-from adaptive_blf_control.arrays import checked_number
+from adaptive_blf_control.bags.log_conversion import conversion
 from adaptive_blf_control.bags.logs import Log, MeasuredLog, read_log
-from adaptive_blf_control.errors import LogError, ParameterError
+from adaptive_blf_control.errors import ParameterError, UnknownParameter
 
 __all__ = ['LogOptions', 'name_of', 'read_converted', 'several']
 
 
 @dataclass(frozen=True)
 class LogOptions:
-    """How logs are read.
+    """How logs are read, to be used for several calls; `identify` takes the same by keyword.
 
     Attributes:
         topic: Topic of joint values in a bag.
-        columns: Columns of a CSV file by kind, see `read_log`.
+        columns: Columns of a CSV file, or names of arrays, by kind, see `read_log`.
         degrees: Whether positions and velocities are in degrees.
         gain: What the effort of a joint is multiplied by, by joint [N·m per unit].
         effort_delay: How far the effort is behind the motion [s].
@@ -37,15 +35,29 @@ class LogOptions:
     effort_delay: float = 0.0
     force: bool = False
 
+    def __new__(cls, *_: Any, **given: Any) -> LogOptions:
+        """Refuse names that are no option, as every other name is refused."""
+        names = [each.name for each in fields(cls)]
+        for name, value in given.items():
+            if name not in names:
+                raise UnknownParameter(name, value, names)
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
         """Refuse what cannot be applied."""
-        if not isinstance(self.gain, Mapping):
-            raise ParameterError('gain', self.gain, 'a mapping of joints to numbers')
-        for joint, value in self.gain.items():
-            if not np.isfinite(checked_number('gain', value)) or value == 0.0:
-                raise ParameterError(f'gain of {joint}', value, 'a finite number that is not 0')
-        if not np.isfinite(checked_number('effort_delay', self.effort_delay)):
-            raise ParameterError('effort_delay', self.effort_delay, 'a finite time [s]')
+        conversion(self.degrees, self.gain, self.effort_delay)
+
+    @classmethod
+    def taken(cls, options: Any, given: Mapping[str, Any]) -> LogOptions:
+        """Return options with those of ``given`` that are not None in their place.
+
+        Raises:
+            ParameterError: an option cannot be used.
+        """
+        if options is not None and not isinstance(options, cls):
+            raise ParameterError('options', options, 'LogOptions')
+        return replace(options or cls(), **{name: value for name, value in given.items()
+                                            if value is not None})
 
 
 def several(log: Any) -> list[Log]:
@@ -64,43 +76,14 @@ def name_of(log: Log) -> str:
 
 def read_converted(log: Log, joints: Sequence[str], options: LogOptions, *,
                    velocity: bool) -> MeasuredLog:
-    """Read a log and convert it as the options say.
+    """Read a log as the options say; see `read_log`.
 
     Args:
-        log: A log, see `read_log`.
+        log: A log.
         joints: Joints of the arm.
         options: How to read it.
         velocity: Whether velocities are used.
-
-    Raises:
-        LogError: the log cannot be read.
-        ParameterError: a gain is of no joint of the arm.
     """
-    measured = read_log(log, topic=options.topic, joints=joints, velocity=velocity,
-                        columns=options.columns)
-    if unknown := [joint for joint in options.gain if joint not in joints]:
-        raise ParameterError('gain', unknown[0], f'one of the joints {", ".join(joints)}')
-    q, qd, tau = measured.q, measured.qd, measured.tau
-    if options.degrees:
-        q, qd = np.deg2rad(q), np.deg2rad(qd)
-    if options.gain:
-        tau = tau * np.array([options.gain.get(joint, 1.0) for joint in joints])
-    measured = measured._replace(q=q, qd=qd, tau=tau)
-    return _shifted(measured, options.effort_delay, name_of(log)) if options.effort_delay else (
-        measured)
-
-
-def _shifted(log: MeasuredLog, delay: float, source: str) -> MeasuredLog:
-    """Return a log whose effort at t is the one that was recorded at t + delay."""
-    later = log.t + delay
-    there = (later >= log.t[0]) & (later <= log.t[-1])
-    if there.sum() < 3:
-        raise LogError(f'{source}: --effort-delay {delay:g} s leaves nothing of '
-                       f'{log.t[-1] - log.t[0]:.3g} s')
-    tau = np.column_stack([np.interp(later[there], log.t, column) for column in log.tau.T])
-    first = int(there.argmax())
-    t = log.t[there]
-    return log._replace(t=t - t[0], q=log.q[there], qd=log.qd[there], tau=tau,
-                        dropped=log.dropped + int((~there).sum()),
-                        breaks=tuple(row - first for row in log.breaks
-                                     if 0 < row - first < len(t)))
+    return read_log(log, topic=options.topic, joints=joints, velocity=velocity,
+                    columns=options.columns, degrees=options.degrees, gain=options.gain,
+                    effort_delay=options.effort_delay)

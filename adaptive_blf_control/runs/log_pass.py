@@ -19,6 +19,7 @@ from adaptive_blf_control.identification.identifier import Identifier, LearnedBl
 from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import estimate_uncertainty, Uncertainty
 from adaptive_blf_control.runs.batch_fit import BatchFit
+from adaptive_blf_control.spelling import setting
 
 __all__ = ['NO_TEST', 'Given', 'LogPass', 'Prediction', 'Section', 'Span', 'choose_spans',
            'learn']
@@ -111,7 +112,8 @@ def choose_spans(log: MeasuredLog, train: Given, test: Given, settle: float) -> 
     if train is None and middle <= first + settle:
         raise LogError(f'the log of {last - first:.3g} s is too short: the filters take '
                        f'{settle:.3g} s to forget their start, so expected more than '
-                       f'{2.0 * settle:.3g} s, or --set filter.time_constant=... with less')
+                       f'{2.0 * settle:.3g} s, or ' + setting('filter.time_constant', '...')
+                       + ' with less')
     notes: list[str] = []
     learned = (Span(first + settle, middle) if train is None
                else _span('train', train, first, last, notes))

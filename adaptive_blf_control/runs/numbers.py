@@ -72,7 +72,7 @@ def _partial(recording: Recording) -> dict[str, Any]:
     """Return the keys of `summarise` as far as an incomplete bag gives them."""
     numbers: dict[str, Any] = dict.fromkeys((
         'duration_s', 'samples', 'set_violations', 'max_abs_error', 'rms_error',
-        'rms_error_last_quarter', 'min_margin', 'theta_hat', 'theta_error_norm',
+        'rms_error_last_quarter', 'min_margin', 'failure', 'theta_hat', 'theta_error_norm',
         'theta_true_norm', 'theta_settling_time_s', 'history_rank', 'history_sigma_min',
         'oscillation', 'chatter', 'saturated', 'torque_reserve'))
     numbers['theta_settling_times_s'], numbers['margins'] = [], []

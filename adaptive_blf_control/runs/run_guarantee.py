@@ -18,9 +18,12 @@ from adaptive_blf_control.control.guarantee import (
 from adaptive_blf_control.control.laws.ablf import ablf_gains, AblfLaw
 from adaptive_blf_control.control.reference import along, ReferencePoint
 from adaptive_blf_control.control.step import AblfGains
+from adaptive_blf_control.runs.summary import listed
 from adaptive_blf_control.simulation.abilities import unexpressed_by
+from adaptive_blf_control.simulation.actuated_arm import ActuatedArm
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
-from adaptive_blf_control.simulation.plant import known_truth, truth_of
+from adaptive_blf_control.simulation.plant import known_truth, Plant, SimulatedArm, truth_of
+from adaptive_blf_control.simulation.sensors import Encoder, NoisyTorque, PerfectSensor
 
 __all__ = ['RunGuarantee', 'guarantee_of_trace', 'why_not']
 
@@ -69,7 +72,23 @@ def why_not(loop: ClosedLoop) -> str | None:
         return 'is not about this law'
     if unexpressed_by(plant, parameters) is not None:
         return 'is not about this plant: no theta expresses all of its torque'
-    return None
+    disturbed = _disturbances(plant)
+    return (f'is not about this loop: it has {listed(disturbed)}, and the theorem none'
+            if disturbed else None)
+
+
+def _disturbances(plant: Plant) -> list[str]:
+    """Return what of the simulated arm the theorem leaves out, in words."""
+    if not isinstance(plant, SimulatedArm):
+        return []
+    sensor = plant.sensor
+    inner = type(sensor.sensor if isinstance(sensor, NoisyTorque) else sensor)
+    named = ('' if inner is PerfectSensor else 'encoders' if inner is Encoder
+             else 'sensors of its own')
+    return [words for words, there in (
+        ('dead time', plant.settings.dead_time > 0), (named, bool(named)),
+        ('noise of the torque', isinstance(sensor, NoisyTorque)),
+        ('actuators or forces beside the law', isinstance(plant, ActuatedArm))) if there]
 
 
 def guarantee_of_trace(loop: ClosedLoop, trace: Trace) -> RunGuarantee | None:

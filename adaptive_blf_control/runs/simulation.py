@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import functools
 import os
@@ -20,19 +20,20 @@ from adaptive_blf_control.configuration.parameter_file import (
     load_yaml,
     node_settings,
 )
-from adaptive_blf_control.control.constraints import Constraint
 from adaptive_blf_control.control.laws.protocol import Law
+from adaptive_blf_control.control.set_constraints import OwnConstraints
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
+from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee, why_not
-from adaptive_blf_control.runs.start_check import loop_warnings
+from adaptive_blf_control.runs.start_check import start_warnings
 from adaptive_blf_control.runs.summary import Run, run_of_trace, summarise, table
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
 from adaptive_blf_control.simulation.abilities import contacts_of, unexpressed_by
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
-from adaptive_blf_control.simulation.plant import Plant, REQUIRED
+from adaptive_blf_control.simulation.plant import Plant
 from adaptive_blf_control.simulation.sample import Sample
 from adaptive_blf_control.simulation.sensors import Sensor
 
@@ -42,7 +43,9 @@ USUAL_DURATION = 20.0  # s, where neither the caller nor the scenario says
 
 
 @dataclass(frozen=True, repr=False)
-class Simulation(Trace):
+class Simulation(Trace, Guided, instead={
+        'theta': 'theta_hat has it over time, identifier.theta at the end',
+        'estimate': 'identifier.estimate has it by name'}):
     """A run of the closed loop as arrays over N samples; ``print`` shows what it achieved.
 
     Attributes:
@@ -56,10 +59,13 @@ class Simulation(Trace):
         sigma_min: Its σ_min, shape (N,).
         wall_s: How long it took [s].
         in_python: Parts that had to be asked sample by sample, which is slower.
+        failure: The first state or torque that is not finite, or None.
         loop: The objects that ran.
+        notes: What is to be said about the scenario, in sentences.
     """
 
     loop: ClosedLoop
+    notes: tuple[str, ...] = ()
 
     @property
     def identifier(self) -> Identifier:
@@ -99,7 +105,7 @@ class Simulation(Trace):
     def __repr__(self) -> str:
         """Say what the run achieved, as a table."""
         figures, guarantee = self.figures, self._run_guarantee
-        lines = [table(figures, self._run)]
+        lines = [*(f'note: {text}' for text in self.notes), table(figures, self._run)]
         if any(value is not None for value in figures['predicted_torque_error']):
             lines.append(torque_line(figures['predicted_torque_error']))
         if figures['unexpressed_torque'] is not None:
@@ -124,11 +130,11 @@ def duration_of(data: Mapping[str, Any], duration: float | None) -> float:
 
 
 def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | ClosedLoop,
-             duration: float | None = None, *, plant: Plant | None = None,
+             duration: float | None = None, *, plant: Plant | type[Plant] | None = None,
              sensor: Sensor | type[Sensor] | None = None,
              law: Law | type[Law] | str | None = None,
              update_law: UpdateLaw | type[UpdateLaw] | str | None = None,
-             constraints: Sequence[Constraint | type[Constraint] | str] = (),
+             constraints: OwnConstraints = (),
              observer: Callable[[Sample], None] | None = None, **changes: Any) -> Simulation:
     """Run a scenario in lockstep without ROS: the same objects that run in the nodes.
 
@@ -136,12 +142,14 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
         scenario: A parameter file, e.g. ``config/two_link.yaml``, its data, an arm that is driven
             with the defaults of every parameter, or a `ClosedLoop` joined by hand.
         duration: Length of the run [s]; the scenario's, else 20 s, where None.
-        plant: What is driven in place of the simulated arm.
+        plant: What is driven in place of the simulated arm: a plant, or a class of plants, which
+            is called with the driver's settings and the arm.
         sensor: What the simulated arm is measured with, or a class of such, in place of the
             scenario's; see `Sensor`.
         law: A control law, or a class of laws, in place of the scenario's; see `Controller`.
         update_law: An update law, or a class of them, likewise; see `Identifier`.
-        constraints: What else counts as inside, beside the scenario's; see `Controller`.
+        constraints: What else counts as inside, beside the scenario's: one or several; see
+            `Controller`.
         observer: Called with every sample; where all parts are ours, after each block of samples.
         changes: Parameters of ``controller``, ``identifier`` and ``arm_driver``, by name or as
             YAML nests them: ``controller={'k2': [30.0, 5.0]}`` and ``**{'controller.k2': 5.0}``;
@@ -164,24 +172,23 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
             if value is not None:
                 raise ParameterError(name, value, 'nothing: the loop has been joined by hand')
         loop, length = scenario, duration_of({}, duration)
+        notes: tuple[str, ...] = ()
     else:
         data, arm = _scenario(scenario)
         if arm is not None and plant is None:
             require('scenario', arm, arm, SIMULATED)
         data = apply_changes(data, changes)
-        if plant is not None:
-            require('plant', plant, plant, REQUIRED)
         loop = build_closed_loop(data, OwnParts(arm, plant, sensor, law, update_law, constraints))
         length = duration_of(data, duration)
-        list(loop_warnings(data, loop))  # refuses an unstable loop where the scenario asks for it
+        notes = tuple(start_warnings(data, loop))  # may refuse an unstable loop
     loop.warm_up()
-    return Simulation(**vars(loop.run(length, observer)), loop=loop)
+    return Simulation(**vars(loop.run(length, observer)), loop=loop, notes=notes)
 
 
 def _scenario(scenario: Any) -> tuple[dict[str, Any], Arm | None]:
     """Return a parameter file's data, and the arm where it is given as an object."""
     if isinstance(scenario, (str, os.PathLike)):
-        return load_yaml(Path(scenario)), None
+        return load_yaml(Path(scenario), 'scenario'), None
     if isinstance(scenario, Mapping):
         return checked_sections(scenario, 'scenario', scenario), None
     arm = checked_arm('scenario', scenario)

@@ -6,9 +6,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, DriverSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.control.arm_limits import limit_warnings
+from adaptive_blf_control.control.reference import full_range
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 from adaptive_blf_control.tuning.loop_check import check_loop, warnings_of_loop
@@ -31,6 +34,10 @@ def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
     if too_few:
         yield too_few
     yield from limit_warnings(loop.arm, loop.controller.settings)
+    lower, upper = full_range(loop.controller.reference)
+    if np.array_equal(lower, upper):
+        yield ('the reference does not move, so that next to nothing is learned: set '
+               'controller.reference.<joint>.amplitude and frequency')
     yield from loop_warnings(data, loop)
 
 

@@ -26,11 +26,12 @@ from adaptive_blf_control.runs.torque_use import (
     TorqueUse,
 )
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
+from adaptive_blf_control.simulation.failure import Failure
 from adaptive_blf_control.simulation.plant import truth_of
 from adaptive_blf_control.simulation.true_arm import Truth
 
 __all__ = ['CONVERGED', 'Run', 'listed', 'margins_of_run', 'run_of_trace', 'convergence_time',
-           'state_along', 'summarise', 'table']
+           'state_along', 'summarise', 'table', 'violated_along']
 
 CONVERGED = 0.01  # part of ‖θ*‖ under which ‖θ̃‖ counts as converged
 
@@ -58,6 +59,7 @@ class Run:
             where a constraint needs no e1.
         published: Margins of constraints that are not known here, as the controller sent them.
         torques: Commanded torques, where they are known.
+        failure: The first state or torque that is not finite; what follows counts as outside.
     """
 
     joints: tuple[str, ...]
@@ -77,6 +79,7 @@ class Run:
     unanswered: MotionState | None = None
     published: tuple[Margins, ...] = ()
     torques: TorqueUse | None = None
+    failure: Failure | None = None
 
     def theta_true(self, t: np.ndarray) -> np.ndarray:
         """Return θ* at the times ``t`` (K,) [s], shape (K, m); NaN where it is not known."""
@@ -93,7 +96,7 @@ def run_of_trace(loop: ClosedLoop, trace: Trace) -> Run:
                loop.controller.safety, loop.controller.performance,
                loop.controller.constraints, truth_of(loop.plant, loop.arm.parameters),
                torques=TorqueUse(trace.torque, loop.controller.settings.resolved(
-                   joints=loop.arm.n).torque_limit))
+                   joints=loop.arm.n).torque_limit), failure=trace.failure)
 
 
 def state_along(t: np.ndarray, q: np.ndarray, qd: np.ndarray, e1: np.ndarray,
@@ -109,9 +112,15 @@ def margins_of_run(run: Run) -> tuple[Margins, ...]:
     return margins_along(run.constraints, states) + run.published
 
 
+def violated_along(run: Run, margins: tuple[Margins, ...]) -> np.ndarray:
+    """Return which samples are not inside, or come after a failure, shape (N,), bool."""
+    violated = violated_at(run.t, margins)
+    return violated if run.failure is None else violated | (run.t >= run.failure.t)
+
+
 def _violations(run: Run, margins: tuple[Margins, ...]) -> int:
     """Number of samples that are not inside, those without an answer included."""
-    count = int(np.count_nonzero(violated_at(run.t, margins)))
+    count = int(np.count_nonzero(violated_along(run, margins)))
     if run.unanswered is not None and run.unanswered.q.size:
         beyond = (run.constraints.margins_along(run.unanswered) <= 0.0).any(axis=1)
         count += int(np.count_nonzero(beyond | ~np.isfinite(run.unanswered.q).all(axis=1)))
@@ -142,7 +151,7 @@ def summarise(run: Run) -> dict[str, Any]:
 
     ``set_violations`` counts samples in which some constraint is not strictly kept, ``margins``
     has the closest approach of each, ``min_margin`` is the smallest distance to a bound of either
-    set per joint [rad].
+    set per joint [rad]; None after a failure, of which ``failure`` says what it was.
     """
     margins = margins_of_run(run)
     last = run.t >= run.t[0] + 0.75 * (run.t[-1] - run.t[0])
@@ -154,7 +163,9 @@ def summarise(run: Run) -> dict[str, Any]:
         'max_abs_error': np.abs(run.e1).max(axis=0).tolist(),
         'rms_error': np.sqrt(np.mean(run.e1 ** 2, axis=0)).tolist(),
         'rms_error_last_quarter': np.sqrt(np.mean(run.e1[last] ** 2, axis=0)).tolist(),
-        'min_margin': least_per_joint(run.joints, margins),
+        'failure': None if run.failure is None else str(run.failure),
+        'min_margin': (least_per_joint(run.joints, margins) if run.failure is None
+                       else [None] * len(run.joints)),
         'margins': margin_figures(margins),
         'theta_hat': dict(zip(run.parameters, run.theta_hat[-1].tolist())),
         'theta_error_norm': None,
@@ -185,6 +196,8 @@ def table(figures: dict[str, Any], run: Run) -> str:
     """Return the figures as a short table a person reads."""
     kept = figures['set_violations'] == 0
     lines = [
+        *([] if run.failure is None else
+          [f'FAILED: {run.failure}; what follows counts as outside']),
         f'{listed([each["constraint"] for each in figures["margins"]])} sets: '
         + ('KEPT' if kept else 'LEFT')
         + ('' if kept else f' in {figures["set_violations"]} of {figures["samples"]} samples')
@@ -199,7 +212,8 @@ def table(figures: dict[str, Any], run: Run) -> str:
         lines.append(
             f'{joint:<18}{figures["max_abs_error"][i]:>14.5f}{figures["rms_error"][i]:>12.2e}'
             f'{figures["rms_error_last_quarter"][i]:>14.2e}{bound:>20}'
-            f'{figures["min_margin"][i]:>14.4f}')
+            + ('unknown' if figures['min_margin'][i] is None
+               else f'{figures["min_margin"][i]:.4f}').rjust(14))
     lines += [f'{each["constraint"]:<21}least margin {each["margin"]:.4g} {each["unit"]}, '
               f'{each["body"]} at {each["t"]:.2f} s'
               for each in closest_by_unit(figures['margins']) if each['unit'] != 'rad']
@@ -209,9 +223,10 @@ def table(figures: dict[str, Any], run: Run) -> str:
         lines.append(
             f'parameter error      {figures["theta_error_norm"]:.3g} of '
             f'{figures["theta_true_norm"]:.3g} in norm; '
-            + f'within {CONVERGED:.0%} ' + ', '.join(
-                ('after ' if not i else f'and {run.truth[i][0]:g} s: after ')
-                + ('not yet' if t is None else f'{t:.2f} s') for i, t in enumerate(settled)))
+            + ', '.join(('' if not i else f'from {run.truth[i][0]:g} s on ')
+                        + (f'not within {CONVERGED:.0%} yet' if t is None
+                           else f'within {CONVERGED:.0%} after {t:.2f} s')
+                        for i, t in enumerate(settled)))
     lines.append(f'history stack        rank {figures["history_rank"]} of {len(run.parameters)}, '
                  f'σ_min {figures["history_sigma_min"]:.3g}')
     return '\n'.join(lines)

@@ -162,7 +162,7 @@ def check_files(args: Sequence[str]) -> None:
         except (OSError, UnicodeDecodeError, yaml.YAMLError):
             content = None
         if not isinstance(content, dict):
-            load_yaml(path)  # names file, line and reason
+            load_yaml(path, '--params-file')  # names file, line and reason
 
 
 def explain_files(args: Sequence[str], kind: str) -> None:
@@ -172,7 +172,7 @@ def explain_files(args: Sequence[str], kind: str) -> None:
     what is expected.
     """
     for path in _files(args):
-        node_values(load_yaml(path), kind)
+        node_values(load_yaml(path, '--params-file'), kind)
 
 
 def _files(args: Sequence[str]) -> Iterator[str]:

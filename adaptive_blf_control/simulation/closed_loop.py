@@ -9,7 +9,7 @@ was held over the interval that ends now), then the arm moves on under the new t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import time
 from typing import Any
 
@@ -22,6 +22,7 @@ from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.simulation.block import trace_rows, TraceRows
 from adaptive_blf_control.simulation.block_run import BlockRun, LoopParts, parts_in_python
+from adaptive_blf_control.simulation.failure import Failure, failure_at, first_failure
 from adaptive_blf_control.simulation.plant import Plant, REQUIRED, SimulatedArm
 from adaptive_blf_control.simulation.sample import Sample, sample_time, sample_times
 
@@ -34,7 +35,8 @@ class Trace:
 
     t (N,) [s]; q, e1 (N, n) [rad] and qd (N, n) [rad/s], the true ones; torque (N, n) [N·m];
     theta_hat (N, m); rank and σ_min (N,). ``in_python`` names the parts for which it went sample
-    by sample; it is empty where whole blocks ran as one compiled function.
+    by sample; it is empty where whole blocks ran as one compiled function. ``failure`` is
+    the first state or torque that is not finite.
     """
 
     t: np.ndarray
@@ -47,6 +49,7 @@ class Trace:
     sigma_min: np.ndarray
     wall_s: float
     in_python: tuple[str, ...]
+    failure: Failure | None = field(default=None, kw_only=True)
 
 
 class ClosedLoop:
@@ -74,7 +77,7 @@ class ClosedLoop:
         Raises:
             ParameterError: the plant lacks what a plant needs, or a value cannot be used.
         """
-        require('plant', plant, plant, REQUIRED)
+        require('plant', plant, plant, REQUIRED, 'Plant')
         require('controller', controller, controller, ('arm', 'reference', 'update'))
         self.plant = plant
         self.controller = controller
@@ -141,23 +144,31 @@ class ClosedLoop:
         times = sample_times(self._steps(duration), self.period)
         rows = trace_rows(times.size, self.arm.n, self.arm.m)
         begin = time.perf_counter()  # duration of the computation, not a time of the logic
-        in_python = self.in_python
+        in_python, failure = self.in_python, None
         if in_python or self.sample_by_sample:
-            self._run_by_samples(duration, rows, observer)
+            failure = self._run_by_samples(duration, rows, observer)
         else:
             BlockRun(self._parts).run(times, rows, observer)
-        return Trace(times, *rows, time.perf_counter() - begin, in_python)
+        seconds = time.perf_counter() - begin
+        state = first_failure(times, self.arm.joints,
+                              (('position', rows.q), ('velocity', rows.qd)))
+        if failure is None or (state is not None and state.t <= failure.t):
+            failure = state  # a law that is asked about no number is not to blame
+        return Trace(times, *rows, seconds, in_python, failure=failure)
 
     def _run_by_samples(self, duration: float, rows: TraceRows,
-                        observer: Callable[[Sample], None] | None) -> None:
-        plant = self.plant
+                        observer: Callable[[Sample], None] | None) -> Failure | None:
+        plant, failure = self.plant, None
         for k, sample in enumerate(self.samples(duration)):
             row = (plant.q, plant.qd, plant.q - sample.output.reference.position,
                    sample.output.torque, sample.theta_hat, sample.rank, sample.sigma_min)
             for column, value in zip(rows, row):
                 column[k] = value
+            failure = failure or failure_at(sample.t, sample.output.wanted, self.arm.joints,
+                                            "law's torque")
             if observer is not None:
                 observer(sample)
+        return failure
 
     def samples(self, duration: float) -> Iterator[Sample]:
         """Run for ``duration`` [s] of arm time, the sample at its end included; store nothing.

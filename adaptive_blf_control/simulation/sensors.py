@@ -190,7 +190,8 @@ def made_sensor(settings: SensorSettings, arm: Arm,
         name = 'arm_driver.sensors.model' if given is None else 'sensor'
         value = settings.model if given is None else given
         part = load_plugin(name, settings.model) if given is None else given
-        sensor = _Checked(made(name, value, part, _REQUIRED, settings, arm), arm)
+        sensor = _Checked(made(name, value, part, _REQUIRED, settings, arm,
+                               base='Sensor'), arm)
     if settings.torque_noise > 0.0:
         return NoisyTorque(sensor, settings.torque_noise, settings.seed)
     return sensor

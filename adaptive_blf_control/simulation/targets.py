@@ -6,7 +6,7 @@ payload                        kg, a point mass at the tip
 payload.LINK                   kg on a link, with its centre of mass at the link's origin, unless:
 payload.LINK.x, .y, .z         m, centre of mass in the frame of the link
 payload.LINK.ixx ... .izz      kg·m², inertia about that centre, axes of the link
-fv_JOINT, fc_JOINT, f0_JOINT   viscous [N·m·s/rad], dry and constant friction [N·m]
+fv_JOINT, fc_JOINT, f0_JOINT   viscous [N·m·s/rad], Coulomb and constant friction [N·m]
 fs_JOINT                       friction that grows with √|q̇| [N·m·(s/rad)^½]
 force.LINK.x, .y, .z           N, at the origin of a link, axes of the base
 torque.LINK.x, .y, .z          N·m, on a link, axes of the base

@@ -60,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _campaign(options: argparse.Namespace) -> Campaign:
-    data = apply_settings(load_yaml(options.config), options.settings)
+    data = apply_settings(load_yaml(options.config, 'CONFIG'), options.settings)
     if options.workers < 1:
         raise ParameterError('--workers', options.workers, 'an integer >= 1')
     if options.resume and options.output is None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import sys
 
 from adaptive_blf_control.arms.load import load_arm
-from adaptive_blf_control.command_line import seconds
+from adaptive_blf_control.command_line import joint_names, seconds
 from adaptive_blf_control.configuration.written_file import written_file
 from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.tuning.node_values import node_settings_of, reasons_of
@@ -30,9 +30,10 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('urdf', help='path or package://package/path of the URDF')
     parser.add_argument('--joints', nargs='+', metavar='JOINT',
-                        help='joints of the arm, from the base on; default: all, from the base on')
+                        help='joints of the arm, from the base on, separated by spaces or commas; '
+                        'default: all')
     parser.add_argument('--coulomb', action='store_true',
-                        help='learn a dry friction per joint as well')
+                        help='learn a Coulomb friction per joint as well')
     parser.add_argument('--from-zero', action='store_true',
                         help="begin to learn from nothing rather than from the URDF's values")
     parser.add_argument('-o', '--output', type=Path, metavar='FILE',
@@ -80,7 +81,8 @@ def main(args: list[str] | None = None) -> int:
         robot = Robot(torque_limit=_several(options.torque_limit),
                       centre=_several(options.centre),
                       **{name: getattr(options, name) for name in _OF_ROBOT})
-        found = recipe(load_arm(options.urdf, options.joints, coulomb=options.coulomb), robot)
+        found = recipe(load_arm(options.urdf, joint_names(options.joints),
+                                coulomb=options.coulomb), robot)
         text = written_file(node_settings_of(found, _address(options.urdf)),
                             _title(sys.argv[1:] if args is None else args), reasons_of(found))
         if options.output is not None:

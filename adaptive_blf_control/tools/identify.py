@@ -30,6 +30,7 @@ from adaptive_blf_control.runs.identification import identify, joints_of, REAL_R
 from adaptive_blf_control.runs.log_report import table
 from adaptive_blf_control.runs.model_report import parameter_table
 from adaptive_blf_control.runs.rmse_requirement import RmseRequirement
+from adaptive_blf_control.spelling import argument, as_command
 from adaptive_blf_control.tools.identify_load import (
     add_load_arguments,
     asks_for_load,
@@ -86,9 +87,18 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _arguments(args: list[str] | None) -> argparse.Namespace:
+    parser = _parser()
+    options, others = parser.parse_known_args(args)
+    if others and options.joints is not None and not any(each.startswith('-') for each in others):
+        parser.error('--joints takes one word: expected --joints '
+                     + ','.join([options.joints.rstrip(','), *others]))
+    return parser.parse_args(args)
+
+
 def _settings(options: argparse.Namespace) -> IdentifierNodeSettings:
     """Return the identifier's settings: from the file (or `REAL_ROBOT`), then the options."""
-    data = load_yaml(options.config) if options.config else {
+    data = load_yaml(options.config, '--config') if options.config else {
         '/**/identifier': {'ros__parameters': copy.deepcopy(REAL_ROBOT)}}
     data = apply_settings(data, options.settings)
     settings = node_settings(data, IdentifierNodeSettings)
@@ -111,7 +121,9 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
         if path is not None and not path.parent.is_dir():  # known before the work, not after
             raise ParameterError(name, str(path), 'a file in a folder that exists')
         if path is not None and path.exists() and not options.overwrite:
-            raise ParameterError(name, str(path), 'a new file, or --overwrite')
+            raise ParameterError(name, str(path), 'a file that is not there yet: --overwrite '
+                                 'replaces it' + (', --output FILE names another'
+                                                  if path is output else ''))
     if options.urdf_out is not None and str(options.urdf_out) == options.urdf:
         raise ParameterError('--urdf-out', str(options.urdf_out), 'another file than --urdf')
     try:
@@ -119,10 +131,9 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
                           test=options.test, validate=options.validate or None,
                           options=log_options(options))
     except ParameterError as error:
-        if error.name not in ('train', 'test', 'gain', 'effort_delay'):
+        if error.name not in ('train', 'test', 'gain', 'effort_delay', 'urdf', 'topic', 'columns'):
             raise
-        option = f'--{error.name.replace("_", "-")}'
-        raise ParameterError(option, error.value, error.expected) from None
+        raise ParameterError(argument(error.name), error.value, error.expected) from None
     for text in filter(None, (result.problem, *result.notes)):
         print(f'identify: note: {text}', file=sys.stderr)
     for finding in result.findings:
@@ -170,10 +181,10 @@ def main(args: list[str] | None = None) -> int:
 
     1 where they were learned, but not as well as ``--require-rmse`` asks for.
     """
-    options = _parser().parse_args(args)
+    options = _arguments(args)
     try:
         required = RmseRequirement.of(options.require_rmse) if options.require_rmse else None
-        with CompilationNotice():
+        with CompilationNotice(), as_command():
             if asks_for_load(options):
                 show_load(options, _settings(options), log_options(options))
                 return 0

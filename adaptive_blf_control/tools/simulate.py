@@ -37,7 +37,7 @@ def main(args: list[str] | None = None) -> int:
     """Run the command; 0 if no set was left, 1 if one was, 2 on bad input."""
     options = _parser().parse_args(args)
     try:
-        data = apply_settings(load_yamls(options.config), options.settings)
+        data = apply_settings(load_yamls(options.config, 'CONFIG'), options.settings)
         loop = build_closed_loop(data)
         for warning in start_warnings(data, loop):
             print(f'simulate: warning: {warning}', file=sys.stderr)

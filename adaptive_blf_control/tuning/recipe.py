@@ -33,7 +33,7 @@ __all__ = ['Recipe', 'recipe']
 USED = 2.0  # a torque limit that nobody states is so many times what the reference needs
 LEAST_TORQUE = 1.0  # N·m, and at least this
 START_ROOM, PAYLOAD_ROOM = 2.0, 1.25  # bound over the error of a start from zero, of a payload
-UNKNOWN_FRICTION = 0.01  # part of the torque limit that dry friction outside the model may be
+UNKNOWN_FRICTION = 0.01  # part of the torque limit that Coulomb friction outside the model may be
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Recipe:
         phase: Phase margins at e1 = 0 [rad].
         torque: Largest |τ| along the reference, payload included [N·m].
         torque_limit: Largest torques to command [N·m].
-        dry_friction: That is not in the model [N·m].
+        coulomb_friction: That is not in the model [N·m].
         friction_error: Error that it leaves [rad].
         start_error: Error of the start, with θ̂ as far off as the URDF usually is, or 0 [rad].
         payload_error: Error after the payload is put on at once, at rest in the centre [rad].
@@ -78,7 +78,7 @@ class Recipe:
     phase: np.ndarray
     torque: np.ndarray
     torque_limit: np.ndarray
-    dry_friction: np.ndarray
+    coulomb_friction: np.ndarray
     friction_error: np.ndarray
     start_error: np.ndarray
     payload_error: np.ndarray
@@ -123,7 +123,7 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
     deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload,
                                     from_zero=robot.from_zero)
     adaptation = adaptation_for(arm, deviation, masses, states, delay, filters.noise, usual)
-    dry = _dry_friction(arm, torque_limit)
+    coulomb = _coulomb_friction(arm, torque_limit)
     start = Start(mass_matrices(arm, arm.nominal, motion.centre[None])[0],
                   arm.X(motion.centre, *np.zeros((3, arm.n))), gains, motion.bound, friction,
                   friction, adaptation.gamma, delay)
@@ -133,8 +133,8 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
         substeps=_substeps(robot, masses, friction),
         rate=damping_rate(masses, gains.k2 - FRICTION * friction),
         phase=_phase(inertia.least + friction * delay.total, gains, motion.bound, robot),
-        torque=torque, torque_limit=torque_limit, dry_friction=dry,
-        friction_error=static_error(dry, motion.bound, *gains),
+        torque=torque, torque_limit=torque_limit, coulomb_friction=coulomb,
+        friction_error=static_error(coulomb, motion.bound, *gains),
         start_error=start_error(
             start._replace(known=0.0 * friction) if robot.from_zero else start,
             arm.nominal[:, None] if robot.from_zero else np.diag(deviation)),
@@ -172,7 +172,7 @@ def _torque_limit(arm: UrdfArm, limits: Limits,
         '--torque-limit states those of the drives',)
 
 
-def _dry_friction(arm: UrdfArm, torque_limit: np.ndarray) -> np.ndarray:
+def _coulomb_friction(arm: UrdfArm, torque_limit: np.ndarray) -> np.ndarray:
     """Return the Coulomb torque outside the model: none where it is learned, (n,) [N·m]."""
     learned = f'fc_{arm.joints[0]}' in arm.parameters
     return np.zeros(arm.n) if learned else UNKNOWN_FRICTION * torque_limit

@@ -50,8 +50,8 @@ def _loop(recipe: Recipe) -> Iterator[str]:
            f'{1e3 * delay.delay:.3g}, velocity {1e3 * delay.velocity_lag:.3g}, held torque '
            f'{500.0 * delay.period:.3g}; it oscillates from {delay.largest_rate:.4g} 1/s')
     yield (f'damping    lambda_max(M^-1 k2) = {recipe.rate:.4g} 1/s along the reference, with k1 '
-           f'{total_rate(delay):.4g} 1/s; it bears '
-           f'{1e3 * delay.delay_margin(total_rate(delay)):.3g} ms of delay more')
+           f'{total_rate(delay):.4g} 1/s; stable with '
+           f'up to {1e3 * delay.delay_margin(total_rate(delay)):.3g} ms of further delay')
 
 
 def _sensors(recipe: Recipe) -> Iterator[str]:
@@ -72,9 +72,9 @@ def _sensors(recipe: Recipe) -> Iterator[str]:
         joint, error = recipe.arm.joints[worst], recipe.payload_error[worst]
         yield (f'payload    {robot.payload:g} kg put on at once moves {joint} by {error:.2g} rad, '
                'before it is learned')
-    if recipe.dry_friction.any():
-        yield ('friction   the error that a dry friction of 1 % of the torque limit leaves, which '
-               'the model does not have (--coulomb learns it)')
+    if recipe.coulomb_friction.any():
+        yield ('friction   the error that a Coulomb friction of 1 % of the torque limit leaves, '
+               'which the model does not have (--coulomb learns it)')
 
 
 def _cautions(recipe: Recipe) -> Iterator[str]:

@@ -80,7 +80,7 @@ def test_topic_is_chosen_or_the_candidates_are_named(tmp_path):
     assert read_log(write_bag(tmp_path / 'a', rows, topic='/arm/js')).q.shape == (3, 2)
     assert read_log(write_bag(tmp_path / 'b', rows, more=[other])).q.shape == (3, 2)
     two = write_bag(tmp_path / 'c', rows, topic='/arm/js', more=[other])
-    with pytest.raises(LogError, match=r"one of \['/arm/js', '/theta_hat'\]"):
+    with pytest.raises(LogError, match=r'one of /arm/js, /theta_hat'):
         read_log(two)
     assert read_log(two, topic='arm/js').q.shape == (3, 2)
     with pytest.raises(LogError, match="no effort|no velocity for joint 'm'"):

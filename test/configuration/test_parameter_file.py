@@ -99,8 +99,9 @@ def test_what_ros_itself_declares_is_accepted_and_left_out(data):
 
 
 @pytest.mark.parametrize(('section', 'entry', 'expected'), [
-    ('/**', {'kT': 1.0}, "'kT' is 1.0: expected a parameter that one of the nodes knows"),
-    ('/**', {'filter': {'gep': 1.0}}, "'filter.gep' is 1.0"),
+    ('/**', {'kT': 1.0}, r"'kT' is 1\.0: no such parameter \(did you mean identifier\.kt\?\)"),
+    ('/**', {'filter': {'gep': 1.0}},
+     r"'filter\.gep' is 1\.0: .*did you mean identifier\.filter\.gap\?"),
     ('/**/identifier', {'k1': [1.0]}, r"'identifier\.k1'.*no such parameter"),
     ('/**/identifier', {'filter': {'size': 3}}, r'did you mean history\.size\?'),
     ('/**/identifier', {'kt': 1}, r"'identifier\.kt' is 1: .*write 1\.0"),
@@ -135,7 +136,7 @@ def test_a_faulty_entry_is_named_with_what_is_expected(data, section, entry, exp
     ('/**: {ros__parameters: 3.0}', 'one key ros__parameters'),
     ('/**: {ros__parameters: }', 'one key ros__parameters'),
     ('1: {ros__parameters: {}}', 'a name of a node, not 1'),
-    ('? [a, b]\n: {ros__parameters: {}}', 'params-file'),
+    ('? [a, b]\n: {ros__parameters: {}}', 'parameter file'),
 ])
 def test_a_malformed_file_is_refused(tmp_path, text, expected):
     path = write(tmp_path, text)
@@ -211,11 +212,11 @@ def test_the_last_of_two_settings_wins(data):
     ('1e-5', 1e-5), ('2E3', 2e3), ('-3.e+2', -300.0), ('.5e1', 5.0),
     ('[1.0, -3e-05]', [1.0, -3e-05])])
 def test_a_number_without_a_point_before_its_exponent_is_a_number(tmp_path, text, value):
-    assert apply_settings({}, [f'identifier.gamma={text}']) == {
-        '/**/identifier': {'ros__parameters': {'gamma': value}}}
+    assert apply_settings({}, [f'identifier.kt={text}']) == {
+        '/**/identifier': {'ros__parameters': {'kt': value}}}
     path = tmp_path / 'file.yaml'
-    path.write_text(f'/**/identifier: {{ros__parameters: {{gamma: {text}}}}}')
-    assert load_yaml(path)['/**/identifier']['ros__parameters']['gamma'] == value
+    path.write_text(f'/**/identifier: {{ros__parameters: {{kt: {text}}}}}')
+    assert load_yaml(path)['/**/identifier']['ros__parameters']['kt'] == value
 
 
 def test_settings_leave_the_data_they_are_applied_to_as_they_were(data):
@@ -235,13 +236,27 @@ def test_a_malformed_setting_is_refused(data, setting, expected):
 
 
 @pytest.mark.parametrize(('setting', 'expected'), [
-    ('identifier.kt=1', r'write 1\.0'),
+    ('identifier.kt=much', r'a floating-point number'),
     ('identifier.tk=1.0', 'no such parameter'),
-    ('identifer.kt=1.0', 'a parameter that one of the nodes knows'),
+    ('identifer.kt=1.0', r"'identifer\.kt' .*did you mean identifier\.kt\?"),
+    ('identifier__kt=1.0', r"'identifier__kt' .*did you mean identifier\.kt\?"),
+    ('kz=1.0', r"'kz' .*no such parameter"),
+    ('gamma=much', r"'identifier\.gamma' is 'much': expected a list of doubles"),
 ])
 def test_a_setting_is_checked_like_the_file(data, setting, expected):
     with pytest.raises(ParameterError, match=expected):
         node_values(apply_settings(data, [setting]), 'identifier')
+
+
+@pytest.mark.parametrize(('setting', 'node', 'name', 'value'), [
+    ('identifier.kt=1', 'identifier', 'kt', 1.0), ('kt=1', 'identifier', 'kt', 1.0),
+    ('gamma=3', 'identifier', 'gamma', [3.0]), ('gamma=[3, 4, 5, 6, 7]', 'identifier', 'gamma',
+                                                [3.0, 4.0, 5.0, 6.0, 7.0]),
+    ('k2=5', 'controller', 'k2', [5.0]), ('safety.upper=2', 'controller', 'safety.upper', [2.0]),
+])
+def test_a_setting_takes_a_number_where_floats_or_a_list_of_them_are_meant(
+        data, setting, node, name, value):
+    assert node_values(apply_settings(data, [setting]), node)[name] == value
 
 
 def test_a_number_with_an_exponent_needs_no_point(tmp_path):

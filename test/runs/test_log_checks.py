@@ -93,8 +93,8 @@ def test_velocity_that_is_not_the_derivative_is_found(sound, arm, function, leve
 def test_velocity_unit_is_named_with_the_option_that_helps(sound, arm):
     finding, = check_log(with_joint(sound, 'qd', np.rad2deg), arm, SETTINGS)
     assert 'as in degrees per second' in finding.text
-    assert '--set filter.state_order=4' in finding.hint
-    with pytest.raises(LogError, match=r"^x.csv: joint 'elbow': the velocity is 57.3 .*--force"):
+    assert "filter={'state_order': 4}" in finding.hint
+    with pytest.raises(LogError, match=r"^x.csv: joint 'elbow': the velocity is 57.*force=True"):
         refuse([finding], 'x.csv')
 
 
@@ -109,7 +109,7 @@ def test_degrees_and_positions_beyond_the_limits_are_found(sound, arm):
     findings = check_log(degrees, arm, SETTINGS)
     assert [(each.joint, each.level) for each in findings] == [
         ('shoulder', REFUSED), ('elbow', REFUSED)]
-    assert all('degrees?' in each.text and '--degrees' in each.hint for each in findings)
+    assert all('degrees?' in each.text and 'degrees=True' in each.hint for each in findings)
     far = check_log(with_joint(sound, 'q', lambda q: q + 4.0), arm, SETTINGS)
     assert [(each.check, each.joint, each.level) for each in far] == [
         ('position', 'elbow', REFUSED)]
@@ -145,7 +145,7 @@ def test_a_rate_that_the_filters_cannot_use_says_what_would_help(sound, arm):
     slow = sound._replace(t=50.0 * sound.t)
     finding = next(each for each in check_log(slow, arm, SETTINGS) if each.check == 'rate')
     assert (finding.level, finding.value) == (REFUSED, pytest.approx(10.0))
-    assert finding.hint == '--set filter.gap=0.3 --set filter.time_constant=0.3'
+    assert finding.hint == "filter={'gap': 0.3} filter={'time_constant': 0.3}"
 
 
 def test_jitter_is_told(sound, arm):
@@ -172,7 +172,7 @@ def test_effort_without_gravity_is_found_where_gravity_is_to_be_expected(sound, 
                                           lambda: arm_with(gravity=(0.0, 0.0, 0.0)))
                if each.check == 'gravity']
     assert [each.joint for each in gravity] == ['shoulder']  # at the elbow it varies by 0.4 N·m
-    assert gravity[0].hint == '--set gravity=[0.0,0.0,0.0]'
+    assert gravity[0].hint == 'gravity=[0.0,0.0,0.0]'
 
 
 @pytest.mark.parametrize('gains', [(12.0, 14.0), (0.1, 0.1)])
@@ -181,7 +181,7 @@ def test_effort_of_another_unit_is_suspected(sound, arm, gains):
     findings = {each.joint: each for each in check_log(log, arm, SETTINGS) if each.check == 'unit'}
     for joint, gain in zip(arm.joints, gains):
         assert findings[joint].value == pytest.approx(1.0 / gain, rel=0.1)
-        assert f'--gain {joint}:K' in findings[joint].hint
+        assert f"gain={{'{joint}': K}}" in findings[joint].hint
     assert [each for each in check_log(log, arm, SETTINGS, described_masses=False)
             if each.check == 'unit'] == []
 

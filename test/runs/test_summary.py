@@ -97,4 +97,4 @@ def test_table_is_what_a_person_reads(run):
 def test_table_says_when_the_estimate_has_not_settled(run):
     far = dataclasses.replace(run, theta_hat=run.theta_hat + 1.0)
     assert summarise(far)['theta_settling_time_s'] is None
-    assert 'not yet' in table(summarise(far), far)
+    assert 'not within 1% yet' in table(summarise(far), far)

@@ -76,7 +76,7 @@ def test_the_reasons_are_printed_and_nothing_is_written_without_a_file(
     monkeypatch.chdir(tmp_path)
     assert main([*PANDA, *REAL]) == 0
     out = capsys.readouterr().out
-    for part in ('panda_joint7', 'inertia seen', 'lambda_max', 'ms of delay more', 'reserve'):
+    for part in ('panda_joint7', 'inertia seen', 'lambda_max', 'ms of further delay', 'reserve'):
         assert part in out
     assert list(tmp_path.iterdir()) == []
 

@@ -140,7 +140,7 @@ def test_friction_on_a_small_inertia_is_simulated_in_steps_that_are_stable(urdf:
 def test_the_text_says_why(arm: UrdfArm) -> None:
     text = recipe_text(recipe(arm, Robot(**SENSORS, payload=1.0)))
     for part in ('shoulder', 'elbow', 'inertia seen', 'reserve', 'lambda_max(M^-1 k2)',
-                 'ms of delay more', 'rad a count', 'assumed', 'collisions'):
+                 'ms of further delay', 'rad a count', 'assumed', 'collisions'):
         assert part in text
     weak = recipe_text(recipe(arm, Robot(torque_limit=(12.0, 4.0))))
     assert 'of its torque limit' in weak

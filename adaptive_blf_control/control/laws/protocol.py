@@ -52,7 +52,7 @@ class LawAnswer(NamedTuple):
 
     torque: np.ndarray
     e2: np.ndarray
-    regressor: np.ndarray | None
+    regressor: np.ndarray | None = None
 
 
 class Law(Protocol):

@@ -152,7 +152,7 @@ class ArmModel:
     def inverse_dynamics(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
         """Return the torque of a motion, friction and rotor inertia included, shape (n,) [N·m].
 
-        Contacts, joint limits and what else acts from outside are left out; dry friction is
+        Contacts, joint limits and what else acts from outside are left out; Coulomb friction is
         f sign(q̇).
 
         Args:

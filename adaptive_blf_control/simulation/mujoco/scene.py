@@ -122,5 +122,5 @@ def _set_friction(model: ArmModel, settings: PlantSettings) -> None:
         if np.any(values):
             field[model.velocity] = values
     model.offset[:], model.square_root[:] = friction.offset, friction.square_root
-    # Dry friction that holds: by default MuJoCo's creeps at several hundredths of a rad/s.
+    # Coulomb friction that holds: by default MuJoCo's creeps at several hundredths of a rad/s.
     fields.dof_solref[:, 0], fields.dof_solimp[:, :2] = _STICTION_TIME, _STICTION_IMPEDANCE
