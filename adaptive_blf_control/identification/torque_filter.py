@@ -22,7 +22,7 @@ import numpy as np
 from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['FilteredPair', 'TorqueFilter', 'TorqueFilterArrays', 'filter_pair', 'filter_step',
+__all__ = ['FilteredPair', 'TorqueFilter', 'TorqueFilterArrays', 'filter_pair',
            'forget_pair']
 
 
@@ -31,16 +31,6 @@ class FilteredPair(NamedTuple):
 
     regressor: np.ndarray
     torque: np.ndarray
-
-
-@jit
-def filter_step(dt: float, a: float, yf: np.ndarray, tf: np.ndarray, y1: np.ndarray,
-                y1_last: np.ndarray, y2: np.ndarray, y2_last: np.ndarray, tau: np.ndarray,
-                ) -> tuple[np.ndarray, np.ndarray]:
-    """One step of the sampled filter; see the module's docstring for the formula."""
-    gain = 1.0 - a
-    yf = a * yf + (gain / dt) * (y1 - y1_last) + (0.5 * gain) * (y2 + y2_last)
-    return yf, a * tf + gain * tau
 
 
 class TorqueFilterArrays(NamedTuple):
@@ -68,17 +58,25 @@ def filter_pair(arrays: TorqueFilterArrays, dt: float, y1: np.ndarray, y2: np.nd
                 tau: np.ndarray) -> bool:
     """Filter one sample, see `TorqueFilter.update`; False for the first one."""
     arrays = borrowed(arrays)
+    if arrays.begun[0]:
+        a = math.exp(-dt / arrays.time_constant)
+        gain = 1.0 - a
+        for k in range(tau.size):
+            arrays.torque[k] = a * arrays.torque[k] + gain * tau[k]
+            _filter_row(arrays.regressor[k], a, gain / dt, y1[k], arrays.y1[k], 0.5 * gain, y2[k],
+                        arrays.y2[k])
     advances = bool(arrays.begun[0])
-    if advances:
-        regressor, torque = filter_step(
-            dt, math.exp(-dt / arrays.time_constant), arrays.regressor, arrays.torque, y1,
-            arrays.y1, y2, arrays.y2, tau)
-        arrays.regressor[:, :] = regressor
-        arrays.torque[:] = torque
     arrays.y1[:, :] = y1
     arrays.y2[:, :] = y2
     arrays.begun[0] = True
     return advances
+
+
+@jit
+def _filter_row(row: np.ndarray, a: float, rise: float, y1: np.ndarray, y1_last: np.ndarray,
+                mean: float, y2: np.ndarray, y2_last: np.ndarray) -> None:
+    for i in range(row.size):
+        row[i] = a * row[i] + rise * (y1[i] - y1_last[i]) + mean * (y2[i] + y2_last[i])
 
 
 @jit
