@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import singledispatch
+import math
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -272,4 +273,7 @@ def _listening(call: Callable[[], None]) -> Iterator[None]:
 @jit
 def all_finite(array: np.ndarray) -> bool:
     """Return whether every element is finite."""
-    return bool(np.isfinite(array).all())
+    finite = True
+    for value in array.flat:
+        finite = finite and math.isfinite(value)
+    return finite

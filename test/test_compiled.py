@@ -21,7 +21,7 @@ from adaptive_blf_control.compiled import (
     jit,
 )
 from adaptive_blf_control.control import barrier, law, reference
-from adaptive_blf_control.identification import pair_selection, torque_filter
+from adaptive_blf_control.identification import change_monitor, pair_selection
 from nested_suite import run_tests
 
 N, M = 2, 5
@@ -60,8 +60,8 @@ CASES = {
     law.errors: (vector(), vector(), vector(), vector(), vector(), -B, B, np.full(N, 40.0)),
     reference._sinusoids: (0.7, vector(), matrix(), matrix(), matrix()),
     reference._blend: (0.7, 2.0, *(vector() for _ in range(6))),
-    torque_filter.filter_step: (1e-3, 0.4, matrix(), vector(), matrix(), matrix(), matrix(),
-                                matrix(), vector()),
+    change_monitor.normalised_residual: (vector(), 0.3, THETA[:N], matrix()[:, :N].copy(), 0.1,
+                                         0.2),
     pair_selection.is_different: (matrix(), matrix(), 0.1),
     all_finite: (vector(),),
 }

@@ -24,6 +24,7 @@ from adaptive_blf_control.bench import (
     excitation_figures,
     identifier_steps,
     limits,
+    node_steps,
     payload,
     rates,
 )
@@ -40,6 +41,7 @@ SCENARIOS = (('two_link_paper', 50.0), ('two_link_paper', 100.0), ('two_link', 2
              ('two_link_payload_step', 100.0), ('three_link', 143.0), ('three_link_paper', 143.0),
              ('three_link_encoder', 120.0), ('panda_ideal', 20.0))
 REPEATS = 3
+NODE_DURATION = 5.0  # s of arm time, for the steps of the nodes
 # Held-out RMSE [N·m] of batch least squares with the same torque filter (0.1 s), joint by joint.
 MEASURED = {
     'panda': ('panda_gaz2019/panda_exciting_traj.csv', 'panda_gaz2019/panda_gaz2019.urdf',
@@ -99,6 +101,10 @@ def _steps(options: argparse.Namespace) -> None:
     print('panda, 20 s: 50 parameters, 60 pairs; candidates after the history has full rank.\n')
     times = identifier_steps.times_of(load_yaml(options.config / 'panda.yaml'), 20.0)
     print(identifier_steps.table(times), flush=True)
+    for scenario in ('two_link', 'panda_ideal'):
+        print(f'\n{scenario}: what a node computes for a sample, message in to messages out.\n')
+        data = load_yaml(options.config / f'{scenario}.yaml')
+        print(identifier_steps.table(node_steps.times_of(data, NODE_DURATION)), flush=True)
 
 
 def _run_json(arguments: list[str]) -> dict[str, Any]:

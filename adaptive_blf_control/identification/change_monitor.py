@@ -25,39 +25,34 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.history import facts, History, pairs, sums
 
 __all__ = ['ChangeMonitor', 'MONITORS', 'ResidualArrays', 'ResidualMonitor', 'contradicted',
-           'forget_residuals', 'normalised_residual', 'windowed_step']
+           'forget_residuals', 'normalised_residual']
 
 MONITORS = ('residual',)
 """The names of our change monitors."""
 
 
 @jit
-def normalised_residual(regressor: np.ndarray, torque: np.ndarray, theta: np.ndarray,
-                        inverse: np.ndarray, variance: np.ndarray, floor: np.ndarray,
-                        ) -> np.ndarray:
-    """Return d² of the module's docstring per joint, shape (n,).
+def normalised_residual(regressor: np.ndarray, torque: float, theta: np.ndarray,
+                        inverse: np.ndarray, variance: float, floor: float) -> float:
+    """Return d² of the module's docstring of a joint.
 
     Args:
-        regressor: Present Y_f, shape (n, m).
-        torque: Present τ_f, shape (n,) [N·m].
+        regressor: Its row of the present Y_f, shape (m,).
+        torque: Its present τ_f [N·m].
         theta: θ_s, shape (m,).
         inverse: Q⁻¹, widened where noise is correlated, shape (m, m).
-        variance: Mean square residual of the stack per joint, shape (n,) [N²·m²].
-        floor: (ρ t_i)², shape (n,) [N²·m²].
+        variance: Its mean square residual in the stack [N²·m²].
+        floor: (ρ t_i)² [N²·m²].
     """
-    residual = np.dot(regressor, theta) - torque
-    spread = np.sum(np.dot(regressor, inverse) * regressor, axis=1)
+    residual, spread = -torque, 0.0
+    for i in range(theta.size):
+        residual += regressor[i] * theta[i]
+        if regressor[i] != 0.0:
+            row, total = inverse[i], 0.0
+            for j in range(i):
+                total += row[j] * regressor[j]
+            spread += regressor[i] * (2.0 * total + row[i] * regressor[i])
     return residual * residual / (variance * (1.0 + spread) + floor)
-
-
-@jit
-def windowed_step(mean: np.ndarray, gain: float, cap: float, regressor: np.ndarray,
-                  torque: np.ndarray, theta: np.ndarray, inverse: np.ndarray,
-                  variance: np.ndarray, floor: np.ndarray) -> tuple[np.ndarray, float]:
-    """Exponential mean of d² limited to ``cap``, one wild sample being no change; and its top."""
-    square = normalised_residual(regressor, torque, theta, inverse, variance, floor)
-    mean = mean + gain * (np.minimum(square, cap) - mean)
-    return mean, np.max(mean)
 
 
 class ChangeMonitor(Protocol):
@@ -165,11 +160,13 @@ def residuals_contradicted(monitor: ResidualArrays, dt: float, regressor: np.nda
         gram, moment = sums(history)
         take_over(monitor, regressors, torques, gram, moment)
         monitor.revision[0] = revision
-    floor = monitor.resolution ** 2 * monitor.square + 1e-300
-    mean, top = windowed_step(
-        monitor.statistic, -math.expm1(-dt / monitor.window), 20.0 * monitor.threshold,
-        regressor, torque, monitor.theta, monitor.inverse, monitor.variance, floor)
-    monitor.statistic[:] = mean
+    gain, top, mean = -math.expm1(-dt / monitor.window), 0.0, monitor.statistic
+    for k in range(torque.size):
+        floor = monitor.resolution ** 2 * monitor.square[k] + 1e-300
+        square = normalised_residual(regressor[k], torque[k], monitor.theta, monitor.inverse,
+                                     monitor.variance[k], floor)
+        mean[k] += gain * (min(square, 20.0 * monitor.threshold) - mean[k])  # one is no change
+        top = max(top, mean[k])
     return bool(top >= monitor.threshold)
 
 

@@ -16,16 +16,22 @@ import numpy as np
 from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['PARTS', 'Excitation', 'ExcitationArrays', 'accumulate', 'with_sample']
+__all__ = ['PARTS', 'Excitation', 'ExcitationArrays', 'accumulate', 'add_sample']
 
 PARTS = 20
 """Parts of the window: it slides in steps of one part."""
 
 
 @jit
-def with_sample(gram: np.ndarray, regressor: np.ndarray, dt: float) -> np.ndarray:
-    """Return gram + Y_fᵀY_f dt for a regressor of shape (n, m), shape (m, m)."""
-    return gram + dt * np.dot(regressor.T, regressor)
+def add_sample(gram: np.ndarray, regressor: np.ndarray, dt: float) -> None:
+    """Add Y_fᵀY_f dt of a regressor of shape (n, m) to the lower triangle of ``gram``, (m, m)."""
+    n, m = regressor.shape
+    for k in range(n):
+        seen = regressor[k]
+        for i in range(m):
+            row, weight = gram[i], dt * seen[i]
+            for j in range(i + 1):
+                row[j] += weight * seen[j]
 
 
 class ExcitationArrays(NamedTuple):
@@ -33,6 +39,7 @@ class ExcitationArrays(NamedTuple):
 
     Attributes:
         parts: Integrals over the parts of the window, shape (PARTS, m, m); (0, m, m) for none.
+            Of these and the present one there is the lower triangle.
         present: Integral over the part that is not complete, shape (m, m).
         elapsed: Time since that part began, shape (1,) [s].
         completed: Number of parts completed so far, shape (1,).
@@ -53,7 +60,7 @@ def accumulate(arrays: ExcitationArrays, dt: float, regressor: np.ndarray) -> No
     count = arrays.parts.shape[0]
     if count == 0:
         return
-    arrays.present[:, :] = with_sample(arrays.present, regressor, dt)
+    add_sample(arrays.present, regressor, dt)
     arrays.elapsed[0] += dt
     # Half a sample early rather than one late: sums of dt are never round.
     if arrays.elapsed[0] + 0.5 * dt >= arrays.length:
@@ -98,6 +105,6 @@ class Excitation:
             return None
         completed = int(self.arrays.completed[0])
         if self._known[0] != completed:
-            smallest = float(np.linalg.eigvalsh(self.arrays.parts.sum(axis=0))[0])
+            smallest = float(np.linalg.eigvalsh(self.arrays.parts.sum(axis=0), UPLO='L')[0])
             self._known = completed, max(smallest, 0.0)
         return self._known[1]

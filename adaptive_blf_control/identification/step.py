@@ -121,8 +121,15 @@ def _finite_sample(t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> 
 @jit
 def _usable(pair: TorqueFilterArrays) -> bool:
     pair = borrowed(pair)
-    return bool((np.abs(pair.regressor) < LARGEST).all()
-                and (np.abs(pair.torque) < LARGEST).all())
+    return _small(pair.regressor) and _small(pair.torque)
+
+
+@jit
+def _small(array: np.ndarray) -> bool:
+    small = True
+    for value in array.flat:
+        small = small and abs(value) < LARGEST
+    return small
 
 
 @inlined

@@ -23,7 +23,7 @@ import numpy as np
 from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['FilteredPair', 'TorqueFilter', 'TorqueFilterArrays', 'filter_pair', 'filter_step',
+__all__ = ['FilteredPair', 'TorqueFilter', 'TorqueFilterArrays', 'filter_pair',
            'forget_pair']
 
 
@@ -32,16 +32,6 @@ class FilteredPair(NamedTuple):
 
     regressor: np.ndarray
     torque: np.ndarray
-
-
-@jit
-def filter_step(dt: float, a: float, yf: np.ndarray, tf: np.ndarray, y1: np.ndarray,
-                y1_last: np.ndarray, y2: np.ndarray, y2_last: np.ndarray, tau: np.ndarray,
-                ) -> tuple[np.ndarray, np.ndarray]:
-    """One step of the sampled filter; see the module's docstring for the formula."""
-    gain = 1.0 - a
-    yf = a * yf + (gain / dt) * (y1 - y1_last) + (0.5 * gain) * (y2 + y2_last)
-    return yf, a * tf + gain * tau
 
 
 class TorqueFilterArrays(NamedTuple):
@@ -75,17 +65,25 @@ def filter_pair(arrays: TorqueFilterArrays, dt: float, y1: np.ndarray, y2: np.nd
     arrays = borrowed(arrays)
     advances = bool(arrays.begun[0])
     if advances:
-        mean = 0.5 * (tau + arrays.tau) if arrays.instant else tau
-        regressor, torque = filter_step(
-            dt, math.exp(-dt / arrays.time_constant), arrays.regressor, arrays.torque, y1,
-            arrays.y1, y2, arrays.y2, mean)
-        arrays.regressor[:, :] = regressor
-        arrays.torque[:] = torque
+        a = math.exp(-dt / arrays.time_constant)
+        gain = 1.0 - a
+        for k in range(tau.size):
+            mean = 0.5 * (tau[k] + arrays.tau[k]) if arrays.instant else tau[k]
+            arrays.torque[k] = a * arrays.torque[k] + gain * mean
+            _filter_row(arrays.regressor[k], a, gain / dt, y1[k], arrays.y1[k], 0.5 * gain, y2[k],
+                        arrays.y2[k])
     arrays.y1[:, :] = y1
     arrays.y2[:, :] = y2
     arrays.tau[:] = tau
     arrays.begun[0] = True
     return advances
+
+
+@jit
+def _filter_row(row: np.ndarray, a: float, rise: float, y1: np.ndarray, y1_last: np.ndarray,
+                mean: float, y2: np.ndarray, y2_last: np.ndarray) -> None:
+    for i in range(row.size):
+        row[i] = a * row[i] + rise * (y1[i] - y1_last[i]) + mean * (y2[i] + y2_last[i])
 
 
 @jit

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.integrator import advance
-from adaptive_blf_control.compiled import borrowed, jit, jitable
+from adaptive_blf_control.compiled import borrowed, inlined, jit, jitable
 from adaptive_blf_control.control.barrier import Each
 from adaptive_blf_control.control.law import limited_joint
 from adaptive_blf_control.simulation.actuators import (
@@ -145,7 +145,7 @@ class PlantArrays(NamedTuple):
     pushes: PushArrays
 
 
-@jit
+@inlined
 def torque_step(plant: PlantArrays, interval: float, measured: np.ndarray) -> None:
     """Measure the torque of an ``interval`` [s] that ends now, and let dead times go on.
 
@@ -154,48 +154,48 @@ def torque_step(plant: PlantArrays, interval: float, measured: np.ndarray) -> No
         interval: 0 for the first sample, where what acts is measured.
         measured: Is written, shape (n,) [N·m].
     """
-    plant = borrowed(plant)
     actuators = plant.actuators
-    measured[:] = acting_torque(actuators)
+    acting, gain = actuators.acting, actuators.gain
+    for i in range(measured.size):
+        measured[i] = gain[i] * acting[i]
     if plant.actuated:
         torque = measured_torque(actuators, plant.clock[0])
         if interval > 0.0:
             measured[:] = torque
     elif actuators.waits:
-        delayed(actuators.line, actuators.commanded, actuators.acting)
+        delayed(actuators.line, actuators.commanded, acting)
 
 
-@jit
+@inlined
 def plant_step(plant: PlantArrays, torque: np.ndarray, dt: float) -> None:
     """Command a torque, shape (n,) [N·m], and move on by ``dt`` [s]."""
-    plant = borrowed(plant)
-    if plant.actuated:
-        command(plant.actuators, plant.clock[0], torque)
-        _advance_actuated(plant, dt)
-        return
-    actuators = plant.actuators
-    commanded, limit = actuators.commanded, actuators.limit
-    for i in range(torque.size):
-        commanded[i] = limited_joint(torque[i], limit[i])
-    if not actuators.waits:
-        actuators.acting[:] = commanded
-    _move(plant, actuators.acting, dt)
-
-
-@jit
-def _advance_actuated(plant: PlantArrays, dt: float) -> None:
-    """Move on by ``dt`` [s], exactly to each command and each force that comes to act."""
-    plant = borrowed(plant)
-    actuators, pushes, clock = plant.actuators, plant.pushes, plant.clock
+    actuators, clock = plant.actuators, plant.clock
+    arm, pushes, substeps, q, qd = plant.true_arm, plant.pushes, plant.substeps, plant.q, plant.qd
+    commanded, acting, limit = actuators.commanded, actuators.acting, actuators.limit
     left = dt
-    while left > ROUNDING:
-        span = begin_span(actuators, pushes, clock[0], left)
-        torque = acting_torque(actuators)
-        add_push_torque(pushes, plant.q, torque)
-        _move(plant, torque, span)
-        note_span(actuators, span)
+    if plant.actuated:
+        command(actuators, clock[0], torque)
+    else:
+        for i in range(torque.size):
+            commanded[i] = limited_joint(torque[i], limit[i])
+            if not actuators.waits:
+                acting[i] = commanded[i]
+    while left > 0.0:  # exactly to each command and each force that comes to act
+        span, applied = left, acting
+        if plant.actuated:
+            span = begin_span(actuators, pushes, clock[0], left)
+            applied = acting_torque(actuators)
+            add_push_torque(pushes, q, applied)
+        moved, rates = advance(arm, q, qd, applied, span, substeps)
+        for i in range(torque.size):
+            q[i], qd[i] = moved[i], rates[i]
+        clock[0] += span
         left -= span
-    begin_span(actuators, pushes, clock[0], 0.0)
+        if plant.actuated:
+            note_span(actuators, span)
+            left = left if left > ROUNDING else 0.0
+    if plant.actuated:
+        begin_span(actuators, pushes, clock[0], 0.0)
 
 
 @jitable
@@ -204,12 +204,3 @@ def begin_span(actuators: ActuatorArrays, pushes: PushArrays, t: float, left: fl
     let_push(pushes, t + ROUNDING)
     let_act(actuators, t + ROUNDING)
     return min(left, min(next_switch(actuators), next_push(pushes)) - t)
-
-
-@jit
-def _move(plant: PlantArrays, torque: np.ndarray, dt: float) -> None:
-    plant = borrowed(plant)
-    q, qd = advance(plant.true_arm, plant.q, plant.qd, torque, dt, plant.substeps)
-    plant.q[:] = q
-    plant.qd[:] = qd
-    plant.clock[0] += dt

@@ -11,7 +11,11 @@ import pytest
 from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.torque_filter import filter_step, TorqueFilter
+from adaptive_blf_control.identification.torque_filter import (
+    filter_pair,
+    TorqueFilter,
+    TorqueFilterArrays,
+)
 
 ARM = TwoLinkArm()
 THETA = ARM.nominal
@@ -139,10 +143,13 @@ def test_one_step_equals_the_printed_formula():
     yf, y1, y1_last, y2, y2_last = random.normal(size=(5, 2, 5))
     tf, tau = random.normal(size=(2, 2))
     dt, a = 0.003, 0.8
-    got = filter_step(dt, a, yf, tf, y1, y1_last, y2, y2_last, tau)
-    np.testing.assert_allclose(
-        got[0], a * yf + (1 - a) * ((y1 - y1_last) / dt + (y2 + y2_last) / 2), rtol=1e-12)
-    np.testing.assert_allclose(got[1], a * tf + (1 - a) * tau, rtol=1e-12)
+    regressor = a * yf + (1 - a) * ((y1 - y1_last) / dt + (y2 + y2_last) / 2)
+    torque = a * tf + (1 - a) * tau
+    arrays = TorqueFilterArrays(yf, tf, y1_last, y2_last, np.zeros(2), np.ones(1, dtype=bool),
+                                -dt / math.log(a), False)
+    assert filter_pair(arrays, dt, y1, y2, tau)
+    np.testing.assert_allclose(arrays.regressor, regressor, rtol=1e-12)
+    np.testing.assert_allclose(arrays.torque, torque, rtol=1e-12)
 
 
 @pytest.mark.parametrize('value', [0.0, -1.0, float('nan')])
