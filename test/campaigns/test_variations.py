@@ -146,7 +146,7 @@ def test_what_varies_in_the_study_fits_its_scenario(repository, name):
 
 def test_the_example_of_the_docs_fits_the_scenario_that_it_names(repository):
     page = (repository / 'docs' / 'campaigns.md').read_text(encoding='utf-8')
-    config, = re.findall(r'campaign (config/\w+\.yaml)', page)
+    config, *_ = re.findall(r'campaign (config/\w+\.yaml)', page)
     given = yaml.safe_load(re.search(r'```yaml\n(.*?)```', page, re.DOTALL).group(1))
     data = load_yaml(repository / config)
     for change in draw(variations(given, data), 5, 0, given['sampling']).changes:
