@@ -25,6 +25,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
         (f'share/{package_name}/config', sorted(glob('config/*.*'))),
+        (f'share/{package_name}/config/campaigns', sorted(glob('config/campaigns/*.*'))),
         (f'share/{package_name}/launch', sorted(glob('launch/*.launch.py'))),
         (f'share/{package_name}/rviz', sorted(glob('rviz/*.rviz'))),
     ],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import wait
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 import resource
@@ -17,13 +18,14 @@ from typing import NamedTuple
 
 from adaptive_blf_control.campaigns.campaign import Campaign, usual_chunk
 from adaptive_blf_control.campaigns.cluster import cluster
+from adaptive_blf_control.campaigns.outcome import Chunk, run_chunk
 from adaptive_blf_control.campaigns.workers import MakeExecutor, processes, run_chunks, threads
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.parameter_file import load_yaml
 
-__all__ = ['Cost', 'Way', 'add_options', 'measure', 'run', 'table']
+__all__ = ['Cost', 'Way', 'add_options', 'measure', 'overhead', 'run', 'table']
 
-SCENARIOS = {'two_link': 20.0, 'panda_ideal': 10.0}  # s
+SCENARIOS = {'two_link': 20.0, 'panda_ideal': 10.0, 'panda': 10.0}  # s
 REPEATS = 3
 VARIED = {'vary': {'arm_driver.true_parameters': {'scale': {'uniform': [0.9, 1.1]},
                                                   'together': True}}}
@@ -48,11 +50,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this part."""
     parser.add_argument('--campaign-runs', type=int, default=64, metavar='N',
                         help='runs of each campaign that is measured (default: 64)')
+    parser.add_argument('--campaign-scenarios', nargs='+', default=list(SCENARIOS),
+                        choices=list(SCENARIOS), help='scenarios of campaigns (default: all)')
 
 
 def run(options: argparse.Namespace) -> None:
     """Print one table for each scenario."""
-    for name, duration in SCENARIOS.items():
+    for name in options.campaign_scenarios:
+        duration = SCENARIOS[name]
         data, runs = load_yaml(options.config / f'{name}.yaml'), options.campaign_runs
         campaign = Campaign(name, data, VARIED, runs, 0, duration,
                             usual_chunk(data, runs, duration))
@@ -63,7 +68,8 @@ def run(options: argparse.Namespace) -> None:
         print(f'{name}, {runs} runs of {duration:g} s in chunks of {campaign.chunk}; this process '
               f'and the largest that it started: {_peak(resource.RUSAGE_SELF):.0f} and '
               f'{_peak(resource.RUSAGE_CHILDREN):.0f} MB.\n')
-        print(table(costs, runs), flush=True)
+        print(table(costs, {way: overhead(campaign, make) for way, make in ways.items()}, runs),
+              flush=True)
 
 
 def _ways(with_threads: bool) -> dict[str, Way]:
@@ -92,6 +98,20 @@ def measure(campaign: Campaign, way: Way) -> Cost:
     return Cost(wall, first, _processor() - before)
 
 
+def overhead(campaign: Campaign, way: Way, chunks: int = 200) -> float:
+    """Return the time that handing out a chunk and taking its outcomes back takes [s].
+
+    It is that of chunks without runs, once the workers are there.
+    """
+    empty = Chunk('empty', campaign.data, campaign.duration, [])
+    with way() as make:
+        executor = make()
+        wait([executor.submit(run_chunk, empty) for _ in range(4)])
+        begin = time.perf_counter()
+        wait([executor.submit(run_chunk, empty) for _ in range(chunks)])
+        return (time.perf_counter() - begin) / chunks
+
+
 def _processor() -> float:
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(each.ru_utime + each.ru_stime for each in used)
@@ -101,14 +121,15 @@ def _peak(who: int) -> float:
     return resource.getrusage(who).ru_maxrss / 1024.0
 
 
-def table(costs: Mapping[str, Sequence[Cost]], runs: int) -> str:
+def table(costs: Mapping[str, Sequence[Cost]], overheads: Mapping[str, float], runs: int) -> str:
     """Return medians of the costs as Markdown; the first way is what others are compared with."""
-    lines = ['| way | runs a second | x the first | until the first chunk [s] | processor time of '
-             '1000 runs [s] |', '|---|---|---|---|---|']
+    lines = ['| way | runs a second | x the first | until the first chunk [s] | '
+             'a chunk costs [ms] | processor time of 1000 runs [s] |',
+             '|---|---|---|---|---|---|']
     base = next(iter(costs.values()))
     for way, found in costs.items():
         gain = statistics.median(one.wall / each.wall for one, each in zip(base, found))
         wall, first, processor = (statistics.median(values) for values in zip(*found))
         lines.append(f'| {way} | {runs / wall:.1f} | {gain:.2f} | {first:.1f} | '
-                     f'{1000.0 * processor / runs:.0f} |')
+                     f'{1000.0 * overheads[way]:.2f} | {1000.0 * processor / runs:.0f} |')
     return '\n'.join(lines) + '\n'

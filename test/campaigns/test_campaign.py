@@ -3,17 +3,24 @@
 
 from __future__ import annotations
 
+from concurrent.futures import CancelledError
 import json
 import os
 from pathlib import Path
 import shlex
+import signal
+import subprocess
+import sys
+import threading
+import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 
-from adaptive_blf_control.campaigns.campaign import Campaign, setting_text
+from adaptive_blf_control.campaigns import outcome as outcome_module
+from adaptive_blf_control.campaigns.campaign import Campaign, setting_text, usual_chunk
 from adaptive_blf_control.campaigns.cluster import cluster
 from adaptive_blf_control.campaigns.influence import quarters
 from adaptive_blf_control.campaigns.outcome import Chunk, Outcome, run_chunk
@@ -91,6 +98,13 @@ def test_the_command_of_a_run_repeats_it_exactly(config, capsys):
     assert figures['theta_error_norm'] / figures['theta_true_norm'] == outcome['parameter_error']
 
 
+@pytest.mark.parametrize(('runs', 'duration', 'expected'), [
+    (1000, 20.0, 10), (1000, 3000.0, 1), (64, 0.05, 4), (3, 0.05, 1)])
+def test_a_chunk_is_half_a_second_of_work_as_far_as_there_are_runs(config, runs, duration,
+                                                                   expected):
+    assert usual_chunk(load_yaml(config), runs, duration) == expected
+
+
 @pytest.mark.parametrize('value', [1e-5, 1.5e-7, 1e22, -2e-300, 0.1, [1e-5, 2.0], True, 'ablf', 3])
 def test_a_setting_is_read_back_exactly(value):
     assert yaml.safe_load(setting_text(value)) == value
@@ -123,6 +137,44 @@ def test_a_campaign_that_was_stopped_goes_on_where_it_was(config, vary, tmp_path
     assert run(config, vary, tmp_path / 'out', '--resume') == 0
     assert kept.stat().st_mtime_ns == before
     assert same(outcomes(campaign), ResultFolder(tmp_path / 'out', campaign, True).rows())
+
+
+def test_ctrl_c_ends_a_campaign_between_two_runs_and_keeps_what_is_done(config, vary, tmp_path):
+    output = tmp_path / 'out'
+    arguments = ['campaign', str(config), '--runs', '400', '--vary', str(vary), '--duration', '10',
+                 '--chunk', '1', '--workers', '2', '--output', str(output)]
+    with subprocess.Popen([sys.executable, '-m', 'adaptive_blf_control', *arguments],
+                          stderr=subprocess.PIPE, text=True) as process:
+        wait_for(lambda: list(output.glob('results/part-*')) or process.poll() is not None)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 130, errors
+    assert '--resume goes on' in errors
+    assert 'Traceback' not in errors
+    assert 0 < len(list(output.glob('results/part-*'))) < 400
+    assert not list(output.glob('results/.*'))
+
+
+def wait_for(condition, timeout: float = 120.0) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, 'nothing happened'
+        time.sleep(0.01)
+
+
+def test_a_thread_whose_outcomes_are_not_wanted_ends_before_its_next_run(config):
+    campaign, ended = campaign_of(config), threading.Event()
+    ended.set()
+    with pytest.raises(CancelledError):
+        run_chunk(Chunk('here', campaign.data, campaign.duration, [(0, {})]), ended)
+
+
+def test_threads_keep_the_arms_of_a_campaign_from_chunk_to_chunk(config):
+    campaign, built = campaign_of(config), []
+    for name in ('one', 'one', 'another'):
+        run_chunk(Chunk(name, campaign.data, campaign.duration, [(0, {})]))
+        built.append(outcome_module._OWN.arms)
+    assert built[0] is built[1] is not built[2]
 
 
 def test_results_that_are_there_are_never_overwritten(config, vary, tmp_path, capsys):

@@ -135,9 +135,18 @@ def test_a_sampling_that_does_not_exist_is_refused(data):
                    data)
 
 
+@pytest.mark.parametrize('name', ['two_link', 'three_link_encoder', 'panda'])
+def test_what_varies_in_the_study_fits_its_scenario(repository, name):
+    data = load_yaml(repository / 'config' / f'{name}.yaml')
+    given = read_vary_file(repository / 'config' / 'campaigns' / f'{name}.yaml')
+    found = draw(variations(given, data), 16, 1, given['sampling'])
+    assert len(found.changes) == 16
+    assert 'arm_driver.sensors.encoder_counts' in found.shown
+
+
 def test_the_example_of_the_docs_fits_the_scenario_that_it_names(repository):
     page = (repository / 'docs' / 'campaigns.md').read_text(encoding='utf-8')
-    config, = re.findall(r'campaign (config/\w+\.yaml)', page)
+    config, *_ = re.findall(r'campaign (config/\w+\.yaml)', page)
     given = yaml.safe_load(re.search(r'```yaml\n(.*?)```', page, re.DOTALL).group(1))
     data = load_yaml(repository / config)
     for change in draw(variations(given, data), 5, 0, given['sampling']).changes:

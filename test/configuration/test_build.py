@@ -217,3 +217,14 @@ def test_arms_of_the_same_settings_are_built_once(values):
     controller = values('controller')
     assert arms.arm(controller) is arms.arm(values('identifier'))
     assert arms.arm(controller) is not arms.arm(values('controller', 'gravity=[0.0, 0.0, -1.6]'))
+
+
+def test_a_store_keeps_the_arms_that_were_asked_for_last(values):
+    arms, first = ArmStore(), values('controller')
+    built = arms.arm(first)
+    others = [values('controller', f'gravity=[0.0, 0.0, {-i}.0]') for i in range(ArmStore.LARGEST)]
+    forgotten = arms.arm(others[0])
+    for other in others[1:]:
+        arms.arm(other)
+        assert arms.arm(first) is built
+    assert arms.arm(others[0]) is not forgotten
