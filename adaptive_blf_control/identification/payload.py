@@ -227,7 +227,7 @@ class PayloadEstimator:
         load, std = described(inertial, _covariance(segment, weights, inertial, hessian))
         without, along = weighted[-1, -1], float(squares(weighted, inertial))
         attached = bool(without - along > max(_CHANGE, _PART * without)
-                        and load.mass > self._least_mass)
+                        and load.mass > max(self._least_mass, _SURE * std.mass))
         same = before is not None and before.attached == attached
         if before is not None and (not same or (attached and segment.begin > before.since)):
             self.changes += 1
