@@ -223,7 +223,9 @@ class PayloadEstimator:
         weighted = np.tensordot(weights, segment.total, axes=1)
         before = self.estimate
         near = before.inertial if before is not None and before.attached else None
-        inertial, hessian = fit_load(weighted, self._prior, near)
+        inertial = fit_load(weighted, self._prior, near)
+        # Without the curvature of the barrier, which would make a small mass look certain.
+        hessian = weighted[:-1, :-1] + self._ridge
         load, std = described(inertial, _covariance(segment, weights, inertial, hessian))
         without, along = weighted[-1, -1], float(squares(weighted, inertial))
         attached = bool(without - along > max(_CHANGE, _PART * without)
