@@ -106,7 +106,8 @@ def phase_margin(rate: np.ndarray, stiffness: np.ndarray, delay: LoopDelay) -> n
         stiffness: Stiffness per inertia, ≥ 0, likewise [1/s²].
         delay: Of the loop.
     """
-    square = rate * rate
-    omega = np.sqrt(0.5 * (square + np.sqrt(square * square + 4.0 * stiffness * stiffness)))
-    late = omega * (0.5 * math.pi / delay.largest_rate)
-    return np.asarray(np.arctan2(omega * rate, stiffness) - late)
+    with np.errstate(over='ignore'):  # beyond the largest number: no margin
+        square = rate * rate
+        omega = np.sqrt(0.5 * (square + np.hypot(square, 2.0 * stiffness)))
+        late = omega * (0.5 * math.pi / delay.largest_rate)
+        return np.asarray(np.arctan2(omega * rate, stiffness) - late)

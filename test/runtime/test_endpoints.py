@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 import time
 
 import pytest
@@ -29,8 +30,8 @@ def _info(name: str = '_NODE_NAME_UNKNOWN_', gid: int = 1) -> TopicEndpointInfo:
 
 
 @pytest.fixture
-def newcomer(graph) -> Iterator[Callable[[], None]]:
-    """Return ``newcomer()``: a participant that publishes ``topic``; the one before it ends."""
+def newcomer(graph) -> Iterator[Callable[[str], None]]:
+    """Return ``newcomer(topic)``: a participant publishes the topic; the one before it ends."""
     running: list[tuple[Context, Node]] = []
 
     def end() -> None:
@@ -39,26 +40,28 @@ def newcomer(graph) -> Iterator[Callable[[], None]]:
             context.try_shutdown()
         running.clear()
 
-    def start() -> None:
+    def start(topic: str) -> None:
         end()
         context = Context()
         context.init(domain_id=graph.context.get_domain_id())
         node = Node('newcomer', context=context, namespace='/arm', enable_rosout=False,
                     start_parameter_services=False)
         running.append((context, node))
-        node.create_publisher(String, '/topic', 1)
+        node.create_publisher(String, topic, 1)
 
     yield start
     end()
 
 
 def test_a_node_that_the_graph_does_not_know_yet_has_no_name_until_it_has_its_own(
-        graph, newcomer, wait_until) -> None:
+        monkeypatch, graph, newcomer) -> None:
+    monkeypatch.setattr(endpoints, 'NAME_TIMEOUT', PATIENCE)
     observer = graph.add(Node('observer', context=graph.context))
-    publishers = Endpoints(lambda: observer.get_publishers_info_by_topic('/topic'))
-    for _ in range(TRIES):
-        wait_until(lambda: not len(publishers), what='the end of the one before')
-        newcomer()
+    for attempt in range(TRIES):
+        # A topic of its own: DDS may show a participant that ends at once for a long time.
+        topic = f'/topic_{attempt}'
+        publishers = Endpoints(partial(observer.get_publishers_info_by_topic, topic))
+        newcomer(topic)
         first: list[str | None] = []
         give_up = time.monotonic() + PATIENCE
         while not first and time.monotonic() < give_up:  # no pause: the moment is short
