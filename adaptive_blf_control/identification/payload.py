@@ -107,7 +107,7 @@ class PayloadEstimator:
         self._segment: LoadSegment | None = None
         self._variance: np.ndarray | None = None
         self._torque, self._seconds = np.zeros(1), 0.0  # ∫ τ_f² dt
-        self._last = self._block_begin = self._from = -np.inf
+        self._last = self._block_begin = -np.inf
         self._earlier: deque[np.ndarray] = deque(maxlen=_LAG)
         self._rows: list[tuple[np.ndarray, np.ndarray, float]] = []
 
@@ -131,7 +131,7 @@ class PayloadEstimator:
         self._seconds += interval
         if t - self._block_begin < self._period * (1.0 - 1e-9):
             return False
-        self._judge_block(t)
+        self._judge_block()
         return True
 
     def follow(self, t: float, identifier: Identifier) -> bool:
@@ -164,7 +164,7 @@ class PayloadEstimator:
         """Return what the load adds to the torque, Y or Y_f of shape (..., n, m) → (..., n)."""
         return np.asarray(regressor @ (self.theta - self._baseline))
 
-    def _judge_block(self, t: float) -> None:
+    def _judge_block(self) -> None:
         columns, residuals, intervals = (np.array(part) for part in zip(*self._rows))
         self._rows.clear()
         if self._segment is None:
