@@ -26,6 +26,7 @@ from adaptive_blf_control.configuration.parameter_file import apply_changes, loa
 from adaptive_blf_control.configuration.payload import build_payload
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.load_fit import squares, sums_of
+from adaptive_blf_control.parameters.table import NOMINAL
 from adaptive_blf_control.runs.identification import identify, joints_of, real_robot_settings
 from adaptive_blf_control.runs.log_options import LogOptions
 from adaptive_blf_control.runs.log_pairs import LogPairs
@@ -33,7 +34,7 @@ from adaptive_blf_control.runs.log_pairs import LogPairs
 __all__ = ['add_options', 'run']
 
 _MASS, _HELD = 2.0, 6.0  # kg, s
-_BEGINS = (10.0, 11.5, 13.0)  # s
+_MUJOCO = ((10.0, 'θ̂'), (11.5, 'θ̂'), (13.0, 'θ̂'), (10.0, NOMINAL))  # s, model of before
 _TIMES = 20
 _REWEIGHTINGS = 5
 
@@ -56,14 +57,15 @@ def run(options: argparse.Namespace) -> None:
     Raises:
         BlfError: a log or the robot cannot be used.
     """
-    print('2 kg at the Panda in MuJoCo, `panda_mujoco.yaml`; model of before: θ̂ at that time\n')
-    print('| attached at [s] | noticed after [s] | within 5 % for good after [s] | last mass [kg] '
-          '| error of the torque by that without load: since then, worst | of a second, worst | '
+    print('2 kg at the Panda in MuJoCo, `panda_mujoco.yaml`\n')
+    print('| model of before | attached at [s] | noticed after [s] | within 5 % for good after '
+          '[s] | last mass [kg] | error of the torque by that without load: since then, worst | '
+          'of a second, worst | '
           'removal noticed after [s] |')
-    print('|---|---|---|---|---|---|---|')
-    for begin in _BEGINS:
-        figures, removed = _mujoco(options.config / 'panda_mujoco.yaml', begin)
-        print(f'| {begin:g} | {_row(figures)} | {removed:.2f} |', flush=True)
+    print('|---|---|---|---|---|---|---|---|')
+    for begin, model in _MUJOCO:
+        figures, removed = _mujoco(options.config / 'panda_mujoco.yaml', begin, model)
+        print(f'| {model} | {begin:g} | {_row(figures)} | {removed:.2f} |', flush=True)
     if options.payload_logs is None:
         print('\nSkipped the measured logs: none is named with --payload-logs.')
         return
@@ -75,7 +77,7 @@ def _row(figures: LoadRun) -> str:
             f'{figures.overall:.3f} | {figures.window:.2f}')
 
 
-def _mujoco(scenario: Path, begin: float) -> tuple[LoadRun, float]:
+def _mujoco(scenario: Path, begin: float, model: str) -> tuple[LoadRun, float]:
     """Return the figures of a load that is attached at ``begin`` [s], and when it was missed."""
     end = begin + _HELD
     data = apply_changes(load_yaml(scenario), {
@@ -89,7 +91,8 @@ def _mujoco(scenario: Path, begin: float) -> tuple[LoadRun, float]:
     updates = 0
     for sample in loop.samples(end + _HELD):
         if watch is None and sample.t >= begin - 2.0:  # seconds without, to know residuals from
-            found = build_payload(settings, identifier.arm, identifier.memory, identifier.theta)
+            baseline = identifier.arm.nominal if model == NOMINAL else identifier.theta
+            found = build_payload(settings, identifier.arm, identifier.memory, baseline)
             assert found is not None
             watch = LoadWatch(found, begin)
         if watch is not None and identifier.settled and identifier.updates != updates:
@@ -127,7 +130,7 @@ def _measured(options: argparse.Namespace) -> None:
     print('| | noticed after [s] | within 5 % for good after [s] | last mass [kg] | error of the '
           'torque by that without load: since then, worst | of a second, worst |')
     print('|---|---|---|---|---|---|')
-    for name, of in (('median', np.median), ('largest', np.max)):
+    for name, of in (('smallest', np.min), ('median', np.median), ('largest', np.max)):
         print(f'| {name} | {_row(LoadRun(*(float(of(column)) for column in zip(*runs))))} |')
 
 

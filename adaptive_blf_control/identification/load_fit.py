@@ -67,8 +67,8 @@ def squares(sums: np.ndarray, inertial: np.ndarray) -> np.ndarray:
 
 
 def fit_load(weighted: np.ndarray, prior: np.ndarray, start: np.ndarray | None = None,
-             ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ten inertial parameters of the module's docstring and the Hessian there.
+             ) -> np.ndarray:
+    """Return the ten inertial parameters of the module's docstring, shape (10,).
 
     Args:
         weighted: Σ_j sums_j / (2 T_j s_j²), shape (11, 11).
@@ -76,9 +76,8 @@ def fit_load(weighted: np.ndarray, prior: np.ndarray, start: np.ndarray | None =
         start: Parameters of a possible body to start from, shape (10,); those of P0 where None.
     """
     start = inertial_parameters(prior[None])[0] if start is None else start
-    fit = log_det_fit(weighted[:PER_BODY, :PER_BODY], weighted[:PER_BODY, PER_BODY], prior[None],
-                      _NOTHING, start)
-    return fit.x, fit.hessian
+    return log_det_fit(weighted[:PER_BODY, :PER_BODY], weighted[:PER_BODY, PER_BODY],
+                       prior[None], _NOTHING, start).x
 
 
 def described(inertial: np.ndarray, covariance: np.ndarray) -> tuple[Load, Load]:

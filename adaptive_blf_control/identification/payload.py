@@ -107,7 +107,7 @@ class PayloadEstimator:
         self._segment: LoadSegment | None = None
         self._variance: np.ndarray | None = None
         self._torque, self._seconds = np.zeros(1), 0.0  # ∫ τ_f² dt
-        self._last = self._block_begin = self._from = -np.inf
+        self._last = self._block_begin = -np.inf
         self._earlier: deque[np.ndarray] = deque(maxlen=_LAG)
         self._rows: list[tuple[np.ndarray, np.ndarray, float]] = []
 
@@ -131,7 +131,7 @@ class PayloadEstimator:
         self._seconds += interval
         if t - self._block_begin < self._period * (1.0 - 1e-9):
             return False
-        self._judge_block(t)
+        self._judge_block()
         return True
 
     def follow(self, t: float, identifier: Identifier) -> bool:
@@ -164,7 +164,7 @@ class PayloadEstimator:
         """Return what the load adds to the torque, Y or Y_f of shape (..., n, m) → (..., n)."""
         return np.asarray(regressor @ (self.theta - self._baseline))
 
-    def _judge_block(self, t: float) -> None:
+    def _judge_block(self) -> None:
         columns, residuals, intervals = (np.array(part) for part in zip(*self._rows))
         self._rows.clear()
         if self._segment is None:
@@ -223,11 +223,13 @@ class PayloadEstimator:
         weighted = np.tensordot(weights, segment.total, axes=1)
         before = self.estimate
         near = before.inertial if before is not None and before.attached else None
-        inertial, hessian = fit_load(weighted, self._prior, near)
+        inertial = fit_load(weighted, self._prior, near)
+        # Without the curvature of the barrier, which would make a small mass look certain.
+        hessian = weighted[:-1, :-1] + self._ridge
         load, std = described(inertial, _covariance(segment, weights, inertial, hessian))
         without, along = weighted[-1, -1], float(squares(weighted, inertial))
         attached = bool(without - along > max(_CHANGE, _PART * without)
-                        and load.mass > self._least_mass)
+                        and load.mass > max(self._least_mass, _SURE * std.mass))
         same = before is not None and before.attached == attached
         if before is not None and (not same or (attached and segment.begin > before.since)):
             self.changes += 1

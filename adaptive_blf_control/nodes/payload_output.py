@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
 from rclpy.publisher import Publisher
 
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
@@ -35,7 +36,11 @@ class PayloadOutput:
     def observe(self, stamp: int, t: float, identifier: Identifier) -> None:
         """Look at the identifier after a sample of stamp ``stamp`` [ns] and time ``t`` [s]."""
         found = self._found
-        if found is None or not found.follow(t, identifier) or found.estimate is None:
+        try:
+            if found is None or not found.follow(t, identifier) or found.estimate is None:
+                return
+        except np.linalg.LinAlgError as error:  # what is only shown ends no motion
+            self._node.faults.report('load not found', f'load not found: {error}')
             return
         for topic, message in self._stream.messages(stamp, found.estimate).items():
             self._publishers[topic].publish(message)

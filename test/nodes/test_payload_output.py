@@ -23,6 +23,7 @@ from adaptive_blf_control.messages.topics import (
     PAYLOAD_STD,
 )
 from adaptive_blf_control.nodes.identifier import IdentifierNode
+from adaptive_blf_control.report.panels import sections
 from adaptive_blf_control.runs.bag_observer import BagObserver
 from adaptive_blf_control.runs.recording import read_recording
 from spatial_arm import JOINTS, spatial_arm, true_theta, URDF
@@ -164,7 +165,10 @@ def test_the_bag_of_a_simulation_holds_what_the_node_publishes(graph, make, tmp_
     bag = read_bag(tmp_path / 'bag')
     simulated = {topic: [message.data for message in bag.messages((f'/{topic}',))]
                  for topic in (JOINT_STATES, PAYLOAD)}
-    assert read_recording(tmp_path / 'bag').payload.values[-1, 0] == pytest.approx(1.5, rel=0.05)
+    recording = read_recording(tmp_path / 'bag')
+    assert recording.payload.values[-1, 0] == pytest.approx(1.5, rel=0.05)
+    panel = next(part for part in sections([recording], [None]) if part.key == 'payload')
+    assert panel.panels[0].curves[0].y[-1] == recording.payload.values[-1, 0]
 
     node, peer = make(friction__coulomb=False, friction__offset=False,
                       friction__square_root=False, friction__rotor_inertia=False,
