@@ -33,7 +33,15 @@ from adaptive_blf_control.identification.uncertainty import Uncertainty
 from adaptive_blf_control.runs.finding import Finding, listed
 from adaptive_blf_control.runs.log_checks import checks_of
 from adaptive_blf_control.runs.log_options import LogOptions, name_of, several
-from adaptive_blf_control.runs.log_pass import Given, learn, LogPass, NO_TEST, Prediction
+from adaptive_blf_control.runs.log_pass import (
+    Given,
+    Growth,
+    learn,
+    LogPass,
+    NO_TEST,
+    Prediction,
+    Progress,
+)
 from adaptive_blf_control.runs.log_reader import LogReader
 from adaptive_blf_control.runs.log_report import figures_of, table
 from adaptive_blf_control.runs.model_report import model_figures
@@ -63,13 +71,14 @@ class Identification:
         identifier: The identifier after the pass.
         figures: Per joint the RMSE of the filtered torque [N·m] and what else `figures_of` gives.
         prediction: Measured and predicted torque of the test span with the half width of the
-            95 % interval: t, measured, predicted, half_width.
+            95 % interval: t, measured, predicted, half_width, q, qd.
         uncertainty: Standard deviations and intervals; None where no pair was recorded.
         source: Where the log came from.
         problem: Why the log ends early (a truncated bag), or None.
         findings: What is odd about the log; see `check_log`.
         notes: What was assumed of it, in sentences.
         possible: The consistent model; None where there is none, see ``consistent``.
+        growth: How the history grew while it was learned from.
     """
 
     identifier: Identifier
@@ -81,6 +90,7 @@ class Identification:
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
     possible: ConsistentModel | None = None
+    growth: Growth | None = None
 
     @property
     def arm(self) -> Arm:
@@ -159,7 +169,8 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
              joints: Sequence[str] | None = None, *, arm: Arm | str | None = None,
              train: Given = None, test: Given = None, topic: str | None = None,
              validate: Any = None, options: LogOptions | None = None,
-             settings: IdentifierSettings | None = None, **changes: Any) -> Identification:
+             settings: IdentifierSettings | None = None, progress: Progress | None = None,
+             **changes: Any) -> Identification:
     """Learn the parameters of a measured robot from its log, in one pass.
 
     The log is streamed through the identifier of the node: no look-ahead, one sample after the
@@ -182,6 +193,7 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
             learned from as a whole, where ``train`` is None.
         options: How logs are read and converted, beside ``topic``.
         settings: Those of the identifier; `REAL_ROBOT`'s where None.
+        progress: Called now and then with the number of samples done and that of all.
         changes: Settings by name, e.g. ``kh=100.0, history={'size': 200}``.
 
     Returns:
@@ -216,7 +228,7 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
                        identifier.memory)
     sections = reader.sections(several(log), [] if validate is None else several(validate),
                                train, test)
-    result = learn(identifier, sections)
+    result = learn(identifier, sections, progress)
     _check_used(result, chosen.filter, source, test == NO_TEST and validate is None)
     judged, consistent = result.uncertainty, None
     begin = time.perf_counter()
@@ -230,7 +242,7 @@ def identify(log: Log, urdf: str | os.PathLike[str] | None = None,
     problems = [section.log.problem for section in sections if section.log.problem]
     return Identification(identifier, figures, result.prediction, judged, source,
                           '; '.join(problems) or None, tuple(reader.findings),
-                          tuple(reader.notes), consistent)
+                          tuple(reader.notes), consistent, result.growth)
 
 
 def _consistent(identifier: Identifier, arm: InertialArm, judged: Uncertainty) -> ConsistentModel:
