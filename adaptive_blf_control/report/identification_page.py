@@ -13,6 +13,7 @@ import numpy as np
 from adaptive_blf_control.report.identification_panels import identification_sections
 from adaptive_blf_control.report.shell import document, Plots, section_html
 from adaptive_blf_control.runs.identification import Identification
+from adaptive_blf_control.runs.model_report import KINDS
 
 __all__ = ['identification_page']
 
@@ -120,7 +121,7 @@ def _parameters(result: Identification) -> Iterator[str]:
              _number(model.get(name)), figures['confidence'][name])
             for name, value in figures['theta_hat'].items()]
     helpful = ''.join(
-        f'<li>{escape(motion["joint"])}: {escape(motion["kind"])}, for '
+        f'<li>{escape(motion["joint"])} {escape(KINDS[motion["kind"]])}, for '
         f'{escape(", ".join(motion["parameters"]))}</li>'
         for motion in figures.get('helpful_motions', []))
     yield '<h2 id="parameters">Parameters</h2>'

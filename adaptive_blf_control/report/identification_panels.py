@@ -12,6 +12,7 @@ from adaptive_blf_control.runs.thinning import thin
 
 __all__ = ['identification_sections']
 
+ROWS = 200_000  # of a longer test that are looked at
 POINTS = 1500  # of a curve
 BINS = 40
 FEWEST = 5  # samples of a bin that is drawn
@@ -20,7 +21,7 @@ MEASURED, PREDICTED, INTERVAL = INK, BAG_COLOURS[0], BAG_COLOURS[1]
 
 def identification_sections(result: Identification) -> list[Section]:
     """Return what can be plotted; without a test only what the history determines."""
-    joints, prediction = result.arm.joints, result.prediction
+    joints, prediction = result.arm.joints, _some(result.prediction)
     columns = min(len(joints), 3)
     found = []
     if prediction.t.size:
@@ -44,6 +45,12 @@ def identification_sections(result: Identification) -> list[Section]:
                         _against(prediction, lagged[0], i, joint, 'position [rad]', 'gravity')
                         for i, joint in enumerate(joints)), columns)]
     return found + _determined(result)
+
+
+def _some(prediction: Prediction) -> Prediction:
+    """Return evenly spaced rows: a long test is not taken into memory."""
+    step = -(-prediction.t.size // ROWS) or 1
+    return Prediction(*(np.asarray(part[::step]) for part in prediction))
 
 
 def _lagged(prediction: Prediction, lag: float) -> tuple[np.ndarray, np.ndarray]:
@@ -110,16 +117,16 @@ def _determined(result: Identification) -> list[Section]:
     if growth is not None and growth.t.size:
         names = ('largest', 'median', 'smallest')
         panels.append(Panel(
-            'singular_values', 'Singular values while learning', 'singular value', tuple(
+            'singular_values', 'While learning', 'singular value', tuple(
                 Curve(growth.t, growth.singular[:, k], name, BAG_COLOURS[k], 0, step=True)
                 for k, name in enumerate(names)), log_y=True))
-        panels.append(Panel('rank', 'Rank while learning', 'rank', (
+        panels.append(Panel('rank', 'Rank', 'rank', (
             Curve(growth.t, growth.rank, f'of {result.arm.m}', BAG_COLOURS[0], 0, step=True),)))
     if stack.count:
         size = np.sqrt(np.maximum(np.diag(stack.gram), 1e-300))
         values = np.linalg.eigvalsh(stack.gram / np.outer(size, size))[::-1]
         panels.append(Panel(
-            'directions', 'Directions at the end', 'singular value', (
+            'directions', 'At the end', 'singular value', (
                 Curve(np.arange(1.0, values.size + 1.0), np.sqrt(np.maximum(values, 1e-16)),
                       'direction', BAG_COLOURS[0], 0),), 'direction', log_y=True, time=False))
     if not panels:
