@@ -114,7 +114,8 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
     settings = _settings(options)
     output = options.output or Path(settings.estimate_file or 'theta_hat.yaml')
     for name, path in (('--output', output), ('--model-out', options.model_out),
-                       ('--urdf-out', options.urdf_out), ('--html', options.html)):
+                       ('--urdf-out', options.urdf_out), ('--html', options.html),
+                       ('--png', options.png)):
         if path is not None and not path.parent.is_dir():  # known before the work, not after
             raise ParameterError(name, str(path), 'a file in a folder that exists')
         if path is not None and path.exists() and not options.overwrite:
