@@ -37,15 +37,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Print a Markdown table of conditions and of the time they take."""
     print('| robot | parameters | condition | random: median, best | ratio of medians | time '
-          'needed [s] | random, median [s] | bodies apart [m] | found in [s] |')
+          'needed [s] | random, median [s] | bodies apart [m] | processor time [s] |')
     print('|---|---|---|---|---|---|---|---|---|')
     stated = Statement()
     for name, (urdf, joints) in ROBOTS.items():
         task, _ = task_of(load_arm(urdf, joints, **REAL_ROBOT['friction']), stated)
         random = random_motions(task, options.random)
-        begin = time.perf_counter()
+        begin = time.process_time()
         best = best_motion(task)
-        seconds = time.perf_counter() - begin
+        seconds = time.process_time() - begin
         others = np.array([each.condition for each in random])
         needed = [expectation(task, each, stated.rate, CORRELATION).needed
                   for each in (best, *random)]

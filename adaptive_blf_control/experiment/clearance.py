@@ -29,20 +29,25 @@ class Clearance:
     Bodies of one link and of links that a joint connects are left out, what an SRDF disables, and
     pairs that touch in nearly every posture.
 
+    Each pair has to keep a distance; of those that are nearer in the middle of the range, as links
+    are that two joints next to each other connect, half of what they have there.
+
     Attributes:
         pairs: Names of the bodies of each pair.
+        wanted: The distance that each pair has to keep, shape (k,) [m].
         ignored: Pairs that touch nearly everywhere.
         bodies: Number of collision bodies.
     """
 
-    def __init__(self, arm: UrdfArm, range_: tuple[np.ndarray, np.ndarray], *,
-                 floor: float | None = None, srdf: str | None = None,
+    def __init__(self, arm: UrdfArm, range_: tuple[np.ndarray, np.ndarray],
+                 distance: float, *, floor: float | None = None, srdf: str | None = None,
                  package_dirs: Sequence[str | os.PathLike[str]] = ()) -> None:
         """Read the collision bodies of an arm.
 
         Args:
             arm: The arm.
             range_: Positions that it may take, two of shape (n,) [rad].
+            distance: How far apart bodies have to stay [m].
             floor: Height of a plane in the base frame that only the base may touch [m].
             srdf: Text of an SRDF whose disabled pairs are left out.
             package_dirs: Further folders of packages, for meshes.
@@ -61,6 +66,8 @@ class Clearance:
             self._pin.removeCollisionPairsFromXML(self._model, self._bodies, srdf)
         self._begin()
         self.ignored = self._leave_out(range_)
+        here = self._distances(0.5 * (range_[0] + range_[1]))
+        self.wanted = np.where(here > 0.0, np.minimum(distance, 0.5 * here), distance)
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -70,25 +77,35 @@ class Clearance:
     def least(self, q: np.ndarray) -> tuple[float, tuple[str, str]]:
         """Return the least distance in N postures, (N, n), and between which bodies [m].
 
-        Negative where they touch; infinity where there is no pair.
+        It is that of the pair which keeps least, or misses most, of what it has to keep: negative
+        where bodies touch, infinity where there is no pair.
         """
-        least, between = np.inf, ('', '')
+        least, which = self._slack(q)
+        return (least + float(self.wanted[which]), self.pairs[which]) if self.pairs else (
+            np.inf, ('', ''))
+
+    def kept(self, q: np.ndarray) -> bool:
+        """Return whether every pair keeps its distance in N postures, shape (N, n)."""
+        return self._slack(q)[0] >= 0.0
+
+    def _slack(self, q: np.ndarray) -> tuple[float, int]:
+        least, which = np.inf, 0
         for posture in q if self.pairs else ():
-            distances = self._distances(posture)
-            k = int(np.argmin(distances))
-            if distances[k] < least:
-                least, between = float(distances[k]), self._names(self._bodies.collisionPairs[k])
-        return least, between
+            slack = self._distances(posture) - self.wanted
+            k = int(np.argmin(slack))
+            if slack[k] < least:
+                least, which = float(slack[k]), k
+        return least, which
 
     def near(self, q: np.ndarray, within: float) -> Iterator[tuple[int, float, np.ndarray]]:
-        """Yield posture, distance [m] and its gradient, (n,), of each pair that is near.
+        """Yield posture, distance beyond the wanted one [m] and its gradient, (n,), of near pairs.
 
         Args:
             q: Postures, shape (N, n) [rad].
-            within: Distance below which a pair counts [m].
+            within: Distance beyond the wanted one below which a pair counts [m].
         """
         for k, posture in enumerate(q if self.pairs else ()):
-            distances = self._distances(posture)
+            distances = self._distances(posture) - self.wanted
             near = np.flatnonzero(distances < within)
             if near.size:
                 self._pin.computeJointJacobians(self._model, self._data,

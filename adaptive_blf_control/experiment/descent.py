@@ -13,8 +13,8 @@ __all__ = ['descend']
 MEMORY = 12
 DECREASE = 1e-4  # Armijo
 HALVINGS = 12
-ENOUGH = 1e-5  # relative to 1: less than this over `PATIENCE` steps ends the descent
-PATIENCE = 8
+ENOUGH = 1e-5  # relative to 1: less than this over `STALLED` steps ends the descent
+STALLED = 8
 
 
 def descend(value: Callable[[np.ndarray], float],
@@ -31,7 +31,7 @@ def descend(value: Callable[[np.ndarray], float],
     """
     x, memory = start.copy(), deque[tuple[np.ndarray, np.ndarray]](maxlen=MEMORY)
     best, slope = value(x), gradient(x)
-    recent = deque[float]([best], maxlen=PATIENCE)
+    recent = deque[float]([best], maxlen=STALLED)
     for step in range(steps):
         direction = -_solved(memory, slope)
         if direction @ slope >= 0.0:
@@ -55,7 +55,7 @@ def descend(value: Callable[[np.ndarray], float],
         x, best, slope = tried, there, new
         if report is not None:
             report(step + 1, best)
-        if len(recent) == PATIENCE and recent[0] - best < ENOUGH:
+        if len(recent) == STALLED and recent[0] - best < ENOUGH:
             break
         recent.append(best)
     return x

@@ -40,7 +40,6 @@ class Task(NamedTuple):
         period: [s].
         harmonics: Number of harmonics, ≥ 3.
         bodies: Collision bodies, or None.
-        distance: How far apart they have to stay [m].
     """
 
     arm: UrdfArm
@@ -49,12 +48,11 @@ class Task(NamedTuple):
     period: float
     harmonics: int
     bodies: Clearance | None = None
-    distance: float = 0.02
 
     def objective(self) -> Objective:
         """Return the function of coefficients that is made small."""
         return Objective(self.arm, self.limits, self.noise, self.period, self.harmonics,
-                         None if self.bodies is None else (self.bodies, self.distance))
+                         self.bodies)
 
 
 class Design(NamedTuple):
@@ -142,7 +140,7 @@ def _kept(task: Task, motion: PeriodicMotion) -> bool:
     states = motion.at(times_of(task.period, task.harmonics, FINE))
     if use_of(states, torque_rows(task.arm.arrays, *states), task.limits).largest > 1.0:
         return False
-    return task.bodies is None or task.bodies.least(states.q)[0] >= task.distance
+    return task.bodies is None or task.bodies.kept(states.q)
 
 
 def _check_standing(task: Task, centre: np.ndarray) -> None:
@@ -155,9 +153,9 @@ def _check_standing(task: Task, centre: np.ndarray) -> None:
             raise SetViolation(joint, float(value), float(limit), 'the torque that holds the arm '
                                'in the centre of the motion', unit='N·m',
                                recovery='another --centre, or less --mass-error or --payload')
-    if task.bodies is not None:
+    if task.bodies is not None and not task.bodies.kept(centre[None]):
         distance, between = task.bodies.least(centre[None])
-        if distance < task.distance:
-            raise SetViolation(' and '.join(between), distance, task.distance,
-                               'the distance in the centre of the motion', unit='m',
-                               kind='bodies', recovery='another --centre, or --srdf')
+        least = float(task.bodies.wanted[task.bodies.pairs.index(between)])
+        raise SetViolation(' and '.join(between), distance, least,
+                           'the distance in the centre of the motion', unit='m',
+                           kind='bodies', recovery='another --centre, or --srdf')

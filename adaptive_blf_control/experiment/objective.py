@@ -18,6 +18,7 @@ __all__ = ['Objective', 'PER_HARMONIC', 'times_of']
 PER_HARMONIC = 16  # samples of a period of the highest harmonic
 PENALTY = 20.0  # of a limit that is broken by its own size at every sample
 SCALE = 0.05  # m: a distance that is short by so much counts as a limit broken by its own size
+ROOM = 0.2  # of `SCALE`, by which bodies are to stay farther apart than they have to
 AIM = 0.97  # part of the limits that is aimed for: between the samples there is a little more
 
 
@@ -35,7 +36,7 @@ class Objective:
     """
 
     def __init__(self, arm: UrdfArm, limits: MotionLimits, noise: np.ndarray, period: float,
-                 harmonics: int, clearance: tuple[Clearance, float] | None) -> None:
+                 harmonics: int, clearance: Clearance | None) -> None:
         """Take what the motion is for.
 
         Args:
@@ -44,7 +45,7 @@ class Objective:
             noise: Standard deviation of the measured torques, shape (n,) [N·m].
             period: [s].
             harmonics: Number of harmonics, ≥ 3.
-            clearance: Bodies, and how far apart they have to stay [m].
+            clearance: Bodies that have to stay apart, or None.
         """
         self.arm, self.limits, self.noise, self.period = arm, limits, noise, period
         self._clearance = clearance
@@ -120,10 +121,8 @@ class Objective:
         total, slope = 0.0, np.zeros_like(states.q)
         if self._clearance is None:
             return total, slope
-        bodies, least = self._clearance
-        wanted = least + 0.2 * SCALE
-        for k, distance, away in bodies.near(states.q, wanted):
-            short = (wanted - distance) / SCALE
+        for k, beyond, away in self._clearance.near(states.q, ROOM * SCALE):
+            short = ROOM - beyond / SCALE
             total += short ** 2
             slope[k] -= 2.0 * short / SCALE * away
         return total, slope

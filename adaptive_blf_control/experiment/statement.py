@@ -130,7 +130,7 @@ def task_of(arm: UrdfArm, stated: Statement) -> tuple[Task, tuple[str, ...]]:
     limits = MotionLimits(lower, upper, velocity, acceleration,
                           (1.0 - FRICTION) * known.torque, prior)
     bodies = _bodies(arm, limits, stated, assumed)
-    return (Task(arm, limits, noise, stated.duration, stated.harmonics, bodies, stated.distance),
+    return (Task(arm, limits, noise, stated.duration, stated.harmonics, bodies),
             tuple(assumed))
 
 
@@ -169,8 +169,8 @@ def _bodies(arm: UrdfArm, limits: MotionLimits, stated: Statement,
     if not stated.collisions:
         assumed.append('collisions are not looked at (--no-collisions)')
         return None
-    bodies = Clearance(arm, (limits.lower, limits.upper), floor=stated.floor, srdf=stated.srdf,
-                       package_dirs=stated.package_dirs)
+    bodies = Clearance(arm, (limits.lower, limits.upper), stated.distance, floor=stated.floor,
+                       srdf=stated.srdf, package_dirs=stated.package_dirs)
     if not bodies.bodies:
         assumed.append('no collision bodies in the URDF: collisions are not looked at')
     if bodies.ignored:

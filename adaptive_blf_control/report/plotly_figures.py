@@ -67,7 +67,8 @@ def panel_figure(panel: Panel, height: int, legend_right: bool,
 
 
 def _trace(curve: Curve, panel: Panel) -> dict[str, Any]:
-    hover = '%{y:.5g}' if panel.time else '%{x:.4g} ms: %{y:.0f}'
+    hover = ('%{y:.5g}' if panel.time else '%{x:.4g} ms: %{y:.0f}' if '[ms]' in panel.x_label
+             else '%{x:.4g}: %{y:.5g}')
     return {
         'type': 'scatter', 'mode': 'lines', 'x': _single(curve.x), 'y': _single(curve.y),
         'name': curve.label, 'legendgroup': curve.group or curve.label, 'showlegend': curve.legend,

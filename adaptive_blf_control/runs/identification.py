@@ -35,7 +35,15 @@ from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.runs.finding import Finding, listed
 from adaptive_blf_control.runs.log_checks import checks_of
 from adaptive_blf_control.runs.log_options import LogOptions, name_of, several
-from adaptive_blf_control.runs.log_pass import Given, learn, LogPass, NO_TEST, Prediction
+from adaptive_blf_control.runs.log_pass import (
+    Given,
+    Growth,
+    learn,
+    LogPass,
+    NO_TEST,
+    Prediction,
+    Progress,
+)
 from adaptive_blf_control.runs.log_reader import LogReader
 from adaptive_blf_control.runs.log_report import figures_of, table
 from adaptive_blf_control.runs.model_report import model_figures
@@ -66,13 +74,14 @@ class Identification(Guided, instead={
         identifier: The identifier after the pass.
         figures: Per joint the RMSE of the filtered torque [N·m] and what else `figures_of` gives.
         prediction: Measured and predicted torque of the test span with the half width of the
-            95 % interval: t, measured, predicted, half_width.
+            95 % interval: t, measured, predicted, half_width, q, qd.
         uncertainty: Standard deviations and intervals; None where no pair was recorded.
         source: Where the log came from.
         problem: Why the log ends early (a truncated bag), or None.
         findings: What is odd about the log; see `check_log`.
         notes: What was assumed of it, in sentences.
         possible: The consistent model; None where there is none, see ``consistent``.
+        growth: How the history grew while it was learned from.
     """
 
     identifier: Identifier
@@ -84,6 +93,7 @@ class Identification(Guided, instead={
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
     possible: ConsistentModel | None = None
+    growth: Growth | None = None
 
     @property
     def arm(self) -> Arm:
@@ -165,6 +175,7 @@ def identify(log: Log, urdf: UrdfSource | None = None,
              degrees: bool | None = None, gain: Mapping[str, float] | None = None,
              effort_delay: float | None = None, force: bool | None = None,
              options: LogOptions | None = None, settings: IdentifierSettings | None = None,
+             progress: Progress | None = None,
              **changes: Any) -> Identification:
     """Learn the parameters of a measured robot from its log, in one pass.
 
@@ -194,6 +205,7 @@ def identify(log: Log, urdf: UrdfSource | None = None,
         force: Whether a log is learned from that cannot be right.
         options: The same as one object, which they take the place of one by one.
         settings: Those of the identifier; `REAL_ROBOT`'s where None.
+        progress: Called now and then with the number of samples done and that of all.
         changes: Settings by name, e.g. ``kh=100.0, history={'size': 200}``.
 
     Returns:
@@ -228,7 +240,7 @@ def identify(log: Log, urdf: UrdfSource | None = None,
     reader = LogReader(arm, chosen, options, filled, identifier.memory)
     sections = reader.sections(several(log), [] if validate is None else several(validate),
                                train, test)
-    result = learn(identifier, sections)
+    result = learn(identifier, sections, progress)
     _check_used(result, chosen.filter, source, test == NO_TEST and validate is None)
     judged, consistent = result.uncertainty, None
     begin = time.perf_counter()
@@ -242,7 +254,7 @@ def identify(log: Log, urdf: UrdfSource | None = None,
     problems = [section.log.problem for section in sections if section.log.problem]
     return Identification(identifier, figures, result.prediction, judged, source,
                           '; '.join(problems) or None, tuple(reader.findings),
-                          tuple(reader.notes), consistent)
+                          tuple(reader.notes), consistent, result.growth)
 
 
 def _consistent(identifier: Identifier, arm: InertialArm, judged: Uncertainty) -> ConsistentModel:

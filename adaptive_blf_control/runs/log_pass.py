@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import itertools
 import time
 from typing import NamedTuple
@@ -21,12 +21,16 @@ from adaptive_blf_control.identification.uncertainty import estimate_uncertainty
 from adaptive_blf_control.runs.batch_fit import BatchFit
 from adaptive_blf_control.spelling import setting
 
-__all__ = ['NO_TEST', 'Given', 'LogPass', 'Prediction', 'Section', 'Span', 'choose_spans',
-           'learn']
+__all__ = ['NO_TEST', 'Given', 'Growth', 'LogPass', 'Prediction', 'Progress', 'Section', 'Span',
+           'choose_spans', 'learn']
 
 NO_TEST = 'none'
 Given = str | Sequence[float | None] | None
 """A span as a caller gives it, see `choose_spans`."""
+Progress = Callable[[int, int], None]
+"""Called with the number of samples that are done and that of all."""
+LOOKS = 100
+"""Times at which the growth of the history is looked at, in each log."""
 TIMED = 16
 """Samples that are taken, and timed, together."""
 
@@ -46,12 +50,31 @@ class Prediction(NamedTuple):
         measured: τ_f, shape (K, n) [N·m].
         predicted: Y_f θ̂, shape (K, n) [N·m].
         half_width: Of the 95 % interval around it, shape (K, n) [N·m].
+        q: Measured positions, shape (K, n) [rad].
+        qd: Measured velocities, shape (K, n) [rad/s].
     """
 
     t: np.ndarray
     measured: np.ndarray
     predicted: np.ndarray
     half_width: np.ndarray
+    q: np.ndarray
+    qd: np.ndarray
+
+
+class Growth(NamedTuple):
+    """The history while it was learned from, at K times.
+
+    Attributes:
+        t: Times, shape (K,) [s].
+        rank: Shape (K,).
+        singular: Largest, median and smallest singular value of the recorded regressors with
+            columns of length one, shape (K, 3).
+    """
+
+    t: np.ndarray
+    rank: np.ndarray
+    singular: np.ndarray
 
 
 class LogPass(NamedTuple):
@@ -63,6 +86,7 @@ class LogPass(NamedTuple):
         seconds: Time an update took, a mean over each `TIMED` samples of the training span [s].
         prediction: The torque of the test span.
         uncertainty: How sure θ̂ is after the training span; None where no pair was recorded.
+        growth: How the history grew.
     """
 
     train: BatchFit
@@ -70,6 +94,7 @@ class LogPass(NamedTuple):
     seconds: np.ndarray
     prediction: Prediction
     uncertainty: Uncertainty | None
+    growth: Growth
 
 
 class Section(NamedTuple):
@@ -171,36 +196,47 @@ def _inside(span: Span, t: np.ndarray, last: float) -> np.ndarray:
     return result & (span.start < span.end)
 
 
-def learn(identifier: Identifier, sections: Sequence[Section]) -> LogPass:
+def learn(identifier: Identifier, sections: Sequence[Section],
+          progress: Progress | None = None) -> LogPass:
     """Stream logs through ``identifier``, each up to the end of its test span.
 
     θ̂ and the history stack change in the training spans only; elsewhere samples are filtered.
     Pairs count once the filter has settled. With several logs, all are learned from before any is
     predicted; time goes on from one to the next, with a pause that restarts the filters.
     """
-    passing = _Pass(identifier)
+    again = [section for section in sections[:-1] if section.test.start < section.test.end]
+    passing = _Pass(identifier, progress, sum(map(_last_row, (*sections, *again))))
     identifier.warm_up(log=True)
     for section in sections[:-1]:
         passing.stream(section, learning=True, testing=False)
     passing.stream(sections[-1], learning=True, testing=True)
-    for section in sections[:-1]:
-        if section.test.start < section.test.end:
-            passing.stream(section, learning=False, testing=True)
+    for section in again:
+        passing.stream(section, learning=False, testing=True)
     return passing.result()
+
+
+def _last_row(section: Section) -> int:
+    """Return about how many rows of a log are streamed."""
+    end = max(section.train.end, section.test.end)
+    return int(np.searchsorted(section.log.t, end, side='right'))
 
 
 class _Pass:
     """What is gathered while logs are streamed."""
 
-    def __init__(self, identifier: Identifier) -> None:
+    def __init__(self, identifier: Identifier, progress: Progress | None, total: int) -> None:
+        self._progress, self._done, self._total = progress, 0, total
         n, m = identifier.arm.n, identifier.arm.m
         self._identifier = identifier
         self._train, self._test = BatchFit(n, m), BatchFit(n, m)
         self._seen = PairTimes()
         self._seconds = array('d')
-        self._tested = RowStore(1 + 3 * n)
+        self._tested = RowStore(1 + 5 * n)
         self._judged: Uncertainty | None = None
         self._begin = 0.0
+        self._looked = -np.inf  # when the history was looked at last
+        self._growth: list[tuple[float, ...]] = []
+        self._look = 0.0
 
     def stream(self, section: Section, *, learning: bool, testing: bool) -> None:
         """Stream one log as far as it is needed."""
@@ -211,6 +247,7 @@ class _Pass:
         learned = _inside(section.train, log.t[:until], last) & learning
         tested = _inside(section.test, log.t[:until], last) & testing
         breaks = [i for i in log.breaks if i < until]
+        self._look = (section.train.end - section.train.start) / LOOKS
         for begin, end in itertools.pairwise((0, *breaks, until)):
             if begin in breaks:
                 self._identifier.restart()
@@ -227,14 +264,21 @@ class _Pass:
             some = block.samples
             if learned[some].any():
                 self._seconds.append((time.perf_counter() - begin) / block.usable.size)
-            self._gather(block, samples[0][some], learned[some], tested[some])
+            self._gather(block, tuple(part[some] for part in samples[:3]), learned[some],
+                         tested[some])
+            self._done += block.usable.size
+            if self._progress is not None:
+                self._progress(min(self._done, self._total), self._total)
             begin = time.perf_counter()
 
-    def _gather(self, block: LearnedBlock, t: np.ndarray, learned: np.ndarray,
+    def _gather(self, block: LearnedBlock, states: tuple[np.ndarray, ...], learned: np.ndarray,
                 tested: np.ndarray) -> None:
         identifier, rows = self._identifier, block.rows
+        t, q, qd = states
         for k in np.flatnonzero(block.recorded):
             self._seen.note(float(t[k]), rows[k, :, -1], identifier.stack)
+        if block.recorded.any() and t[-1] - self._looked >= self._look:
+            self._note_growth(float(t[-1]))
         self._train.add(rows[block.usable & learned])
         self._test.add(rows[block.usable & tested & ~learned])
         tested = block.usable & tested
@@ -243,13 +287,25 @@ class _Pass:
             regressors, torques = rows[tested][:, :, :-1], rows[tested][:, :, -1]
             half = (np.full(torques.shape, np.inf) if self._judged is None else
                     self._judged.half_width(regressors))
-            for row in np.column_stack([t[tested], torques, regressors @ identifier.theta, half]):
+            predicted = regressors @ identifier.theta
+            for row in np.column_stack([t[tested], torques, predicted, half, q[tested],
+                                        qd[tested]]):
                 self._tested.append(row)
 
     def result(self) -> LogPass:
         """Return what was gathered."""
         n, rows = self._identifier.arm.n, self._tested.table()
         prediction = Prediction(rows[:, 0], *(rows[:, 1 + k * n:1 + (k + 1) * n]
-                                              for k in range(3)))
+                                              for k in range(5)))
         judged = self._judged or estimate_uncertainty(self._identifier, self._seen)
-        return LogPass(self._train, self._test, np.array(self._seconds), prediction, judged)
+        grown = np.array(self._growth).reshape(-1, 5)
+        return LogPass(self._train, self._test, np.array(self._seconds), prediction, judged,
+                       Growth(grown[:, 0], grown[:, 1], grown[:, 2:]))
+
+    def _note_growth(self, t: float) -> None:
+        gram = self._identifier.stack.gram
+        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        values = np.sqrt(np.maximum(np.linalg.eigvalsh(gram / np.outer(size, size)), 0.0))
+        self._growth.append((t, float(self._identifier.stack.rank), float(values[-1]),
+                             float(np.median(values)), float(values[0])))
+        self._looked = t

@@ -20,10 +20,10 @@ from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.runs.log_pass import LogPass
 from adaptive_blf_control.runs.model_check import positive_postures, POSTURES
 
-__all__ = ['model_figures', 'model_lines', 'parameter_table']
+__all__ = ['KINDS', 'model_figures', 'model_lines', 'parameter_table']
 
 _CONDITION = 1e4  # a direction is shown ten thousand times less than another: rank in name only
-_KINDS = {'range': 'slowly through its range', 'speeds': 'at several speeds',
+KINDS = {'range': 'slowly through its range', 'speeds': 'at several speeds',
           'reversals': 'with quick reversals'}
 
 
@@ -101,7 +101,7 @@ def _confidence_lines(figures: dict[str, Any]) -> list[str]:
     weak = [name for name, word in figures['confidence'].items() if word == WEAKLY]
     if weak:
         lines.append(f'weakly          {", ".join(weak)}')
-    lines += [f'would help      {motion["joint"]} {_KINDS[motion["kind"]]}: '
+    lines += [f'would help      {motion["joint"]} {KINDS[motion["kind"]]}: '
               f'{", ".join(motion["parameters"])}' for motion in figures['helpful_motions']]
     condition = figures['condition']
     if condition is not None and condition > _CONDITION:

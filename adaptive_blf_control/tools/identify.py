@@ -26,7 +26,15 @@ from adaptive_blf_control.configuration.parameter_file import (
 )
 from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.identification.estimate_file import write_estimate
-from adaptive_blf_control.runs.identification import identify, joints_of, REAL_ROBOT
+from adaptive_blf_control.report.identification_page import identification_page
+from adaptive_blf_control.report.identification_panels import identification_sections
+from adaptive_blf_control.report.png import write_png
+from adaptive_blf_control.runs.identification import (
+    Identification,
+    identify,
+    joints_of,
+    REAL_ROBOT,
+)
 from adaptive_blf_control.runs.log_report import table
 from adaptive_blf_control.runs.model_report import parameter_table
 from adaptive_blf_control.runs.rmse_requirement import RmseRequirement
@@ -37,6 +45,7 @@ from adaptive_blf_control.tools.identify_load import (
     show_load,
 )
 from adaptive_blf_control.tools.log_arguments import add_log_arguments, log_options
+from adaptive_blf_control.tools.progress_bar import ProgressBar
 
 __all__ = ['main']
 
@@ -74,6 +83,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--urdf-out', type=Path, metavar='FILE',
                         help='where the URDF is written with identified inertials and friction, '
                         'those of the consistent model; the rest of it is untouched')
+    parser.add_argument('--html', type=Path, metavar='FILE',
+                        help='a page: torques, residuals, intervals, what the log determines')
+    parser.add_argument('--png', type=Path, metavar='DIR',
+                        help='the plots of that page as pictures for papers')
     parser.add_argument('--overwrite', action='store_true',
                         help='replace files that exist')
     parser.add_argument('--require-rmse', metavar='E',
@@ -117,7 +130,8 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
     settings = _settings(options)
     output = options.output or Path(settings.estimate_file or 'theta_hat.yaml')
     for name, path in (('--output', output), ('--model-out', options.model_out),
-                       ('--urdf-out', options.urdf_out)):
+                       ('--urdf-out', options.urdf_out), ('--html', options.html),
+                       ('--png', options.png)):
         if path is not None and not path.parent.is_dir():  # known before the work, not after
             raise ParameterError(name, str(path), 'a file in a folder that exists')
         if path is not None and path.exists() and not options.overwrite:
@@ -127,9 +141,10 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
     if options.urdf_out is not None and str(options.urdf_out) == options.urdf:
         raise ParameterError('--urdf-out', str(options.urdf_out), 'another file than --urdf')
     try:
-        result = identify(options.log, settings=settings, train=options.train,
-                          test=options.test, validate=options.validate or None,
-                          options=log_options(options))
+        with ProgressBar('sample') as progress:
+            result = identify(options.log, settings=settings, train=options.train,
+                              test=options.test, validate=options.validate or None,
+                              options=log_options(options), progress=progress)
     except ParameterError as error:
         if error.name not in ('train', 'test', 'gain', 'effort_delay', 'urdf', 'topic', 'columns'):
             raise
@@ -149,7 +164,17 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
         figures['model_output'] = str(options.model_out)
     if options.urdf_out is not None:
         figures |= _write_urdf(result.urdf(), options.urdf_out)
+    _write_pages(result, options)
     return figures
+
+
+def _write_pages(result: Identification, options: argparse.Namespace) -> None:
+    if options.html is not None:
+        text = identification_page(result)
+        _write('--html', options.html, lambda path: path.write_text(text, encoding='utf-8'))
+    if options.png is not None:
+        _write('--png', options.png,
+               lambda path: write_png(path, identification_sections(result)))
 
 
 def _write_urdf(exported: ExportedUrdf, path: Path) -> dict[str, Any]:

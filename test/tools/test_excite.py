@@ -10,7 +10,9 @@ import yaml
 pytest.importorskip('pinocchio')
 
 from adaptive_blf_control.bags.logs import read_log
+from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yamls
+from adaptive_blf_control.control.way import way_through
 from adaptive_blf_control.runs.simulation import simulate
 from adaptive_blf_control.tools.configure import main as configure
 from adaptive_blf_control.tools.excite import main
@@ -73,6 +75,27 @@ def test_the_controller_of_a_configured_arm_follows_the_reference(folder):
     late = run.t > 3.0  # after the smooth start
     wanted = np.column_stack([np.interp(run.t[late] % 8.0, log.t, q) for q in log.q.T])
     assert np.abs(run.q[late] - wanted).max() < 0.05
+
+
+def test_a_controller_takes_the_trajectory_and_its_way_is_the_motion(folder):
+    messages = pytest.importorskip('trajectory_msgs.msg')
+    from adaptive_blf_control.nodes.joint_trajectory import points_of
+    given = yaml.safe_load((folder / 'trajectory.yaml').read_text())
+    message = messages.JointTrajectory(joint_names=given['joint_names'])
+    for row in given['points']:
+        time = row.pop('time_from_start')
+        point = messages.JointTrajectoryPoint(**row)
+        point.time_from_start.sec, point.time_from_start.nanosec = time['sec'], time['nanosec']
+        message.points.append(point)
+    config = folder / 'other.yaml'
+    assert configure([str(folder / 'arm.urdf'), '--rate', '200', '-o', str(config)]) == 0
+    controller = build_closed_loop(load_yamls([config])).controller
+    way = way_through(points_of(message, ('shoulder', 'elbow')), controller, 0.0)
+    log = read_log(folder / 'motion.csv', joints=['shoulder', 'elbow'])
+    for k in range(0, len(log.t), 37):
+        point = way.at(float(log.t[k]) + 3.0)
+        np.testing.assert_allclose(point.position, log.q[k], atol=2e-4)
+        np.testing.assert_allclose(point.velocity, log.qd[k], atol=5e-3)
 
 
 def complaint(capsys, arguments):

@@ -531,3 +531,37 @@ def test_bag_of_the_ur10_gives_the_same_as_its_csv(capsys, realdata, repository,
     assert bag['joints'] == csv['joints']
     np.testing.assert_allclose(bag['test_rmse'], csv['test_rmse'], rtol=0.01)  # 7 digits in CSV
     assert len(read_log(arguments[0]).t) == bag['samples']
+
+
+def test_pages_and_pictures_are_written_and_never_replace_others(capsys, tmp_path, files):
+    pytest.importorskip('plotly')
+    pytest.importorskip('matplotlib')
+    page, pictures = tmp_path / 'page.html', tmp_path / 'pictures'
+    figures(capsys, [*files, '--html', str(page), '--png', str(pictures)])
+    assert page.read_text(encoding='utf-8').startswith('<!DOCTYPE html>')
+    assert (pictures / 'residual_elbow.png').exists()
+    kept = [part for part in files if part != '--overwrite']
+    kept[-1] = str(tmp_path / 'other.yaml')
+    for option, path in (('--html', page), ('--png', pictures)):
+        assert f"'{option}'" in complaint(capsys, [*kept, option, str(path)])
+
+
+def test_a_log_is_streamed_with_progress_up_to_its_end(arm, motion):
+    from adaptive_blf_control.runs.identification import identify
+    seen = []
+    identify({'t': motion[:, 0], 'q': motion[:, 1:3], 'qd': motion[:, 3:5], 'tau': motion[:, 5:]},
+             arm=arm, filter={'time_constant': 0.05},
+             progress=lambda done, total: seen.append((done, total)))
+    assert seen[-1] == (len(motion), len(motion))
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+
+@pytest.mark.parametrize(('change', 'part'), [
+    (lambda rows: rows[:100], 'too short: the filters take'),
+    (lambda rows: np.where(np.arange(7) > 0, np.nan, rows), 'expected at least 3 with finite'),
+    (lambda rows: rows[:1], 'expected at least 3'),
+    (lambda rows: rows * [1, 0, 0, 0, 0, 1, 1], 'no joint moves')])
+def test_logs_of_which_nothing_can_be_learned_say_why(capsys, tmp_path, files, motion, change,
+                                                       part):
+    write_csv(tmp_path / 'log.csv', change(motion))
+    assert part in complaint(capsys, files)

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of an identification: it renders, has the figures, and runs no text of a log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from html import escape
+import json
+from pathlib import Path
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip('plotly', reason='plotly is not installed: pip install .[plot]')
+pytest.importorskip('pinocchio')
+
+from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
+from adaptive_blf_control.arms.load import load_arm
+from adaptive_blf_control.report.identification_page import identification_page
+from adaptive_blf_control.report.identification_panels import identification_sections
+from adaptive_blf_control.report.png import write_png
+from adaptive_blf_control.runs.identification import Identification, identify
+
+Browse = Callable[[Path, str], Any]
+JOINTS = ['shoulder', '</script><!--<script>']
+URDF = f"""<robot name="planar"><link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.2 0.03 0"/><mass value="2.5"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.03"/></inertial></link>
+  <link name="fore"><inertial><origin xyz="0.15 0 0"/><mass value="1.2"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="{JOINTS[0]}" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
+  <joint name="{escape(JOINTS[1])}" type="revolute"><parent link="upper"/><child link="fore"/>
+    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
+</robot>"""
+
+
+@pytest.fixture(scope='module')
+def result() -> Identification:
+    t = np.arange(0.0, 12.0, 0.005)
+    w, size = np.array([[2.1, 5.3], [3.2, 4.1]]), np.array([[0.6, 0.2], [0.5, 0.3]])
+    angles = t[:, None, None] * w
+    q, qd = (size * np.sin(angles)).sum(axis=2), (size * w * np.cos(angles)).sum(axis=2)
+    qdd = -(size * w ** 2 * np.sin(angles)).sum(axis=2)
+    arm = load_arm(URDF)
+    tau = inverse_dynamics(arm, arm.nominal, q, qd, qdd)
+    tau[:, 0] += 0.8 * np.sign(qd[:, 0])  # dry friction that is not learned
+    tau += np.random.default_rng(0).normal(0.0, 0.05, tau.shape)
+    return identify({'t': t, 'q': q, 'qd': qd, 'tau': tau}, URDF, friction={'coulomb': False,
+                    'square_root': False}, filter={'time_constant': 0.05})
+
+
+@pytest.fixture(scope='module')
+def page(result: Identification, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp('page') / 'identification.html'
+    file.write_text(identification_page(result), encoding='utf-8')
+    return file
+
+
+def test_every_plot_is_drawn_and_no_text_of_the_robot_is_run(page: Path, browse: Browse) -> None:
+    visit = browse(page, """
+        return [...document.querySelectorAll('.js-plotly-plot')].map(
+            (plot) => [plot.id, plot.querySelectorAll('.scatterlayer path.js-line').length]);""")
+    assert visit.console == []
+    lines = dict(visit.result)
+    assert {re.sub(r'\d+$', '', name) for name in lines} == {
+        'torques', 'residuals', 'friction', 'gravity', 'history'}
+    assert len(lines) == 4 * 2 + 3
+    assert all(count > 0 for count in lines.values()), lines
+
+
+def test_the_table_has_the_figures(page: Path, result: Identification) -> None:
+    html = page.read_text(encoding='utf-8')
+    for value in result.figures['test_rmse']:
+        assert f'<td>{value:.4g}</td>' in html
+    stored = re.search(r'<script type="application/json" id="figures">(.*?)</script>', html, re.S)
+    assert stored is not None
+    assert json.loads(stored[1])['test_rmse'] == result.figures['test_rmse']
+    assert JOINTS[1] not in html
+
+
+def test_friction_that_is_not_learned_is_a_step_over_the_velocity(result: Identification) -> None:
+    panels = {panel.key: panel for section in identification_sections(result)
+              for panel in section.panels}
+
+    def step(key: str) -> float:
+        mean = panels[key].curves[0]
+        slow = np.abs(mean.x) < 0.6
+        return float(mean.y[slow & (mean.x > 0.1)].mean() - mean.y[slow & (mean.x < -0.1)].mean())
+
+    assert step(f'friction_{JOINTS[0]}') > 0.2
+    assert abs(step(f'friction_{JOINTS[1]}')) < 0.05
+
+
+def test_the_history_grows_to_full_rank(result: Identification) -> None:
+    assert result.growth is not None
+    assert result.growth.rank[-1] == result.rank == result.arm.m
+    assert (np.diff(result.growth.rank) >= 0).all()
+    largest, _, smallest = result.growth.singular[-1]
+    assert largest / smallest == pytest.approx(result.figures['condition'], rel=0.3)
+
+
+def test_pictures_have_the_names_of_the_panels(result: Identification, tmp_path: Path) -> None:
+    pytest.importorskip('matplotlib')
+    files = write_png(tmp_path, identification_sections(result)[:1])
+    assert [file.name for file in files] == [
+        'torque_shoulder.png', 'torque___script___--_script_.png']
+    assert all(file.stat().st_size > 5000 for file in files)
