@@ -11,7 +11,7 @@ import pytest
 import adaptive_blf_control as blf
 from adaptive_blf_control.control.safety_filter import FilterSample
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.limits.filter_step import ACTIVE, BRAKING, IDLE
+from adaptive_blf_control.limits.filter_step import ACTIVE, BRAKING, IDLE, SOFTENED
 from adaptive_blf_control.limits.safety_filter import LimitsFilter
 
 H = 1e-3
@@ -75,6 +75,28 @@ def test_with_a_reserve_of_torque_the_rows_of_the_joints_are_never_softened(two_
             seen += two_link.report.kind == ACTIVE
             assert two_link.report.kind in (IDLE, ACTIVE)
     assert seen > 50
+
+
+def test_what_cannot_be_kept_is_softened_within_the_torque_box_and_said(two_link):
+    fast = copy(two_link)
+    torque = sample(fast, np.zeros(2), np.array([9.0, -9.0]), np.zeros(2))  # six times too fast
+    assert (np.abs(torque) <= TORQUE).all()
+    assert (np.sign(torque) == [-1.0, 1.0]).all()  # it brakes as it can
+    assert fast.report.kind == SOFTENED
+    assert 'reserve of joint' in fast.complaint
+    assert fast.status()['samples softened'] == two_link.counts[SOFTENED] + 1
+    sample(fast, np.zeros(2), np.zeros(2), np.zeros(2))
+    assert fast.complaint == ''
+
+
+def test_no_torque_is_ever_not_finite(two_link):
+    wrong = copy(two_link)
+    for q, qd, torque in ((np.full(2, np.nan), np.zeros(2), np.zeros(2)),
+                          (np.zeros(2), np.full(2, np.inf), np.zeros(2)),
+                          (np.zeros(2), np.zeros(2), np.full(2, np.nan))):
+        given = sample(wrong, q, qd, torque)
+        assert np.isfinite(given).all()
+        assert (np.abs(given) <= TORQUE).all()
 
 
 def test_the_acceleration_of_every_arm_of_the_prior_is_within_the_bound(two_link):
