@@ -31,11 +31,16 @@ def two_link():
     return controller().safety_filter
 
 
+SECOND = np.array([0.546, 0.196, 0.242])  # part of the second link in p1, p2, p3 of the arm
+
+
 def truths(arm, random, count):
-    """Yield θ of arms of the prior: masses of links within 10 %, friction from none."""
+    """Yield θ of the arms at the ends of the prior: masses of links 10 % off, friction or none."""
     for _ in range(count):
-        theta = arm.nominal * random.uniform(0.9, 1.1)
-        theta[3:] = random.uniform(0.0, PRIOR['friction'])
+        first, second = random.choice([0.9, 1.1], 2)
+        theta = arm.nominal.copy()
+        theta[:3] = first * (arm.nominal[:3] - SECOND) + second * SECOND
+        theta[3:] = random.choice([0.0, 1.0], 2) * PRIOR['friction']
         yield theta
 
 
@@ -108,13 +113,27 @@ def test_the_acceleration_of_every_arm_of_the_prior_is_within_the_bound(two_link
         qd = random.uniform(-1.0, 1.0, 2) * limits.speed
         torque = sample(two_link, q, qd, random.uniform(-1.0, 1.0, 2) * TORQUE)
         report = two_link.report
-        unexplained = random.uniform(-1.0, 1.0, 2) * 0.1
+        unexplained = random.choice([-1.0, 1.0], 2) * 0.1
         for part in (0.0, 0.5, 1.0):
             later = truth.advance(q, qd, torque + unexplained, part * H) if part else (q, qd)
             off = np.abs(truth.acceleration(*later, torque + unexplained) - report.acceleration)
             assert (off <= report.error).all()
             tightest = max(tightest, (off / report.error).max())
     assert tightest > 0.3  # no empty promise
+
+
+def test_the_bound_of_a_known_arm_is_what_holding_a_torque_changes():
+    exact = controller(prior={'mass_error': 1e-6, 'unexplained': 1e-6}).safety_filter
+    random, arm = np.random.default_rng(6), blf.TwoLinkArm()
+    truth = arm.dynamics(arm.nominal)
+    for _ in range(100):
+        q, qd = random.uniform(-0.9, 0.9, 2), random.uniform(-1.5, 1.5, 2)
+        torque = sample(exact, q, qd, random.uniform(-1.0, 1.0, 2) * TORQUE)
+        report = exact.report
+        off = [np.abs(truth.acceleration(*truth.advance(q, qd, torque, part * H), torque)
+                      - report.acceleration) for part in (0.5, 1.0)]
+        assert (np.array(off) <= 1.01 * report.error + 1e-3).all()
+        assert (report.error < 1.0 + 0.1 * np.abs(report.acceleration)).all()
 
 
 def test_the_loop_is_the_same_bit_for_bit_while_nothing_is_near(repository):
