@@ -58,6 +58,8 @@ class SafetyFilter(Protocol):
     * ``retuned(settings)``: returns the filter that goes on with other settings, or raises
       ParameterError where the present state does not allow them; without it, it is made again;
     * ``constraints``: what it keeps, see `Constraint`;
+    * ``complaint``: what is wrong with the last sample, '' where nothing is;
+    * ``status()``: values for the diagnostics, by name;
     * ``governor``: a reference governor with ``governed(t, q, reference) -> Governed``, asked
       before the law, and ``heed(bounds)``, told the performance bounds of the sample; None for
       none.

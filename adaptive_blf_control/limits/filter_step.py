@@ -187,7 +187,10 @@ def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.nd
     if free < 0.0:
         a, kind, error, free = _backed_off(parts, posture, q, qd, wanted, a, brake, lower, upper,
                                            least, most, room)
-    answer = np.minimum(np.maximum(posture.inertia @ a + posture.bias, least), most)
+    answer = posture.inertia @ a + posture.bias
+    if not np.isfinite(answer).all():  # from what is not a number; then no torque but what must be
+        answer, kind = np.zeros_like(q), SOFTENED
+    answer = np.minimum(np.maximum(answer, least), most)
     return _report(posture, answer, kind, a, error, limits, least, most, room, free)
 
 

@@ -25,6 +25,7 @@ from adaptive_blf_control.limits.filter_step import (
     JointLimits,
     Report,
     Scene,
+    SOFTENED,
 )
 from adaptive_blf_control.limits.governor import Governor
 from adaptive_blf_control.limits.limit_constraints import (
@@ -38,6 +39,7 @@ from adaptive_blf_control.limits.scene import scene_of
 
 __all__ = ['LimitsFilter']
 
+KINDS = ('let through', 'filtered', 'braking', 'softened')
 LONGEST = 0.1
 """A longer time between two samples is a gap and says nothing about the next one [s]."""
 
@@ -139,6 +141,30 @@ class LimitsFilter:
                 'controller.limits.obstacles', settings.limits.obstacles.values(),
                 f'obstacles that the arm stops before: at q = {np.round(q, 3).tolist()} rad it is '
                 f'{report.clearance:.3g} m from one, {report.stop_clearance:.3g} m when it stands')
+
+    @property
+    def complaint(self) -> str:
+        """Why the limits were not kept for every θ at the last sample, '' where they were."""
+        report = self.report
+        if report is None or report.kind != SOFTENED:
+            return ''
+        joint = int(np.argmin(report.reserve))
+        return (f'no torque within the limits keeps velocity, position and obstacles for every '
+                f'theta of the prior: they give way as little as they can; reserve of '
+                f'{self._arm.joints[joint]} {report.reserve[joint]:.4g} N*m, clearance when the '
+                f'arm stands {report.stop_clearance:.4g} m')
+
+    def status(self) -> dict[str, object]:
+        """Return what the filter and the governor do, for the diagnostics."""
+        values: dict[str, object] = {
+            f'samples {word}': count for word, count in zip(KINDS, self.counts)}
+        if self.report is not None:
+            values.update((f'{joint} reserve [N*m]', f'{value:.6g}')
+                          for joint, value in zip(self._arm.joints, self.report.reserve))
+            values['clearance when stopped [m]'] = f'{self.report.stop_clearance:.6g}'
+        if self.governor is not None:
+            values['rate of the path'] = f'{self.governor.pace.rate:.6g}'
+        return values
 
     def __copy__(self) -> LimitsFilter:
         """Return a filter that goes on from here without a trace in this one."""

@@ -293,6 +293,9 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self.motion.controller is None or output is None:
             return DiagnosticStatus.WARN, waiting, {}
         values = self.monitors.status(output.saturated)
+        watched = getattr(self.motion.controller.safety_filter, 'status', None)
+        if watched is not None:
+            values.update(watched())
         if self.motion.lost:
             return DiagnosticStatus.ERROR, f'{self.motion.lost}: zero torque', values
         if self.commands.shared:

@@ -69,6 +69,9 @@ class ControllerMonitors:
                 lambda: controller.lyapunov(output, theta)).items():
             self._outputs[topic].publish(message)
         self._watch_guarantee(stamp, output)
+        complaint = getattr(controller.safety_filter, 'complaint', '')
+        if complaint:
+            self._node.faults.report('safety filter', complaint)
         return inside
 
     def _violated(self, controller: Controller, output: ControlOutput) -> None:

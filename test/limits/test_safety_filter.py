@@ -11,7 +11,7 @@ import pytest
 import adaptive_blf_control as blf
 from adaptive_blf_control.control.safety_filter import FilterSample
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.limits.filter_step import ACTIVE, BRAKING, IDLE
+from adaptive_blf_control.limits.filter_step import ACTIVE, BRAKING, IDLE, SOFTENED
 from adaptive_blf_control.limits.safety_filter import LimitsFilter
 
 H = 1e-3
@@ -31,11 +31,16 @@ def two_link():
     return controller().safety_filter
 
 
+SECOND = np.array([0.546, 0.196, 0.242])  # part of the second link in p1, p2, p3 of the arm
+
+
 def truths(arm, random, count):
-    """Yield θ of arms of the prior: masses of links within 10 %, friction from none."""
+    """Yield θ of the arms at the ends of the prior: masses of links 10 % off, friction or none."""
     for _ in range(count):
-        theta = arm.nominal * random.uniform(0.9, 1.1)
-        theta[3:] = random.uniform(0.0, PRIOR['friction'])
+        first, second = random.choice([0.9, 1.1], 2)
+        theta = arm.nominal.copy()
+        theta[:3] = first * (arm.nominal[:3] - SECOND) + second * SECOND
+        theta[3:] = random.choice([0.0, 1.0], 2) * PRIOR['friction']
         yield theta
 
 
@@ -77,6 +82,28 @@ def test_with_a_reserve_of_torque_the_rows_of_the_joints_are_never_softened(two_
     assert seen > 50
 
 
+def test_what_cannot_be_kept_is_softened_within_the_torque_box_and_said(two_link):
+    fast = copy(two_link)
+    torque = sample(fast, np.zeros(2), np.array([9.0, -9.0]), np.zeros(2))  # six times too fast
+    assert (np.abs(torque) <= TORQUE).all()
+    assert (np.sign(torque) == [-1.0, 1.0]).all()  # it brakes as it can
+    assert fast.report.kind == SOFTENED
+    assert 'reserve of joint' in fast.complaint
+    assert fast.status()['samples softened'] == two_link.counts[SOFTENED] + 1
+    sample(fast, np.zeros(2), np.zeros(2), np.zeros(2))
+    assert fast.complaint == ''
+
+
+def test_no_torque_is_ever_not_finite(two_link):
+    wrong = copy(two_link)
+    for q, qd, torque in ((np.full(2, np.nan), np.zeros(2), np.zeros(2)),
+                          (np.zeros(2), np.full(2, np.inf), np.zeros(2)),
+                          (np.zeros(2), np.zeros(2), np.full(2, np.nan))):
+        given = sample(wrong, q, qd, torque)
+        assert np.isfinite(given).all()
+        assert (np.abs(given) <= TORQUE).all()
+
+
 def test_the_acceleration_of_every_arm_of_the_prior_is_within_the_bound(two_link):
     random, arm, limits = np.random.default_rng(5), blf.TwoLinkArm(), two_link.limits
     tightest = 0.0
@@ -86,13 +113,27 @@ def test_the_acceleration_of_every_arm_of_the_prior_is_within_the_bound(two_link
         qd = random.uniform(-1.0, 1.0, 2) * limits.speed
         torque = sample(two_link, q, qd, random.uniform(-1.0, 1.0, 2) * TORQUE)
         report = two_link.report
-        unexplained = random.uniform(-1.0, 1.0, 2) * 0.1
+        unexplained = random.choice([-1.0, 1.0], 2) * 0.1
         for part in (0.0, 0.5, 1.0):
             later = truth.advance(q, qd, torque + unexplained, part * H) if part else (q, qd)
             off = np.abs(truth.acceleration(*later, torque + unexplained) - report.acceleration)
             assert (off <= report.error).all()
             tightest = max(tightest, (off / report.error).max())
     assert tightest > 0.3  # no empty promise
+
+
+def test_the_bound_of_a_known_arm_is_what_holding_a_torque_changes():
+    exact = controller(prior={'mass_error': 1e-6, 'unexplained': 1e-6}).safety_filter
+    random, arm = np.random.default_rng(6), blf.TwoLinkArm()
+    truth = arm.dynamics(arm.nominal)
+    for _ in range(100):
+        q, qd = random.uniform(-0.9, 0.9, 2), random.uniform(-1.5, 1.5, 2)
+        torque = sample(exact, q, qd, random.uniform(-1.0, 1.0, 2) * TORQUE)
+        report = exact.report
+        off = [np.abs(truth.acceleration(*truth.advance(q, qd, torque, part * H), torque)
+                      - report.acceleration) for part in (0.5, 1.0)]
+        assert (np.array(off) <= 1.01 * report.error + 1e-3).all()
+        assert (report.error < 1.0 + 0.1 * np.abs(report.acceleration)).all()
 
 
 def test_the_loop_is_the_same_bit_for_bit_while_nothing_is_near(repository):
