@@ -227,7 +227,7 @@ class Controller(Guided, settings=ControllerSettings,
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other._memory = Memory(*(array.copy() for array in self._memory))
-        other.safety_filter = copy.copy(self.safety_filter)
+        vars(other)['safety_filter'] = copy.copy(self.safety_filter)
         if self._arrays is not None:
             other._arrays, other._handle = self._arrays._replace(memory=other._memory), None
         return other
@@ -259,7 +259,7 @@ class Controller(Guided, settings=ControllerSettings,
                      GrowingBounds(performance, safety, begun.start, begun.duration))
 
     def _take(self, tuning: _Tuning, sets: _Sets) -> None:
-        (settings, self._law, _, self.safety_filter, self._weight, self._limit,
+        (settings, self._law, _, safety_filter, self._weight, self._limit,
          self._rate_limit) = self._tuning = tuning
         self._bounds = sets.bounds
         joints = self.arm.joints
@@ -269,11 +269,12 @@ class Controller(Guided, settings=ControllerSettings,
             ControllerArrays(arm, self._law.gains, self._limit, self._rate_limit, self._memory))
         constraints = Constraints([SafetyConstraint(joints, sets.safety),
                                    PerformanceConstraint(joints),
-                                   *getattr(self.safety_filter, 'constraints', ()),
+                                   *getattr(safety_filter, 'constraints', ()),
                                    *tuning.constraints], joints)
         # Not as attributes are set: there these names are refused, see `Guided`.
         vars(self).update(settings=settings, safety=sets.safety, performance=sets.performance,
-                          reference=sets.reference, constraints=constraints)
+                          reference=sets.reference, constraints=constraints,
+                          safety_filter=safety_filter)
 
     def state(self, t: float, q: np.ndarray, qd: np.ndarray) -> MotionState:
         """Return a state as the constraints see it: with e1 and the bounds in use.
