@@ -56,10 +56,11 @@ def cases() -> Iterator[Case]:
         if speed != 2.0:
             yield Case(name, 'filter', speed, {**scene, **_ALONE})
         yield Case(name, 'governor and filter', speed, scene)
-    heavy = {'controller.limits.prior.mass_error': 0.2, 'controller.limits.prior.payload': 1.0,
-             'arm_driver.payload': 1.0}
-    yield Case('x 2, masses 20 %, 1 kg within the prior', 'governor and filter', 2.0,
-               {**_FREE, **heavy})
+    for error, payload in ((0.2, 1.0), (0.3, 3.0)):
+        heavy = {'controller.limits.prior.mass_error': error,
+                 'controller.limits.prior.payload': payload, 'arm_driver.payload': payload}
+        yield Case(f'x 2, prior of {100 * error:.0f} % and {payload:g} kg, which the arm carries',
+                   'governor and filter', 2.0, {**_FREE, **heavy})
 
 
 class _Timed:
