@@ -27,6 +27,7 @@ from adaptive_blf_control.control.laws.protocol import uses_estimate
 from adaptive_blf_control.control.motion import groups_of, Motion
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.ramp import RAMP_STEP
+from adaptive_blf_control.control.source_gate import SourceGate
 from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.stamp import STAMP_LIMIT
@@ -37,6 +38,7 @@ from adaptive_blf_control.nodes.estimate_input import EstimateInput, limit_of
 from adaptive_blf_control.nodes.trajectory_input import TrajectoryInput
 from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runtime.channels import LONGEST_WAIT
+from adaptive_blf_control.runtime.heard_topic import HeardTopic
 from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
@@ -102,6 +104,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.estimates.wanted = settings.model == 'estimated' and uses_estimate(trial.law)
         self.motion = Motion(self.arm, settings)
         self._state_reader = JointStateReader(self.arm.joints)
+        self._states = HeardTopic(self, JOINT_STATES, SourceGate('joint state'),
+                                  lambda: self.settings.state_timeout, others_belong=True)
         self.commands = CommandTopic(self, self.arm.n)
         self.heard_at = None
         self._looked_at = 0.0
@@ -189,6 +193,10 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if stamp >= STAMP_LIMIT:
             self.faults.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
             return False
+        second = None if self.lockstep else self._states.refuse(self._state_reader.source, info)
+        if second is not None:
+            self.faults.refuse(second)
+            return False
         refusal = self.motion.refuse(stamp, q, qd, self.settings.state_timeout)
         if refusal is not None:
             self.faults.refuse(refusal)
@@ -230,7 +238,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
     def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
                 controller: Controller) -> ControlOutput:
         output = self.motion.answer(stamp, q, qd, self.theta, torque)
-        self.commands.send(output.torque)
+        self.commands.send(output.torque, stamp)
         self.monitors.publish_term(stamp, output)
         inside = self.monitors.watch(controller, stamp, output, self.theta)
         self.sampled(stamp)
@@ -282,11 +290,17 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self._configured and self.commands.pushes:
             self.commands.send_zero()
 
+    def _second_source(self) -> str:
+        return (self._states.second_source() or self.commands.others()
+                or (self.estimates.heard.second_source() if self.estimates.wanted else ''))
+
     def status(self) -> Status:
         """Report the margins of all constraints, V and saturation."""
         waiting = 'waiting for joint states and a listener'
         if self.state_id == State.PRIMARY_STATE_UNCONFIGURED:
             return DiagnosticStatus.WARN, 'unconfigured', {}
+        if not self.lockstep and (second := self._second_source()):
+            return DiagnosticStatus.ERROR, second, {}
         if not self.active:
             return DiagnosticStatus.WARN, waiting if self.wants_activation else 'inactive', {}
         output = self.output
@@ -295,8 +309,6 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         values = self.monitors.status(output.saturated)
         if self.motion.lost:
             return DiagnosticStatus.ERROR, f'{self.motion.lost}: zero torque', values
-        if self.commands.shared:
-            return DiagnosticStatus.ERROR, 'another node sends commands, too', values
         if self.monitors.violations:
             return DiagnosticStatus.ERROR, self.monitors.first_violation, values
         if self.estimates.wanted and not self.lockstep:

@@ -19,6 +19,7 @@ from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runtime.channels import LARGEST_BATCH, LONGEST_WAIT
 from adaptive_blf_control.runtime.data_topics import DataTopics
 from adaptive_blf_control.runtime.fault_log import FaultLog
+from adaptive_blf_control.runtime.heard_topic import new_label
 from adaptive_blf_control.runtime.loop_statistics import LoopStatistics
 from adaptive_blf_control.runtime.node_parameters import (
     declare,
@@ -57,6 +58,8 @@ class DataNode(Node, Generic[NodeSettings]):
         faults: Dropped messages and faults.
         statistics: How well the loop holds its rate.
         between_samples: Held while messages are handled; its holder is between two samples.
+        label: What its messages say of their source; '' in lockstep, where every run is to send
+            the same bytes.
         lockstep: Whether time is that of /clock (``use_sim_time``) and every sample is answered.
     """
 
@@ -86,6 +89,7 @@ class DataNode(Node, Generic[NodeSettings]):
             self.destroy_node()
             raise
         self.lockstep = bool(self.get_parameter('use_sim_time').value)
+        self.label = '' if self.lockstep else new_label(self.get_fully_qualified_name())
         self.stop = stop or StopFlag()
         self.exit_code = 0
         self.between_samples = threading.RLock()
