@@ -337,6 +337,18 @@ class Controller:
                              'present error outside the new performance set')
         self._take(tuning, sets)
 
+    def carry_on(self, torque: np.ndarray) -> None:
+        """Begin the motion with an arm that already is under ``torque``, shape (n,) [N·m]."""
+        self._memory.torque[:] = torque
+
+    def shorten_interval(self, t: float, longest: float) -> None:
+        """Let the torque of the sample at ``t`` [s] change as within ``longest`` [s] at most.
+
+        For stamps that run ahead of the clock: the limit of the rate is one of real time.
+        """
+        time = self._memory.time
+        time[0] = max(time[0], t - longest)  # NaN stays: max takes its first argument then
+
     def update(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
                torque: np.ndarray | None = None) -> ControlOutput:
         """Compute the torque for the sample taken at ``t`` [s] since the start of the motion.

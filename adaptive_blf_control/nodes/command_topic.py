@@ -123,7 +123,8 @@ class CommandTopic:
             return
         if not self._node.lockstep:
             for step in ramp_down(torque, ramp_time, rate_limit):
+                time.sleep(RAMP_STEP)  # since the command before
                 self.send(step)
-                time.sleep(RAMP_STEP)
+            time.sleep(RAMP_STEP)
         self.send_zero()
         self._publisher.wait_for_all_acked(DELIVERY_TIMEOUT)

@@ -27,6 +27,7 @@ from adaptive_blf_control.control.laws.protocol import uses_estimate
 from adaptive_blf_control.control.motion import groups_of, Motion
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.ramp import RAMP_STEP
+from adaptive_blf_control.control.refusal import Refusal
 from adaptive_blf_control.control.source_gate import SourceGate
 from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.messages.joint_state_reader import JointStateReader
@@ -40,6 +41,7 @@ from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runtime.channels import LONGEST_WAIT
 from adaptive_blf_control.runtime.heard_topic import HeardTopic
 from adaptive_blf_control.runtime.managed_node import ManagedNode
+from adaptive_blf_control.runtime.message_age import MessageAge
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
 from adaptive_blf_control.runtime.status_report import Status
@@ -77,7 +79,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
         """Make the node; ``autostart`` configures it, which checks all that needs no arm."""
         self.heard_at: float | None = None
-        self._looked_at = 0.0
+        self._looked_at = self._answered_at = 0.0
+        self._age = MessageAge()
         self._configured = False
         super().__init__('controller', ControllerNodeSettings, context=context, **options)
 
@@ -166,10 +169,13 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if not self.commands.claimed:
             return
         if self.output is not None:
-            self.commands.ramp_down(self.output.torque, self.settings.ramp_time,
-                                    broadcast(self.settings.torque_rate_limit, self.arm.n))
+            self.commands.ramp_down(self.motion.torque, self.settings.ramp_time,
+                                    self._rate_limit())
         self.commands.release()
         self.motion.end()
+
+    def _rate_limit(self) -> np.ndarray:
+        return broadcast(self.settings.torque_rate_limit, self.arm.n)
 
     def retune(self, settings: ControllerNodeSettings, changed: set[str]) -> None:
         """Change gains, limits, sets and reference between two samples, or refuse with numbers."""
@@ -184,7 +190,11 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.monitors.begin()  # V(0) of Theorem 2 belonged to the settings before
 
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> bool:
-        """Answer a joint state with a torque; False if it cannot be used."""
+        """Answer a joint state with a torque; False if it is not one of this arm's.
+
+        The newest state decides: where it cannot be answered, none is.
+        """
+        self._watch_silence()
         try:
             stamp, q, qd, torque = self._state_reader.read(data)
         except BagError as error:
@@ -197,10 +207,11 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if second is not None:
             self.faults.refuse(second)
             return False
-        refusal = self.motion.refuse(stamp, q, qd, self.settings.state_timeout)
+        refusal = self._too_old(info) or self.motion.refuse(stamp, q, qd,
+                                                            self.settings.state_timeout)
         if refusal is not None:
             self.faults.refuse(refusal)
-            return False
+            return True  # it is the newest of its source: an older one is not answered instead
         if not self._ready(stamp, q, qd):
             self.topics.later(self.on_joint_states, data, info)
             return True
@@ -208,12 +219,20 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         controller = self.motion.controller or self._begin(stamp, q, qd)
         self.heard_at = time.monotonic()
         self.aged(info)
-        output = self._answer(stamp, q, qd, torque, controller)
+        output = self._answer(stamp, q, qd, torque, controller, self._elapsed(info))
         if begins:  # after the answer, because a log line takes longer than the law
             self.get_logger().info('motion begins')
             if self.active:
                 self.monitors.state_guarantee(controller, stamp, output)
         return True
+
+    def _too_old(self, info: dict[str, int]) -> Refusal | None:
+        """Refuse a state that has waited, e.g. while this process was stopped."""
+        sent, timeout = info.get('source_timestamp'), self.settings.state_timeout
+        if self.lockstep or not sent:
+            return None
+        age = self._age.of(sent, time.time_ns())
+        return None if age <= timeout else Refusal('joint state too old', f'{age:.3g} s')
 
     def _begin(self, stamp: int, q: np.ndarray, qd: np.ndarray) -> Controller:
         controller = self.motion.begin(stamp, q, qd)
@@ -235,9 +254,15 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.motion.end()
         return self.motion.controller is not None or self.commands.heard
 
+    def _elapsed(self, info: dict[str, int]) -> float | None:
+        """Return the real time since the answer before [s]; None in lockstep."""
+        before, self._answered_at = self._answered_at, time.monotonic()
+        received = not self.lockstep and 'source_timestamp' in info
+        return self._answered_at - before if received else None
+
     def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
-                controller: Controller) -> ControlOutput:
-        output = self.motion.answer(stamp, q, qd, self.theta, torque)
+                controller: Controller, elapsed: float | None) -> ControlOutput:
+        output = self.motion.answer(stamp, q, qd, self.theta, torque, elapsed)
         self.commands.send(output.torque, stamp)
         self.monitors.publish_term(stamp, output)
         inside = self.monitors.watch(controller, stamp, output, self.theta)
@@ -260,8 +285,16 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         now = time.monotonic()
         if now - self._looked_at >= GRAPH_PERIOD:
             self.look_around(now)
+        self._watch_silence()
+
+    def _watch_silence(self) -> None:
+        """Zero torque where no state came in time; before a state is taken, too.
+
+        After a pause of this process a state is there at once, and the arm was left to itself.
+        """
         timeout = self.settings.state_timeout
-        if self.commands.pushes and self.heard_at and now - self.heard_at > timeout:
+        if (self._configured and self.commands.pushes and self.active and not self.lockstep
+                and self.heard_at and time.monotonic() - self.heard_at > timeout):
             self._stop_motion('joint states lost',
                               f'no joint state for {timeout:g} s: zero torque')
 
@@ -286,9 +319,12 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.faults.report(reason, text)
 
     def finish(self) -> None:
-        """Send zero torque as the last command, unless none was sent and the brakes are on."""
+        """Bring the torque to zero as fast as its rate may change; zero is the last command.
+
+        Nothing is sent where none was sent before: the brakes are on.
+        """
         if self._configured and self.commands.pushes:
-            self.commands.send_zero()
+            self.commands.ramp_down(self.motion.torque, 0.0, self._rate_limit())
 
     def _second_source(self) -> str:
         return (self._states.second_source() or self.commands.others()
