@@ -7,16 +7,23 @@ from collections.abc import Iterable
 import difflib
 
 __all__ = ['GIT_LFS_POINTER', 'ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra',
-           'ParameterError', 'SetViolation', 'UnknownParameter']
+           'ParameterError', 'SetViolation', 'UnknownParameter', 'shortened']
 
 # How the file begins that Git leaves in place of a large one that was not fetched.
 GIT_LFS_POINTER = b'version https://git-lfs'
 _LONGEST = 400  # characters of a value in a message
 
 
-def _short(value: object) -> str:
-    text = ' '.join(repr(value).split())
+def shortened(text: str) -> str:
+    """Return a text for a message: without its middle where it is long."""
     return text if len(text) <= _LONGEST else f'{text[:_LONGEST // 2]} ... {text[-40:]}'
+
+
+def _short(value: object) -> str:
+    # The text of a million numbers takes half a second in which nothing else runs.
+    if isinstance(value, (list, tuple, str, bytes)) and len(value) > _LONGEST:
+        return f'{shortened(repr(value[:10]))} and so on, {len(value)} in all'
+    return shortened(' '.join(repr(value).split()))
 
 
 class BlfError(Exception):

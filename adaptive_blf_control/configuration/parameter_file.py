@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 import yaml
 
+from adaptive_blf_control.bounded_yaml import BoundedLoader, load_yaml_text, read_yaml_text
 from adaptive_blf_control.configuration.node_settings import NODE_SETTINGS, RuntimeSettings, TABLES
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.settings import Settings
@@ -39,7 +40,7 @@ PARAMETERS_KEY = 'ros__parameters'  # a run's parameter file in a bag's custom_d
 ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(BoundedLoader):
     """Takes ``1e-5`` for a number, as YAML 1.2 and the parameter files of ROS do."""
 
 
@@ -49,14 +50,14 @@ _Loader.add_implicit_resolver(
 
 
 def _loaded(text: str) -> Any:
-    return yaml.load(text, _Loader)  # a SafeLoader
+    return load_yaml_text(text, _Loader)
 
 
 def load_yaml(path: str | Path) -> dict[str, Any]:
     """Read a parameter file; ParameterError names the file and line where it is malformed."""
     path = Path(path)
     try:
-        data = _loaded(path.read_text(encoding='utf-8'))
+        data = _loaded(read_yaml_text(path))
     except OSError as error:
         raise ParameterError('params-file', str(path),
                              f'a readable YAML file ({error.strerror})') from None

@@ -222,7 +222,7 @@ class ArmDriver(SteppedDriver):
         if drives.timed_out and had_commands:
             self.faults.report('no commands', (
                 f'no command for {settings.command_timeout:g} s: '
-                f'{settings.timeout_action} torque'))
+                f'{settings.timeout_action} torque'), orderly=self.count_publishers(COMMANDS) == 0)
         self.send_state(due_ns + self._offset_ns, effort.torque, effort.interval)
         self.sampled()
         return True

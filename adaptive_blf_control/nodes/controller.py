@@ -153,6 +153,9 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             BlfError: no fresh joint states, or another node sends commands.
         """
         self._check_fresh()
+        if not self.estimates.ready:
+            raise BlfError(f'{self.resolve_topic_name(THETA_HAT)}: no estimate yet: the motion '
+                           'waits for the identifier, unless wait_for_identifier is false')
         self.motion.check_start()
         self.commands.claim()
         self.motion.prepare()
@@ -247,7 +250,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if not self.active:
             self.motion.rest(q, qd)
             self.heard_at = time.monotonic()
-            if not (self.wants_activation and self.commands.someone_drives()
+            if not (self.wants_activation and self.estimates.ready
+                    and self.commands.someone_drives()
                     and self.activate_by_itself()):
                 return False
         if self.motion.lost:
@@ -296,7 +300,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if (self._configured and self.commands.pushes and self.active and not self.lockstep
                 and self.heard_at and time.monotonic() - self.heard_at > timeout):
             self._stop_motion('joint states lost',
-                              f'no joint state for {timeout:g} s: zero torque')
+                              f'no joint state for {timeout:g} s: zero torque',
+                              orderly=self.count_publishers(JOINT_STATES) == 0)
 
     def look_around(self, now: float) -> None:
         """Stop if no arm listens; give way to another controller that sends commands.
@@ -312,11 +317,11 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
                                'another controller sends commands, too: this one gives way')
             self.deactivate_by_itself()
 
-    def _stop_motion(self, reason: str, text: str) -> None:
+    def _stop_motion(self, reason: str, text: str, *, orderly: bool = False) -> None:
         """Send zero torque; the next state begins a new motion."""
         self.motion.lose(reason)
         self.commands.send_zero()
-        self.faults.report(reason, text)
+        self.faults.report(reason, text, orderly=orderly)
 
     def finish(self) -> None:
         """Bring the torque to zero as fast as its rate may change; zero is the last command.
@@ -326,13 +331,19 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self._configured and self.commands.pushes:
             self.commands.ramp_down(self.motion.torque, 0.0, self._rate_limit())
 
+    def _awaited(self) -> str:
+        """Return what a motion waits for."""
+        ready = self.state_id == State.PRIMARY_STATE_UNCONFIGURED or self.estimates.ready
+        return ('waiting for joint states and a listener' if ready else
+                'waiting for the identifier: no estimate yet')
+
     def _second_source(self) -> str:
         return (self._states.second_source() or self.commands.others()
                 or (self.estimates.heard.second_source() if self.estimates.wanted else ''))
 
     def status(self) -> Status:
         """Report the margins of all constraints, V and saturation."""
-        waiting = 'waiting for joint states and a listener'
+        waiting = self._awaited()
         if self.state_id == State.PRIMARY_STATE_UNCONFIGURED:
             return DiagnosticStatus.WARN, 'unconfigured', {}
         if not self.lockstep and (second := self._second_source()):

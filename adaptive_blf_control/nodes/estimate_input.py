@@ -76,6 +76,12 @@ class EstimateInput:
             return False
         return not self.gate.use_after(last_ns) and self._node.count_publishers(THETA_HAT) > 0
 
+    @property
+    def ready(self) -> bool:
+        """Whether a motion may begin: an estimate is there, or is not asked for."""
+        return (not self.wanted or self._node.lockstep or self._received_at is not None
+                or not self._node.settings.wait_for_identifier)
+
     def status(self, values: dict[str, object]) -> Status:
         """Return the diagnostics of a node that runs: a warning where the estimate is old."""
         if self._received_at is None:

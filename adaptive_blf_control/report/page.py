@@ -82,8 +82,8 @@ def page(recordings: Sequence[Recording], guarantees: Sequence[GuaranteeOverTime
 
 
 def _data(name: str, value: Any) -> str:
-    """A script tag with JSON in it; ``</`` must not end the tag."""
-    text = json.dumps(value, separators=(',', ':'), allow_nan=False).replace('</', '<\\/')
+    """A script tag with JSON in it; nothing in it begins or ends a tag or a comment."""
+    text = json.dumps(value, separators=(',', ':'), allow_nan=False).replace('<', '\\u003c')
     return f'<script type="application/json" id="{name}">{text}</script>'
 
 
