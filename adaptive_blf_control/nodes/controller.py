@@ -120,7 +120,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
                                            controller.constraints.names)
         self.trajectories = TrajectoryInput(self, self.motion)
         self._trajectory_topic = self.create_subscription(
-            JointTrajectory, JOINT_TRAJECTORY, self.trajectories.receive, TRAJECTORY_QUEUE_DEPTH)
+            JointTrajectory, JOINT_TRAJECTORY, self.trajectories.offer, TRAJECTORY_QUEUE_DEPTH,
+            raw=True)
         self._inputs = []
         if self.estimates.wanted:
             self._inputs.append(self.topics.subscribe(
