@@ -32,6 +32,11 @@ class TrajectoryInput:
         self._waiting: bytes | None = None
         self._works = False
 
+    @property
+    def busy(self) -> bool:
+        """Whether points are being checked."""
+        return self._works
+
     def offer(self, data: bytes) -> None:
         """Follow the points of a message as CDR, later and in a thread of its own.
 
