@@ -33,24 +33,23 @@ class BoundedLoader(yaml.SafeLoader):
         self._depth += 1
         if self._depth > DEEPEST:
             raise yaml.YAMLError(f'expected at most {DEEPEST} levels in one another')
+        alias = self.check_event(yaml.AliasEvent)  # type: ignore[no-untyped-call]
         node: Any = super().compose_node(parent, index)  # type: ignore[no-untyped-call]
         self._depth -= 1
-        self._measure(node)
+        if not alias:
+            self._measure(node)
+        elif not isinstance(node, yaml.ScalarNode) and id(node) not in self._sizes:
+            raise yaml.YAMLError('expected no alias of what it is in')
         return node
 
     def _measure(self, node: Any) -> None:
-        if id(node) in self._sizes or isinstance(node, yaml.ScalarNode):
-            return
-        if not hasattr(node, 'value'):
+        if isinstance(node, yaml.ScalarNode):
             return
         parts = node.value
         if isinstance(node, yaml.MappingNode):
             parts = [part for pair in node.value for part in pair]
-        sizes = [1 if isinstance(part, yaml.ScalarNode) else self._sizes.get(id(part), 0)
-                 for part in parts]
-        if 0 in sizes:
-            raise yaml.YAMLError('expected no alias of what it is in')
-        self._sizes[id(node)] = size = 1 + sum(sizes)
+        self._sizes[id(node)] = size = 1 + sum(
+            1 if isinstance(part, yaml.ScalarNode) else self._sizes[id(part)] for part in parts)
         if size > LARGEST_CONTENT:
             raise yaml.YAMLError(f'expected at most {LARGEST_CONTENT} values, aliases followed')
 

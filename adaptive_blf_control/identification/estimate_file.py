@@ -112,7 +112,9 @@ def write_estimate(path: Path, snapshot: Snapshot, written_at: str = '', *,
 
 def _check_replaceable(path: Path) -> None:
     """Raise OSError for a file that is no estimate: a wrong path must not cost what is there."""
-    if not os.path.lexists(path) or path.is_file() and path.stat().st_size == 0:
+    if not os.path.exists(path) or path.is_dir():  # which cannot be replaced
+        return
+    if path.is_file() and path.stat().st_size == 0:
         return
     if not path.is_file():
         raise OSError(None, 'exists and is not a regular file', str(path))

@@ -201,11 +201,23 @@ def check_all_reached(node: Node, kind: str, args: Sequence[str]) -> None:
         if known_elsewhere(own, kind):
             raise ParameterError(f'-p {name}', value,
                                  f'a parameter of {kind}; another kind of node has this one')
+        _check_in_force(node, own, value)
     for path in _files(args):
         sections = load_yaml(path)
         check_sections_reach(sections, full_name)
         for key in unknown_sections(sections, full_name):
             node.get_logger().warning(f'{path}: section {key!r} is for none of our nodes')
+
+
+def _check_in_force(node: Node, name: str, text: str) -> None:
+    """Raise ParameterError where a value of the command line gives way to a section of a file."""
+    if not node.has_parameter(name):
+        return
+    given, present = load_yaml_text(text), _plain(node.get_parameter(name).value)
+    if type(given) is type(present) and given != present:
+        raise ParameterError(f'-p {name}', text, (
+            f'-p {node.get_name()}:{name}:={text}, because a section of a file says {present} and '
+            'has precedence over a plain -p; under a namespace another section'))
 
 
 def _rules(args: Sequence[str]) -> Iterator[str]:

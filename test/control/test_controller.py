@@ -407,8 +407,8 @@ def test_outside_a_set_what_leads_back_is_accepted_and_what_leads_on_is_not():
     law, t = controller(), 4.0
     error = np.array([law.performance.upper[0] + 0.1, 0.0])  # outside above
     q = law.reference.at(t).position + error
+    away = law.reference.at(t).position - 0.05
     with pytest.raises(SetViolation, match='present error outside'):
-        away = law.reference.at(t).position - 0.05
         law.retune(t, q, reference=Posture(away))
     law.retune(t, q, reference=TASK, blend_time=1.0)  # the error stays, and the way is calm
     nearer = law.reference.at(t).position + 0.05
