@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 import os
 from pathlib import Path
 import signal
@@ -21,7 +22,7 @@ import time
 
 from lifecycle_msgs.srv import GetState
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
@@ -47,8 +48,13 @@ LIMIT, RATE, TIMEOUT, TELLS = 200.0, 5000.0, 0.1, 77.0
 LENGTH = 3.0  # s of one attack
 RECOVERY = 60.0  # s within which the motion has to go on
 STEP = 1e-3  # s between the messages of a stranger
-SETTINGS = {'controller': [f'torque_limit:=[{LIMIT}]', f'torque_rate_limit:=[{RATE}]'],
-            'recorder': [], 'identifier': [], 'arm_driver': ['rate:=250.0']}
+SETTINGS = {'controller': [f'torque_limit:=[{LIMIT}]', f'torque_rate_limit:=[{RATE}]',
+                           # A stalled machine must not end the attack: the motion may begin
+                           # again wherever the arm has coasted.
+                           'safety.lower:=[-50.0]', 'safety.upper:=[50.0]'],
+            'recorder': [], 'identifier': [],
+            # Braked while nobody commands, it does not coast out of its safety set.
+            'arm_driver': ['rate:=250.0', 'timeout_action:=damping']}
 
 
 class _Stranger(Node):
@@ -147,8 +153,9 @@ def main(args: Sequence[str] | None = None) -> int:
         stranger = _Stranger(observer, nodes)
         executor = SingleThreadedExecutor()
         executor.add_node(stranger)
-        threading.Thread(target=executor.spin, daemon=True).start()
+        threading.Thread(target=_spin, args=(executor,), daemon=True).start()
         try:
+            _goes_on(observer, nodes)
             broken = _rounds(stranger, observer, nodes, time.monotonic() + 60.0 * options.minutes)
         except BlfError as error:
             print(error, file=sys.stderr)
@@ -158,14 +165,20 @@ def main(args: Sequence[str] | None = None) -> int:
     return int(broken)
 
 
+def _spin(executor: SingleThreadedExecutor) -> None:
+    with suppress(ExternalShutdownException):
+        executor.spin()
+
+
 def _rounds(stranger: _Stranger, observer: CommandObserver, nodes: NodeProcesses,
             end: float) -> bool:
     attacks: tuple[Callable[[], None], ...] = (
         stranger.shout_commands, stranger.shout_estimates, stranger.shout_states,
         stranger.long_trajectory, stranger.long_list, stranger.pause_controller,
         stranger.pause_driver, stranger.second_driver, stranger.ask)
-    _goes_on(observer, nodes)
-    while time.monotonic() < end:
+    rounds = 0
+    while not rounds or time.monotonic() < end:
+        rounds += 1
         for attack in attacks:
             before = observer.count
             attack()
