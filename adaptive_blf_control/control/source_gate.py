@@ -57,7 +57,7 @@ class SourceGate:
             now: When it arrived.
             timeout: Silence after which another source may follow [s].
             alone: Whether the topic has one publisher only; asked where numbers do not continue.
-                A publisher that was made anew begins to count anew, and has the topic for itself.
+                A publisher that was made again counts from 1, and has the topic for itself.
         """
         silent = now - self._seen_at > timeout
         if source != self.source:

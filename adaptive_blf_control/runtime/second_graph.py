@@ -18,7 +18,7 @@ from adaptive_blf_control.runtime.status_report import PERIOD
 __all__ = ['refuse_beside_another']
 
 DIAGNOSTICS = '/diagnostics'
-PATIENCE = 2.5 * PERIOD  # s in which a node that lives speaks
+TIMEOUT = 2.5 * PERIOD  # s in which a node that lives speaks
 POLL_PERIOD = 0.01  # s
 DISCOVERY = 1.5  # s after which a node knows the others on its host
 # Kinds of which one at a time may speak on a topic, whatever its name. Two controllers may be
@@ -40,7 +40,7 @@ def refuse_beside_another(node: DataNode) -> None:
     def hear(data: bytes, _: object) -> None:
         heard.extend(_names_beside(node, data))
 
-    give_up = time.monotonic() + PATIENCE
+    give_up = time.monotonic() + TIMEOUT
     while not heard and node.up and time.monotonic() < give_up:
         channel.take(hear)
         time.sleep(POLL_PERIOD)
