@@ -69,7 +69,7 @@ def read_yaml_text(path: Path) -> str:
         OSError: it cannot be read, is no regular file, or too large.
         UnicodeDecodeError: it is not UTF-8.
     """
-    if path.exists() and not path.is_file():
+    if path.exists() and not path.is_file() and not path.is_dir():
         raise OSError(None, 'not a regular file', str(path))
     if path.exists() and path.stat().st_size > LARGEST_FILE:
         raise OSError(None, f'larger than {LARGEST_FILE} bytes', str(path))

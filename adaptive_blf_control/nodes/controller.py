@@ -268,6 +268,9 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
     def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
                 controller: Controller, elapsed: float | None) -> ControlOutput:
         output = self.motion.answer(stamp, q, qd, self.theta, torque, elapsed)
+        self._watch_silence()
+        if self.motion.lost:  # the process was stopped while it computed
+            return output
         self.commands.send(output.torque, stamp)
         self.monitors.publish_term(stamp, output)
         inside = self.monitors.watch(controller, stamp, output, self.theta)

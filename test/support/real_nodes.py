@@ -90,7 +90,7 @@ class Graph:
 
         A controller does not wait for an identifier, unless that is asked for.
         """
-        if kind.__name__ == 'ControllerNode':
+        if parameters and kind.__name__ == 'ControllerNode':
             parameters.setdefault('wait_for_identifier', False)
         overrides = [Parameter(name.replace('__', '.'), value=value)
                      for name, value in parameters.items()]
