@@ -51,7 +51,7 @@ endef
 export CHECK_PYTHON
 
 .DELETE_ON_ERROR:
-.PHONY: help env demo test bench soak lint clean
+.PHONY: help env demo test bench soak attack lint clean
 
 help:  ## print this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -75,6 +75,9 @@ bench: env  ## measure the figures of docs/benchmarks.md; ARGS go to the benchma
 
 soak: env  ## run the four processes for MINUTES=60: memory, latency, account of messages
 	@$(PY) -m adaptive_blf_control soak --minutes $(MINUTES) $(ARGS)
+
+attack: env  ## let strangers attack the four processes for MINUTES=10 under an observer
+	@$(PY) -m adaptive_blf_control attack --minutes $(if $(filter file,$(origin MINUTES)),10,$(MINUTES)) $(ARGS)
 
 lint: env  ## ruff and mypy over the package
 	@$(PY) -m ruff check .

@@ -8,7 +8,7 @@ import difflib
 from typing import Any
 
 __all__ = ['GIT_LFS_POINTER', 'ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra',
-           'ParameterError', 'SetViolation', 'UnknownParameter', 'close_names']
+           'ParameterError', 'SetViolation', 'UnknownParameter', 'close_names', 'shortened']
 
 # How the file begins that Git leaves in place of a large one that was not fetched.
 GIT_LFS_POINTER = b'version https://git-lfs'
@@ -19,6 +19,11 @@ _MANY = 120  # names that it lists without a suggestion: those of one node
 _CLOSE = 0.7  # likeness of a name that is suggested
 
 
+def shortened(text: str) -> str:
+    """Return a text for a message: without its middle where it is long."""
+    return text if len(text) <= _LONGEST else f'{text[:_LONGEST // 2]} ... {text[-40:]}'
+
+
 def _short(value: object) -> str:
     """Return a value as a message shows it; of a long array or list its shape and its ends."""
     size = getattr(value, 'size', None)
@@ -26,8 +31,9 @@ def _short(value: object) -> str:
         return f'an array of shape {value.shape}, {_ends(value.flat, size)}'  # type: ignore
     if isinstance(value, (list, tuple)) and len(value) > _SHOWN:
         return f'a {type(value).__name__} of {len(value)} elements, {_ends(value, len(value))}'
-    text = ' '.join(repr(value).split())
-    return text if len(text) <= _LONGEST else f'{text[:_LONGEST // 2]} ... {text[-40:]}'
+    if isinstance(value, (str, bytes)):  # the text of a million would hold up everything else
+        value = value if len(value) <= 2 * _LONGEST else value[:_LONGEST] + value[-_LONGEST:]
+    return shortened(' '.join(repr(value).split()))
 
 
 def _ends(values: Any, count: int) -> str:

@@ -34,6 +34,7 @@ TOOLS: dict[str, str] = {
 
 BENCHES: dict[str, str] = {
     'compare': 'our law against other laws, and the study of sensor noise',
+    'attack': 'strangers attack the four processes while an observer judges the commands',
     'soak': 'the four processes for an hour: memory, latency, every message accounted for',
     'bench': 'measure every figure of docs/benchmarks.md on this machine',
 }

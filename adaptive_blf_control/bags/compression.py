@@ -14,11 +14,14 @@ from typing import Any, IO
 
 from adaptive_blf_control.errors import BagError
 
-__all__ = ['PACKED_SUFFIXES', 'is_packed', 'unpack_file', 'unpack_message']
+__all__ = ['PACKED_SUFFIXES', 'is_packed', 'unpack_bounded', 'unpack_file',
+           'unpack_message']
 
 PACKED_SUFFIXES = ('.zstd', '.zst', '.lz4')
 _ZSTD, _LZ4 = b'\x28\xb5\x2f\xfd', b'\x04\x22\x4d\x18'
-_LARGEST = 1 << 30  # bytes of one message
+_LARGEST = 1 << 28  # bytes of one message
+_LARGEST_FILE = 1 << 40  # bytes
+_LARGEST_RATIO = 200  # of an unpacked file to the packed one, beyond the first gigabyte
 _BLOCK = 1 << 20  # bytes
 
 
@@ -33,19 +36,34 @@ def unpack_message(data: bytes) -> bytes:
     Raises:
         BagError: the frame is damaged.
     """
-    if data.startswith(_ZSTD):
+    if not is_packed(data):
+        return data
+    try:
+        return unpack_bounded(data, 'zstd' if data.startswith(_ZSTD) else 'lz4', _LARGEST)
+    except BagError as exc:
+        raise BagError(f'message cannot be decompressed: {exc}') from exc
+
+
+def unpack_bounded(data: bytes, compression: str, largest: int) -> bytes:
+    """Return what zstd or lz4 data stand for; BagError where it is more than ``largest`` bytes."""
+    # Imported here because bags of this package are not compressed.
+    if compression == 'zstd':
         import zstandard
         try:
-            return zstandard.ZstdDecompressor().decompress(data, max_output_size=_LARGEST)
+            if zstandard.frame_content_size(data) > largest:
+                raise BagError(f'it stands for more than {largest} bytes')
+            unpacked = zstandard.ZstdDecompressor().decompress(data, max_output_size=largest)
         except zstandard.ZstdError as exc:
-            raise BagError(f'message cannot be decompressed: {exc}') from exc
-    if data.startswith(_LZ4):
+            raise BagError(str(exc)) from exc
+    else:
         from lz4 import frame
         try:
-            return bytes(frame.decompress(data))
-        except RuntimeError as exc:
-            raise BagError(f'message cannot be decompressed: {exc}') from exc
-    return data
+            unpacked = frame.LZ4FrameDecompressor().decompress(data, max_length=largest + 1)
+        except (RuntimeError, EOFError) as exc:
+            raise BagError(str(exc)) from exc
+    if len(unpacked) > largest:
+        raise BagError(f'it stands for more than {largest} bytes')
+    return bytes(unpacked)
 
 
 def unpack_file(path: Path) -> IO[bytes]:
@@ -60,8 +78,13 @@ def unpack_file(path: Path) -> IO[bytes]:
         unpacked: IO[bytes] = tempfile.NamedTemporaryFile(  # noqa: SIM115 (the caller closes it)
             prefix='adaptive_blf_control_', suffix=path.with_suffix('').suffix)
         with path.open('rb') as stream:
+            room = min((1 << 30) + _LARGEST_RATIO * path.stat().st_size, _LARGEST_FILE)
             for block in _blocks(stream):
                 unpacked.write(block)
+                room -= len(block)
+                if room < 0:
+                    raise BagError(f'{path}: cannot be unpacked: it stands for far more than a '
+                                   'recording of its size')
         unpacked.flush()
     except OSError as exc:
         raise BagError(f'{path}: cannot be unpacked: {exc.strerror or exc}') from exc

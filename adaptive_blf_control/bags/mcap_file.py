@@ -17,8 +17,10 @@ import zlib
 
 import yaml
 
+from adaptive_blf_control.bags.compression import unpack_bounded
 from adaptive_blf_control.bags.metadata import BagMetadata, parse_metadata, parse_qos
 from adaptive_blf_control.bags.storage import Channel
+from adaptive_blf_control.bounded_yaml import load_yaml_text
 from adaptive_blf_control.errors import BagError
 
 __all__ = ['MAGIC', 'ChannelDetails', 'McapFile']
@@ -30,6 +32,10 @@ _HEAD = struct.Struct('<BQ')
 _MESSAGE_HEAD = struct.Struct('<HIQQ')
 _CHUNK_HEAD = struct.Struct('<QQQI')
 _U16, _U32, _U64 = struct.Struct('<H'), struct.Struct('<I'), struct.Struct('<Q')
+
+LATEST = 2**63 - 1  # ns
+LARGEST_CHANNELS = 20_000
+LARGEST_CHUNK = 1 << 28  # bytes; writers end a chunk at some megabytes
 
 _Buffer = bytes | mmap.mmap
 
@@ -85,12 +91,14 @@ class McapFile:
         self.details: dict[int, ChannelDetails] = {}
         self.problem: str | None = None
         self._schemas: dict[int, _Schema] = {}
+        self._channel_records: dict[bytes, bytes] = {}
+        self._channel_changes = 0
         self._serialized_metadata = ''
 
     def metadata(self) -> BagMetadata | None:
         """Return the last rosbag2 metadata record, after one pass; None where unreadable."""
         try:
-            return parse_metadata(yaml.safe_load(self._serialized_metadata), str(self.path))
+            return parse_metadata(load_yaml_text(self._serialized_metadata), str(self.path))
         except (BagError, yaml.YAMLError, ValueError, RecursionError):
             return None
 
@@ -182,6 +190,9 @@ class McapFile:
                 if length < _MESSAGE_HEAD.size:
                     raise _BreakError(f'{where}: message record of {length} bytes')
                 channel, _, log_time, sent_time = _MESSAGE_HEAD.unpack_from(buffer, body)
+                if log_time > LATEST:
+                    raise _BreakError(f'{where}: message of {log_time} ns: expected a time of '
+                                      f'at most 2**63 - 1 ns')
                 if channel not in channels:
                     raise _BreakError(f'{where}: message of unknown channel {channel}')
                 yield (channel, log_time, sent_time,
@@ -191,9 +202,17 @@ class McapFile:
                 number = fields.number(_U16)
                 self._schemas[number] = _Schema(fields.text(), fields.text(), fields.text())
             elif opcode == _CHANNEL:
-                self._read_channel(_Fields(buffer, body, position))
+                self._read_channel(buffer, body, position)
 
-    def _read_channel(self, fields: _Fields) -> None:
+    def _read_channel(self, buffer: _Buffer, body: int, end: int) -> None:
+        record = buffer[body:end]
+        if self._channel_records.get(record[:_U16.size]) == record:
+            return  # writers repeat it in every chunk
+        self._channel_records[record[:_U16.size]] = record
+        self._channel_changes += 1
+        if self._channel_changes > LARGEST_CHANNELS:
+            raise _BreakError(f'has more than {LARGEST_CHANNELS} channels')
+        fields = _Fields(buffer, body, end)
         number, schema_number = fields.number(_U16), fields.number(_U16)
         schema = self._schemas.get(schema_number, _Schema('', '', ''))
         topic, encoding = fields.text(), fields.text()
@@ -216,6 +235,9 @@ class McapFile:
         if fields.position + stored > end:
             raise _BreakError(f'chunk at byte {body} claims {stored} bytes: too many')
         data = content[fields.position:fields.position + stored]
+        if size > LARGEST_CHUNK:
+            raise _BreakError(f'chunk at byte {body} claims {size} bytes: expected at most '
+                              f'{LARGEST_CHUNK}')
         if compression:
             data = _decompress(data, compression, size, body)
         if len(data) != size or (crc and zlib.crc32(data) != crc):
@@ -260,15 +282,10 @@ class _Fields:
 
 
 def _decompress(data: bytes, compression: str, size: int, body: int) -> bytes:
-    # Imported here because bags of this package are not compressed.
-    from mcap.records import Chunk
-    from mcap.stream_reader import get_chunk_data_stream
-
     if compression not in ('zstd', 'lz4'):
         raise _BreakError(f'chunk at byte {body} has compression {compression!r}: '
                           'expected zstd or lz4')
     try:
-        stream, length = get_chunk_data_stream(Chunk(compression, data, 0, 0, 0, size))
-        return bytes(stream.read(length))
-    except Exception as exc:  # the decompressors' errors have no base in common
+        return unpack_bounded(data, compression, size)
+    except BagError as exc:
         raise _BreakError(f'chunk at byte {body} cannot be decompressed: {exc}') from exc

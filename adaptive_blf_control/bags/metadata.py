@@ -11,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from adaptive_blf_control.bounded_yaml import load_yaml_text, read_yaml_text
 from adaptive_blf_control.errors import BagError
 
 __all__ = ['EMPTY_START', 'METADATA_NAME', 'BagMetadata', 'FileInformation', 'TopicMetadata',
@@ -172,11 +173,11 @@ def load_metadata(folder: Path) -> BagMetadata:
     """
     path = folder / METADATA_NAME
     try:
-        text = path.read_text(encoding='utf-8')
+        text = read_yaml_text(path)
     except (OSError, UnicodeDecodeError) as exc:
         raise BagError(f'{path}: cannot be read: {exc}') from exc
     try:
-        document = yaml.safe_load(text)
+        document = load_yaml_text(text)
     except (yaml.YAMLError, ValueError, RecursionError) as exc:
         raise BagError(f'{path}: not YAML: {exc}') from exc
     if not isinstance(document, dict) or _ROOT not in document:
@@ -225,7 +226,7 @@ def _parse_files(content: Mapping[str, Any]) -> tuple[FileInformation, ...]:
 def parse_qos(text: str) -> tuple[Mapping[str, Any], ...]:
     """Parse QoS profiles stored as text in a channel; empty where they cannot be read."""
     try:
-        profiles = yaml.safe_load(text) or ()
+        profiles = load_yaml_text(text) or ()
         return tuple(dict(profile) for profile in profiles)
     except (yaml.YAMLError, TypeError, ValueError, RecursionError):
         return ()
@@ -236,7 +237,7 @@ def _parse_topic(item: Mapping[str, Any]) -> TopicMetadata:
     qos = topic.get('offered_qos_profiles') or ()
     if isinstance(qos, str):  # version 8 and older
         try:
-            qos = yaml.safe_load(qos) or ()
+            qos = load_yaml_text(qos) or ()
         except yaml.YAMLError as exc:
             raise ValueError(f'offered_qos_profiles of {topic["name"]!r}: {exc}') from exc
     return TopicMetadata(str(topic['name']), str(topic['type']), tuple(map(dict, qos)),

@@ -27,6 +27,8 @@ def open_file(path: Path) -> McapFile | SqliteFile:
     Raises:
         BagError: names the file and what it is instead.
     """
+    if path.exists() and not path.is_file():
+        raise BagError(f'{path} is not a regular file: expected a bag')
     try:
         with path.open('rb') as stream:
             start = stream.read(_START)

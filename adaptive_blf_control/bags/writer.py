@@ -256,7 +256,17 @@ class BagWriter:
             {'offered_qos_profiles': dump_yaml(profiles),
              'topic_type_hash': definition.type_hash})
 
+    def _check_in_place(self) -> None:
+        """Raise OSError where the file was removed or renamed: nobody would find what follows."""
+        try:
+            there = os.path.samestat(os.stat(self.file), os.fstat(self._stream.fileno()))
+        except FileNotFoundError:
+            there = False
+        if not there:
+            raise OSError(None, 'it was removed or renamed while it was being written')
+
     def _flush(self, fsync: bool) -> None:
+        self._check_in_place()
         self._writer.flush()
         self._flushed = _Flushed(self._stream.tell(), dict(self._counts), self._start_ns,
                                  self._end_ns)

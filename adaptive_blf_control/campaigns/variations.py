@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
+from adaptive_blf_control.bounded_yaml import load_yaml_text, read_yaml_text
 from adaptive_blf_control.campaigns.distributions import (
     Distribution,
     read_distribution,
@@ -106,7 +107,7 @@ class Variation:
 def read_vary_file(path: Path) -> dict[str, Any]:
     """Read what varies; ParameterError where the file cannot be read or is no mapping."""
     try:
-        given = yaml.safe_load(path.read_text(encoding='utf-8'))
+        given = load_yaml_text(read_yaml_text(path))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ParameterError('--vary', str(path), f'a readable YAML file ({error})') from None
     if not isinstance(given, Mapping) or set(given) - {'sampling', 'vary'} or not isinstance(

@@ -106,7 +106,8 @@ class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, w
     estimate_file: str = parameter(
         '',
         'Where theta_hat is written, by ~/save_estimate and every estimate_period. Empty: '
-        'adaptive_blf_control/NAMESPACE/theta_hat.yaml in ROS_HOME, else in ~/.ros.', live=True)
+        'adaptive_blf_control/NAMESPACE/theta_hat.yaml in ROS_HOME, else in ~/.ros. A file '
+        'that is no estimate is not replaced.')
     estimate_period: float = parameter(
         5.0,
         'The estimate is written to estimate_file this often while learning; 0 only on '
@@ -188,6 +189,10 @@ class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
     state_timeout: float = parameter(
         0.1, 'Without a new joint state for this long a zero torque is commanded.',
         's', 0.0, 60.0, exclusive=True, live=True)
+    wait_for_identifier: bool = parameter(
+        True,
+        'Begin the first motion only when an estimate has arrived, where the law uses one: until '
+        'then the brakes hold. false: begin with initial_estimate.')
     monitor_decimation: int = parameter(
         10,
         'Publish reference and margins every this many samples, the margins as the smallest '

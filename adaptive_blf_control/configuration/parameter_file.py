@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 import yaml
 
+from adaptive_blf_control.bounded_yaml import BoundedLoader, load_yaml_text, read_yaml_text
 from adaptive_blf_control.configuration.node_settings import NODE_SETTINGS, RuntimeSettings, TABLES
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.settings import Settings
@@ -40,7 +41,7 @@ PARAMETERS_KEY = 'ros__parameters'  # a run's parameter file in a bag's custom_d
 ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(BoundedLoader):
     """Takes ``1e-5`` for a number, as YAML 1.2 and the parameter files of ROS do."""
 
 
@@ -50,7 +51,7 @@ _Loader.add_implicit_resolver(
 
 
 def _loaded(text: str) -> Any:
-    return yaml.load(text, _Loader)  # a SafeLoader
+    return load_yaml_text(text, _Loader)
 
 
 def load_yaml(path: str | Path, name: str = 'parameter file') -> dict[str, Any]:
@@ -62,7 +63,7 @@ def load_yaml(path: str | Path, name: str = 'parameter file') -> dict[str, Any]:
     """
     path = Path(path)
     try:
-        data = _loaded(path.read_text(encoding='utf-8'))
+        data = _loaded(read_yaml_text(path))
     except OSError as error:
         raise ParameterError(name, str(path),
                              f'a readable YAML file ({error.strerror})') from None

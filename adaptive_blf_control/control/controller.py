@@ -48,6 +48,7 @@ from adaptive_blf_control.control.set_constraints import (
 from adaptive_blf_control.control.sets import (
     Bounds,
     check_inside,
+    check_no_further_out,
     check_performance_inside_safety,
     GrowingBounds,
     JointInterval,
@@ -154,6 +155,7 @@ class Controller(Guided, settings=ControllerSettings,
     performance: JointInterval
     reference: Reference
     constraints: Constraints
+    safety_filter: SafetyFilter | None
 
     def __init__(self, arm: Arm, settings: ControllerSettings | None = None,
                  safety: JointInterval | _Group | None = None,
@@ -336,7 +338,8 @@ class Controller(Guided, settings=ControllerSettings,
         """Change what is given, from ``t`` on: all of it or, with an error, nothing.
 
         Gains and limits alone are taken whatever the state. A new set has to hold the present
-        state strictly inside. (9) has to hold with all that is new, both references included.
+        state strictly inside; what is outside already may not get further
+        out. (9) has to hold with all that is new, both references included.
 
         Args:
             t: Time of the last sample [s] since the start of the motion; needed where a set or
@@ -399,15 +402,18 @@ class Controller(Guided, settings=ControllerSettings,
         if any(part is not None for part in (safety, performance, reference)):
             sets = self._checked(t, safety or self.safety, performance or self.performance, follow)
             if safety is not None:
-                check_inside(safety.lower, safety.upper, q, joints,
-                             'present position outside the new safety set')
+                check_no_further_out(safety.lower, safety.upper, q, self.safety.margin(q), joints,
+                                     'present position outside the new safety set')
             bounds, present = sets.bounds.at(t), self._bounds.at(t)
             # Those of a smooth start depend on the safety set, too.
             if (performance is not None or reference is not None
                     or (bounds.lower > present.lower).any()
                     or (bounds.upper < present.upper).any()):
-                check_inside(bounds.lower, bounds.upper, q - follow.at(t).position, joints,
-                             'present error outside the new performance set')
+                error = q - self.reference.at(t).position
+                check_no_further_out(
+                    bounds.lower, bounds.upper, q - follow.at(t).position,
+                    np.minimum(error - present.lower, present.upper - error), joints,
+                    'present error outside the new performance set')
         self._take(tuning, sets)
 
     def follow(self, reference: Reference) -> None:
@@ -417,6 +423,18 @@ class Controller(Guided, settings=ControllerSettings,
             reference: One that goes on from the present one, its range inside the sets.
         """
         vars(self)['reference'] = reference
+
+    def carry_on(self, torque: np.ndarray) -> None:
+        """Begin the motion with an arm that already is under ``torque``, shape (n,) [N·m]."""
+        self._memory.torque[:] = torque
+
+    def shorten_interval(self, t: float, longest: float) -> None:
+        """Let the torque of the sample at ``t`` [s] change as within ``longest`` [s] at most.
+
+        For stamps that run ahead of the clock: the limit of the rate is one of real time.
+        """
+        time = self._memory.time
+        time[0] = max(time[0], t - longest)  # NaN stays: max takes its first argument then
 
     def update(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
                torque: np.ndarray | None = None) -> ControlOutput:

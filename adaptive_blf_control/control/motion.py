@@ -67,6 +67,7 @@ class Motion:
         gate: Order of the joint states.
         q: Positions measured last, shape (n,) [rad].
         qd: Velocities measured last, shape (n,) [rad/s].
+        torque: Commanded last, shape (n,) [N·m]; zero where the arm is left to itself.
         planned: Whether given points are followed instead of the reference of the settings.
     """
 
@@ -78,6 +79,7 @@ class Motion:
         self.lost = ''
         self.gate = StateGate(arm.joints)
         self.q, self.qd = np.zeros(arm.n), np.zeros(arm.n)
+        self.torque = np.zeros(arm.n)
         self.planned = False
         self._resumes = False
         self._start_ns = 0
@@ -121,6 +123,7 @@ class Motion:
     def prepare(self) -> None:
         """Let the next state begin a motion, joined to the reference of the settings."""
         self.controller, self.planned = None, False
+        self.torque = np.zeros(self.arm.n)
 
     def begin(self, stamp: int, q: np.ndarray, qd: np.ndarray) -> Controller:
         """Begin a motion with the state of ``stamp`` [ns], (n,) [rad] and [rad/s].
@@ -135,11 +138,12 @@ class Motion:
             controller = holding_controller(self.settings, self.arm, q, qd)
         else:
             controller = joined_controller(self.settings, self.arm, q, qd, self._resumes)
+        controller.carry_on(self.torque)
         self.controller, self._start_ns = controller, stamp
         return controller
 
     def answer(self, stamp: int, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
-               torque: np.ndarray | None = None) -> ControlOutput:
+               torque: np.ndarray | None = None, elapsed: float | None = None) -> ControlOutput:
         """Answer a state of the motion.
 
         Args:
@@ -148,17 +152,21 @@ class Motion:
             qd: Measured velocities, shape (n,) [rad/s].
             theta: Parameter estimate θ̂, shape (m,).
             torque: Measured torque, shape (n,) [N·m]; None where there is none.
+            elapsed: Real time since the answer before [s]; None where only stamps count.
         """
         if self.controller is None:
             raise BlfError('no motion has begun')
         self.gate.take(stamp)
         self.q, self.qd, self.lost = q, qd, ''
+        if elapsed is not None:
+            self.controller.shorten_interval(self.t, elapsed)
         self.output = self.controller.update(self.t, q, qd, theta, torque)
+        self.torque = self.output.torque
         return self.output
 
     def lose(self, reason: str) -> None:
         """Note that the torque is zero now; the next state begins another motion."""
-        self.lost = reason
+        self.lost, self.torque = reason, np.zeros(self.arm.n)
 
     def end(self) -> None:
         """End the motion; the next one is joined to the reference, wherever it begins."""

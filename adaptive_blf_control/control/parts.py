@@ -19,6 +19,18 @@ from adaptive_blf_control.errors import ParameterError
 __all__ = ['ControllerParts', 'controller_parts']
 
 
+def _check_demand(name: str, sinusoids: SinusoidSettings, limits: ReferenceSettings) -> None:
+    """Raise ParameterError where sinusoids may ask for more than the limits of the reference."""
+    speed = np.abs(np.asarray(sinusoids.amplitude) * np.asarray(sinusoids.frequency))
+    for what, unit, demand, limit in (
+            ('velocity', 'rad/s', speed, limits.velocity_limit),
+            ('acceleration', 'rad/s²', speed * np.abs(sinusoids.frequency),
+             limits.acceleration_limit)):
+        if demand.sum() > limit:
+            raise ParameterError(name, f'a reference that asks for {demand.sum():.4g} {unit}', (
+                f'at most {limit:g} {unit}, reference.{what}_limit: less amplitude or frequency'))
+
+
 def _reference(settings: ReferenceSettings, joints: tuple[str, ...]) -> Reference:
     for name in settings.of_joint:
         if name not in joints:
@@ -32,6 +44,8 @@ def _reference(settings: ReferenceSettings, joints: tuple[str, ...]) -> Referenc
         if len(set(lengths)) != 1:
             raise ParameterError(f'controller.reference.{joint}', lengths,
                                  'amplitude, frequency and phase of the same length')
+    for joint, each in zip(joints, sinusoids):
+        _check_demand(f'controller.reference.{joint}', each, settings)
     terms = max(len(row) for row in rows[0])
     padded = [np.array([np.pad(row, (0, terms - len(row))) for row in column])
               for column in rows]

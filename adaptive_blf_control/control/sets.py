@@ -12,7 +12,7 @@ from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.control.reference import quintic
 from adaptive_blf_control.errors import ParameterError, SetViolation
 
-__all__ = ['Bounds', 'GrowingBounds', 'JointInterval', 'check_inside',
+__all__ = ['Bounds', 'GrowingBounds', 'JointInterval', 'check_inside', 'check_no_further_out',
            'check_performance_inside_safety']
 
 # Equality is allowed (the paper's own examples meet (9) with it); this absorbs rounding only.
@@ -75,6 +75,30 @@ def check_inside(lower: np.ndarray, upper: np.ndarray, value: np.ndarray,
             raise SetViolation(joint, float(value[i]), float(lower[i]), what)
         if not value[i] < upper[i]:
             raise SetViolation(joint, float(value[i]), float(upper[i]), what)
+
+
+def check_no_further_out(lower: np.ndarray, upper: np.ndarray, value: np.ndarray,
+                         margin: np.ndarray, joints: tuple[str, ...], what: str) -> None:
+    """Check a change of bounds or of what is compared with them; the arrays have shape (n,).
+
+    As `check_inside`; but a joint that is outside already may be as far out as it is, or less:
+    who has left a set must not be kept from what leads back.
+
+    Args:
+        lower: New bounds.
+        upper: Likewise.
+        value: What has to lie between them.
+        margin: Distance to the nearer bound before the change, negative outside.
+        joints: Their names.
+        what: For the message.
+
+    Raises:
+        SetViolation: for the first joint that would be outside, or further out.
+    """
+    new = np.minimum(value - lower, upper - value)
+    kept = (margin <= 0.0) & (new >= margin)
+    free = np.full_like(value, np.inf)
+    check_inside(np.where(kept, -free, lower), np.where(kept, free, upper), value, joints, what)
 
 
 class Bounds(NamedTuple):

@@ -86,6 +86,13 @@ class ReferenceSettings(Settings, where='controller.reference'):
     """The reference y_d and how a motion joins it."""
 
     of_joint: Mapping[str, SinusoidSettings] = group_per_joint(SinusoidSettings)
+    velocity_limit: float = parameter(
+        20.0,
+        'Largest velocity that the reference of a joint may ask for; one beyond it is refused.',
+        'rad/s', 0.0, exclusive=True, live=True)
+    acceleration_limit: float = parameter(
+        500.0, 'Largest acceleration that it may ask for, likewise.',
+        'rad/s^2', 0.0, exclusive=True, live=True)
     smooth_start: float = parameter(
         2.0,
         'Time over which the measured posture is joined to the reference and the performance '

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import comb
 
 import numpy as np
 
@@ -20,15 +21,34 @@ from adaptive_blf_control.errors import ParameterError
 __all__ = ['DelayedReference', 'JoinedReference', 'PointReference']
 
 
-def _quintic(duration: float, start: ReferencePoint, end: ReferencePoint) -> np.ndarray:
-    """Coefficients c_0..c_5 of the quintic that meets both ends to C², shape (6, n)."""
-    t = duration
+def _quintics(t: np.ndarray, start: ReferencePoint, end: ReferencePoint) -> np.ndarray:
+    """Coefficients c_0..c_5 of K quintics that meet their ends to C², shape (6, K, n).
+
+    Args:
+        t: Their durations, shape (K, 1) [s].
+        start: Begin of each, arrays of shape (K, n).
+        end: End of each, likewise.
+    """
     c0, c1, c2 = start.position, start.velocity, 0.5 * start.acceleration
     dy = end.position - (c0 + c1 * t + c2 * t * t)
     dv = (end.velocity - (c1 + 2.0 * c2 * t)) * t
     da = (end.acceleration - 2.0 * c2) * t * t
     return np.array([c0, c1, c2, (10.0 * dy - 4.0 * dv + 0.5 * da) / t**3,
                      (-15.0 * dy + 7.0 * dv - da) / t**4, (6.0 * dy - 3.0 * dv + 0.5 * da) / t**5])
+
+
+def _bernstein(c: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Return the Bernstein coefficients of polynomials over [0, length]; they bound the values.
+
+    Args:
+        c: Coefficients of K polynomials of degree d for n joints, shape (K, d + 1, n).
+        lengths: Shape (K,).
+    """
+    degree = c.shape[1] - 1
+    scaled = c * lengths[:, None, None] ** np.arange(degree + 1)[None, :, None]
+    weight = np.array([[comb(i, j) / comb(degree, j) for j in range(degree + 1)]
+                       for i in range(degree + 1)])
+    return np.einsum('ij,kjn->kin', weight, scaled)
 
 
 def _beyond_numbers() -> ParameterError:
@@ -63,8 +83,10 @@ class PointReference:
         if np.any(points[-1].velocity) or np.any(points[-1].acceleration):
             raise ParameterError('joint_trajectory.points[-1].velocities',
                                  points[-1].velocity.tolist(), 'zeros: the end at rest')
-        self._segments = [_quintic(float(t1 - t0), p0, p1) for t0, t1, p0, p1 in zip(
-            self._times, self._times[1:], points, points[1:])]
+        rows = ReferencePoint(*(np.array(part) for part in zip(*points)))
+        self._segments = np.moveaxis(_quintics(
+            np.diff(self._times)[:, None], ReferencePoint(*(part[:-1] for part in rows)),
+            ReferencePoint(*(part[1:] for part in rows))), 1, 0)
         if not np.isfinite(self._segments).all():
             raise _beyond_numbers()
         self._last = points[-1]
@@ -87,16 +109,33 @@ class PointReference:
         Raises:
             ParameterError: the numbers are too large or too small for that.
         """
-        lower, upper = self._last.position.copy(), self._last.position.copy()
-        for c, length in zip(self._segments, np.diff(self._times)):
-            for i in range(lower.size):
-                rate = c[1:, i] * np.arange(1, 6)
-                roots = _roots(rate[::-1])
-                inside = roots[np.isreal(roots)].real
-                inside = inside[(inside > 0.0) & (inside < length)]
-                values = np.polynomial.polynomial.polyval(
-                    np.concatenate([[0.0, length], inside]), c[:, i])
-                lower[i], upper[i] = min(lower[i], values.min()), max(upper[i], values.max())
+        return self.extremes(0)
+
+    def extremes(self, order: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the exact range of a derivative: 0 [rad], 1 [rad/s], 2 [rad/s²]; arrays (n,).
+
+        Only where the Bernstein coefficients of a segment leave the range of all ends does it
+        matter where it turns.
+        """
+        lengths = np.diff(self._times)
+        c = self._segments
+        for _ in range(order):
+            c = c[:, 1:] * np.arange(1.0, c.shape[1])[None, :, None]
+        with np.errstate(over='ignore', invalid='ignore'):
+            hull = _bernstein(c, lengths)
+        if not np.isfinite(hull).all():
+            raise _beyond_numbers()
+        ends = np.concatenate([hull[:, 0], hull[:, -1]])
+        lower, upper = ends.min(axis=0), ends.max(axis=0)
+        leaves = (hull.min(axis=1) < lower) | (hull.max(axis=1) > upper)
+        for k, i in np.argwhere(leaves):
+            rate = c[k, 1:, i] * np.arange(1, c.shape[1])
+            roots = _roots(rate[::-1])
+            inside = roots[np.isreal(roots)].real
+            inside = inside[(inside > 0.0) & (inside < lengths[k])]
+            values = np.polynomial.polynomial.polyval(
+                np.concatenate([[0.0, lengths[k]], inside]), c[k, :, i])
+            lower[i], upper[i] = min(lower[i], values.min()), max(upper[i], values.max())
         return lower, upper
 
 

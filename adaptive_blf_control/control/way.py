@@ -5,10 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.reference import Reference, ReferencePoint
 from adaptive_blf_control.control.sets import check_inside, check_performance_inside_safety
+from adaptive_blf_control.control.settings import ReferenceSettings
 from adaptive_blf_control.control.trajectory import JoinedReference, PointReference
+from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['way_through']
 
@@ -27,6 +31,7 @@ def way_through(points: Sequence[tuple[float, ReferencePoint]], controller: Cont
 
     Raises:
         ParameterError: times or values do not fit.
+        ParameterError: the points ask for more than ``velocity_limit`` or ``acceleration_limit``.
         SetViolation: the way there, with the performance set around it, leaves the safety set, or
             the first point is at 0 s and not within the performance set around the reference.
     """
@@ -40,4 +45,17 @@ def way_through(points: Sequence[tuple[float, ReferencePoint]], controller: Cont
     way = PointReference([0.0, *(time for time, _ in points)],
                          [here, *(point for _, point in points)])
     check_performance_inside_safety(controller.safety, performance, way.range(), joints)
+    _check_demand(way, controller.settings.reference, joints)
     return JoinedReference(controller.reference, t, way)
+
+
+def _check_demand(way: PointReference, limits: ReferenceSettings, joints: tuple[str, ...]) -> None:
+    for order, unit, limit, name in (
+            (1, 'rad/s', limits.velocity_limit, 'velocity_limit'),
+            (2, 'rad/s²', limits.acceleration_limit, 'acceleration_limit')):
+        demand = np.abs(way.extremes(order)).max(axis=0)
+        i = int(np.argmax(demand))
+        if demand[i] > limit:
+            raise ParameterError('joint_trajectory.points', (
+                f'{demand[i]:.4g} {unit} of joint {joints[i]!r} on the way'),
+                f'at most {limit:g} {unit}, reference.{name}: more time between the points')

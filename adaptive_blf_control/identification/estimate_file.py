@@ -23,6 +23,8 @@ __all__ = ['estimate_path', 'recent_estimate', 'write_estimate', 'write_text']
 
 FOLDER = 'adaptive_blf_control'
 FILE = 'theta_hat.yaml'
+LONGEST_HEAD = 4096  # bytes within which theta_hat begins
+OURS = re.compile(rb'^theta_hat:', re.MULTILINE)
 PLAIN = re.compile(r'(?!(?i:y|yes|n|no|on|off|true|false|null)$)[A-Za-z][A-Za-z0-9_]*$')
 
 
@@ -92,7 +94,7 @@ def write_estimate(path: Path, snapshot: Snapshot, written_at: str = '', *,
     from any thread; where it fails, the file of before is left and nothing beside it.
 
     Args:
-        path: The file; replaced if it exists.
+        path: The file; replaced if it exists and is an estimate or empty.
         snapshot: From :meth:`Identifier.snapshot`.
         written_at: The present time in ISO 8601 with its offset from UTC, '' for none.
         std: Standard deviation of each parameter, shape (m,), infinite where it is not
@@ -100,11 +102,26 @@ def write_estimate(path: Path, snapshot: Snapshot, written_at: str = '', *,
         make_folder: Make the folders above ``path`` if they are missing.
 
     Raises:
-        OSError: the file cannot be written.
+        OSError: the file cannot be written, or is none that may be replaced.
     """
     if make_folder:
         _make_folder(path.parent)
+    _check_replaceable(path)
     write_text(path, _content(snapshot, written_at, std))
+
+
+def _check_replaceable(path: Path) -> None:
+    """Raise OSError for a file that is no estimate: a wrong path must not cost what is there."""
+    if not os.path.exists(path) or path.is_dir():  # which cannot be replaced
+        return
+    if path.is_file() and path.stat().st_size == 0:
+        return
+    if not path.is_file():
+        raise OSError(None, 'exists and is not a regular file', str(path))
+    with path.open('rb') as file:
+        start = file.read(LONGEST_HEAD)
+    if not OURS.search(start):
+        raise OSError(None, 'exists and holds no estimate: it is not replaced', str(path))
 
 
 def write_text(path: Path, text: str) -> None:

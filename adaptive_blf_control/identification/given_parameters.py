@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.bounded_yaml import load_yaml_text, read_yaml_text
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.table import broadcast, NOMINAL
 
@@ -56,7 +57,7 @@ def read_estimate(path: Path, parameters: tuple[str, ...],
 def load_estimate(path: Path, name: str) -> Any:
     """Return what is in a file; ParameterError where it cannot be read."""
     try:
-        return yaml.safe_load(path.read_text(encoding='utf-8'))
+        return load_yaml_text(read_yaml_text(path))
     except OSError as error:
         raise ParameterError(name, str(path), f'a readable file ({error.strerror})') from None
     except (ValueError, yaml.YAMLError):

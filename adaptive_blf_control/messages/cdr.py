@@ -17,7 +17,12 @@ from types import MappingProxyType
 import numpy as np
 
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.cdr_cursor import Cursor, ENCAPSULATION_LE, encode_string
+from adaptive_blf_control.messages.cdr_cursor import (
+    align,
+    Cursor,
+    ENCAPSULATION_LE,
+    encode_string,
+)
 from adaptive_blf_control.messages.joint_state import (
     decode_joint_state,
     JointStateCodec,
@@ -34,28 +39,56 @@ _INT32 = struct.Struct('<4si')
 # layout.dim empty, layout.data_offset 0, then the count of data.
 _PLAIN_ARRAY = ENCAPSULATION_LE + bytes(8)
 _ARRAY_COUNT = struct.Struct('<I')
+STAMP_DIGITS = 19  # of a stamp below 2**31 s in ns
 _ARRAY_START = 20
 
 
 class Float64MultiArrayCodec:
-    """Encoder for std_msgs/msg/Float64MultiArray of fixed length and empty layout."""
+    """Encoder for std_msgs/msg/Float64MultiArray of fixed length.
 
-    def __init__(self, n: int) -> None:
+    With a label the layout has one dimension, whose label ends in a stamp; see
+    :mod:`adaptive_blf_control.messages.command`. Without one the layout is empty. It reuses one
+    buffer, so an instance belongs to one thread.
+    """
+
+    def __init__(self, n: int, label: str = '') -> None:
         """Lay out a message of `n` doubles."""
         self.n = n
-        gap = bytes(4 if n else 0)  # an empty sequence has no alignment gap behind its count
-        self._buffer = bytearray(_PLAIN_ARRAY + _ARRAY_COUNT.pack(n) + gap + bytes(8 * n))
-        self._view = np.frombuffer(self._buffer, '<f8', n, _ARRAY_START if n else 0)
+        self._stamp: slice | None = None
+        head = bytearray(_PLAIN_ARRAY)
+        if label:
+            head = bytearray(ENCAPSULATION_LE + struct.pack('<I', 1))
+            head += encode_string(f'{label} {0:0{STAMP_DIGITS}d}', 'label')
+            self._stamp = slice(len(head) - 1 - STAMP_DIGITS, len(head) - 1)
+            _pad(head, 4)
+            head += struct.pack('<III', n, n, 0)
+        head += _ARRAY_COUNT.pack(n)
+        if n:  # an empty sequence has no alignment gap behind its count
+            _pad(head, 8)
+        start = len(head)
+        self._buffer = head + bytes(8 * n)
+        self._view = np.frombuffer(self._buffer, '<f8', n, start if n else 0)
 
-    def encode(self, values: Sequence[float] | np.ndarray) -> bytes:
-        """Return the message for values of shape (n,); BagError where the length differs."""
+    def encode(self, values: Sequence[float] | np.ndarray, stamp_ns: int = 0) -> bytes:
+        """Return the message for values of shape (n,); BagError where the length differs.
+
+        Args:
+            values: Of any unit.
+            stamp_ns: Stamp in the label [ns], not negative; not used without one.
+        """
         if len(values) != self.n:
             raise BagError(f'Float64MultiArray gets {len(values)} values: expected {self.n}')
         try:
             self._view[:] = values
         except (ValueError, TypeError) as exc:
             raise BagError(f'Float64MultiArray: {exc}: expected {self.n} numbers') from exc
+        if self._stamp is not None:
+            self._buffer[self._stamp] = b'%0*d' % (STAMP_DIGITS, max(stamp_ns, 0))
         return bytes(self._buffer)
+
+
+def _pad(head: bytearray, size: int) -> None:
+    head += bytes(align(len(head), size) - len(head))
 
 
 def decode_float64_array(data: bytes) -> np.ndarray:

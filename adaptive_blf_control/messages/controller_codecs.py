@@ -32,9 +32,12 @@ class ControllerCodecs:
     """Encoders of the adaptation term, reference, errors, margins and guarantee."""
 
     def __init__(self, joints: Sequence[str], parameters: Sequence[str],
-                 margins: Sequence[MarginName]) -> None:
-        """Prepare the templates for the names of joints, parameters and margins."""
-        self._term = JointStateCodec(parameters, fields=('position',))
+                 margins: Sequence[MarginName], label: str = '') -> None:
+        """Prepare the templates for the names of joints, parameters and margins.
+
+        The ``frame_id`` of the adaptation term is the ``label`` of who sends it.
+        """
+        self._term = JointStateCodec(parameters, label, fields=('position',))
         # y_d, its velocity, and its acceleration [rad/s²] in the third array, effort.
         self._reference = JointStateCodec(joints)
         self._error = JointStateCodec(joints, fields=('position', 'velocity'))

@@ -38,9 +38,12 @@ class HistoryFigures(NamedTuple):
 class EstimateStream:
     """The estimate after every sample, the figures of the history where they have changed."""
 
-    def __init__(self, parameters: Sequence[str]) -> None:
-        """Prepare the messages for the names of the parameters."""
-        self._theta = JointStateCodec(parameters, fields=('position',))
+    def __init__(self, parameters: Sequence[str], label: str = '') -> None:
+        """Prepare the messages for the names of the parameters.
+
+        The ``frame_id`` of an estimate is the ``label`` of who sends it.
+        """
+        self._theta = JointStateCodec(parameters, label, fields=('position',))
         self._history = HistoryPublication()
 
     def messages(self, stamp: int, theta: np.ndarray, insertions: int,

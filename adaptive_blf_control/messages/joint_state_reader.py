@@ -31,12 +31,14 @@ class _Layout(NamedTuple):
     """What one publisher's messages have in common.
 
     Attributes:
+        frame: frame_id.
         key: Bytes of frame_id and names; they fix where the arrays begin.
         first: Offset of the count of `position`.
         size: Number of names.
         order: Index of each of our joints among the names, shape (n,).
     """
 
+    frame: bytes
     key: bytes
     first: int
     size: int
@@ -48,11 +50,15 @@ class JointStateReader:
 
     The permutation is kept for each layout (frame_id and names as bytes), so that only the first
     message of a publisher is parsed name by name.
+
+    Attributes:
+        source: frame_id of the message read last: what it says of its publisher.
     """
 
     def __init__(self, joints: Sequence[str]) -> None:
         """Take the joints; BagError if one is listed twice."""
         self.joints = tuple(joints)
+        self.source = b''
         refuse_duplicates(self.joints, 'reader')
         self._layouts: list[_Layout] = []
         self._nothing = np.full(len(self.joints), np.nan)
@@ -80,7 +86,7 @@ class JointStateReader:
     def _read_arrays(self, data: bytes, layout: _Layout
                      ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Read a message of known layout; struct.error or ValueError where it is not sound."""
-        _, _, size, order = layout
+        _, _, _, size, order = layout
         position, arrays = layout.first, []
         for _ in FIELDS:
             (count,) = _COUNT.unpack_from(data, position)
@@ -94,11 +100,13 @@ class JointStateReader:
             arrays.append(np.frombuffer(data, _DOUBLE, size, position).take(order))
             position += 8 * size
         sec, nanosec = STAMP.unpack_from(data, HEADER_SIZE)
+        self.source = layout.frame
         return sec * NANOSECONDS + nanosec, arrays[0], arrays[1], arrays[2]
 
     def _read_slowly(self, data: bytes) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         cursor = Cursor(data, 'JointState')
-        stamp_ns, _, names = decode_head(cursor)
+        stamp_ns, frame_id, names = decode_head(cursor)
+        frame = frame_id.encode()
         order = self._match(names)
         layout_end = cursor.pos
         arrays = []
@@ -112,7 +120,8 @@ class JointStateReader:
                 raise BagError(f'JointState.{field} has {len(values)} values for {len(names)} '
                                'names: expected as many, or none')
         if cursor.order == '<' and self.joints:
-            self._remember(data[_FRAME_OFFSET:layout_end], names, order)
+            self._remember(frame, data[_FRAME_OFFSET:layout_end], names, order)
+        self.source = frame
         return stamp_ns, arrays[0], arrays[1], arrays[2]
 
     def _match(self, names: tuple[str, ...]) -> np.ndarray:
@@ -124,9 +133,10 @@ class JointStateReader:
                            f'it has {list(names)}')
         return np.array([where[joint] for joint in self.joints], dtype=np.intp)
 
-    def _remember(self, key: bytes, names: tuple[str, ...], order: np.ndarray) -> None:
+    def _remember(self, frame: bytes, key: bytes, names: tuple[str, ...],
+                  order: np.ndarray) -> None:
         if any(layout.key == key for layout in self._layouts):
             return
         first = align(_FRAME_OFFSET + len(key), 4)
-        self._layouts.insert(0, _Layout(key, first, len(names), order))
+        self._layouts.insert(0, _Layout(frame, key, first, len(names), order))
         del self._layouts[_MAX_LAYOUTS:]

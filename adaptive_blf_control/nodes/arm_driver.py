@@ -28,11 +28,12 @@ from adaptive_blf_control.arms.robot_description import robot_description
 from adaptive_blf_control.configuration.build import build_plant
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.errors import BagError, ParameterError
-from adaptive_blf_control.messages.cdr import decode_float64_array, encode_text
+from adaptive_blf_control.messages.cdr import encode_text
+from adaptive_blf_control.messages.command import read_command
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, ROBOT_DESCRIPTION
 from adaptive_blf_control.nodes.arm_lockstep import ArmLockstep, SteppedDriver
-from adaptive_blf_control.runtime.endpoints import full_name, UNNAMED
+from adaptive_blf_control.runtime.heard_topic import HeardTopic
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of, is_topic
 from adaptive_blf_control.runtime.round_trip import RoundTrips
@@ -91,6 +92,9 @@ class ArmDriver(SteppedDriver):
         self.drives = Drives(plant, settings, settings.ramp_time)
         self.grid = StateGrid(settings.rate)
         self.commands = CommandGate(self.arm.joints)
+        self._heard = HeardTopic(self, COMMANDS, self.commands.source,
+                                 lambda: self.settings.command_timeout)
+        self._stamp_ns = 0  # of the newest state
         self._codec = JointStateCodec(self.arm.joints, settings.frame_id)
         self._offset_ns = 0  # from the monotonic clock, that of all times here, to the stamps
         self._states = self.topics.publisher(JointState, JOINT_STATES)
@@ -147,19 +151,17 @@ class ArmDriver(SteppedDriver):
     def on_command(self, data: bytes, info: dict[str, int]) -> None:
         """Apply a command from now on; a wrong length or a non-finite value drops it whole."""
         try:
-            torque = decode_float64_array(data)
+            torque, source, answered_ns = read_command(data)
         except BagError as error:
             self.faults.drop('unreadable command', str(error))
             return
-        now = time.monotonic_ns()
-        refusal = self.commands.refuse(
-            torque, info.get('publication_sequence_number'),
-            self.commands.silent(now, self.settings.command_timeout),
-            lambda: self._command_input.get_publisher_count() == 1)
+        now, timeout = time.monotonic_ns(), self.settings.command_timeout
+        refusal = self.commands.refuse(torque, source, info.get('publication_sequence_number'),
+                                       now, timeout, self._heard.alone)
+        if refusal is None and self.stepping is None:
+            refusal = self.commands.too_old(answered_ns, self._stamp_ns, timeout)
         if refusal is not None:
-            if refusal.fault:
-                self.faults.last = 'commands of a second publisher refused'
-            self.faults.drop(refusal.reason, refusal.detail)
+            self.faults.refuse(refusal)
         elif self.stepping is not None:
             self.commands.heard_ns = now
             self.stepping.answers.command(torque)
@@ -235,13 +237,14 @@ class ArmDriver(SteppedDriver):
         if drives.timed_out and had_commands:
             self.faults.report('no commands', (
                 f'no command for {settings.command_timeout:g} s: '
-                f'{settings.timeout_action} torque'))
+                f'{settings.timeout_action} torque'), orderly=self.count_publishers(COMMANDS) == 0)
         self.send_state(due_ns + self._offset_ns, effort.torque, effort.interval)
         self.sampled()
         return True
 
     def send_state(self, stamp_ns: int, effort: np.ndarray, interval: float) -> None:
         """Measure and publish; ``effort`` is the mean torque over the ``interval`` [s] before."""
+        self._stamp_ns = stamp_ns
         data = self._codec.encode(stamp_ns, *self.plant.measure(effort, interval))
         self.round_trips.sent(time.time_ns())
         self._states.publish(data)
@@ -254,10 +257,9 @@ class ArmDriver(SteppedDriver):
         if not self.lockstep:
             values = {'missed periods': self.grid.missed, **self.round_trips.figures(
                 self.grid.period_ns, self.statistics.span_ns)}
-        publishers = [] if self.lockstep else self.get_publishers_info_by_topic(COMMANDS)
-        if len(publishers) > 1:
-            names = ', '.join(full_name(info) or UNNAMED for info in publishers)
-            return DiagnosticStatus.ERROR, f'several publishers of commands: {names}', values
+        second = '' if self.lockstep else self._heard.second_source()
+        if second:
+            return DiagnosticStatus.ERROR, second, values
         if not self.active:
             return DiagnosticStatus.WARN, 'inactive: brakes on', values
         if not self.started:

@@ -40,7 +40,7 @@ class CommandTopic:
         self.claimed_at = 0.0
         self.pushes = False
         self._node = node
-        self._codec = Float64MultiArrayCodec(n)
+        self._codec = Float64MultiArrayCodec(n, node.label)
         self._n = n
         self._publisher: Publisher | None = None
         self.senders = Endpoints(partial(node.get_publishers_info_by_topic, COMMANDS))
@@ -87,6 +87,12 @@ class CommandTopic:
         """Whether another node sends commands, too."""
         return self._node.count_publishers(COMMANDS) > 1
 
+    def others(self) -> str:
+        """Return that another node sends commands, too, with all names; '' where none does."""
+        names = [name or UNNAMED for name in self.senders.names()]
+        return (f'another node sends commands, too: {", ".join(sorted(names))}'
+                if self.claimed and len(names) > 1 else '')
+
     def has_to_give_way(self, now: float) -> bool:
         """Whether another controller began at the same moment as this one.
 
@@ -99,11 +105,11 @@ class CommandTopic:
         return (now - self.claimed_at < GIVE_WAY and self.shared
                 and self._node.count_publishers(ADAPTATION_TERM) > 1)
 
-    def send(self, torque: np.ndarray) -> None:
-        """Send a torque, shape (n,) [N·m]."""
+    def send(self, torque: np.ndarray, stamp: int = 0) -> None:
+        """Send a torque, shape (n,) [N·m], that answers the state of ``stamp`` [ns]; 0: none."""
         if self._publisher is not None:
             self.pushes = True
-            self._publisher.publish(self._codec.encode(torque))
+            self._publisher.publish(self._codec.encode(torque, stamp))
 
     def send_zero(self) -> None:
         """Send the zero torque, unless the topic is released or ROS is shut down."""
@@ -117,7 +123,8 @@ class CommandTopic:
             return
         if not self._node.lockstep:
             for step in ramp_down(torque, ramp_time, rate_limit):
+                time.sleep(RAMP_STEP)  # since the command before
                 self.send(step)
-                time.sleep(RAMP_STEP)
+            time.sleep(RAMP_STEP)
         self.send_zero()
         self._publisher.wait_for_all_acked(DELIVERY_TIMEOUT)

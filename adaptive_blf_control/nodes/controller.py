@@ -27,6 +27,8 @@ from adaptive_blf_control.control.laws.protocol import uses_estimate
 from adaptive_blf_control.control.motion import groups_of, Motion
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.ramp import RAMP_STEP
+from adaptive_blf_control.control.refusal import Refusal
+from adaptive_blf_control.control.source_gate import SourceGate
 from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.stamp import STAMP_LIMIT
@@ -37,7 +39,9 @@ from adaptive_blf_control.nodes.estimate_input import EstimateInput, limit_of
 from adaptive_blf_control.nodes.trajectory_input import TrajectoryInput
 from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runtime.channels import LONGEST_WAIT
+from adaptive_blf_control.runtime.heard_topic import HeardTopic
 from adaptive_blf_control.runtime.managed_node import ManagedNode
+from adaptive_blf_control.runtime.message_age import MessageAge
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
 from adaptive_blf_control.runtime.status_report import Status
@@ -75,7 +79,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
         """Make the node; ``autostart`` configures it, which checks all that needs no arm."""
         self.heard_at: float | None = None
-        self._looked_at = 0.0
+        self._looked_at = self._answered_at = 0.0
+        self._age = MessageAge()
         self._configured = False
         super().__init__('controller', ControllerNodeSettings, context=context, **options)
 
@@ -102,6 +107,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.estimates.wanted = settings.model == 'estimated' and uses_estimate(trial.law)
         self.motion = Motion(self.arm, settings)
         self._state_reader = JointStateReader(self.arm.joints)
+        self._states = HeardTopic(self, JOINT_STATES, SourceGate('joint state'),
+                                  lambda: self.settings.state_timeout, others_belong=True)
         self.commands = CommandTopic(self, self.arm.n)
         self.heard_at = None
         self._looked_at = 0.0
@@ -113,7 +120,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
                                            controller.constraints.names)
         self.trajectories = TrajectoryInput(self, self.motion)
         self._trajectory_topic = self.create_subscription(
-            JointTrajectory, JOINT_TRAJECTORY, self.trajectories.receive, TRAJECTORY_QUEUE_DEPTH)
+            JointTrajectory, JOINT_TRAJECTORY, self.trajectories.offer, TRAJECTORY_QUEUE_DEPTH,
+            raw=True)
         self._inputs = []
         if self.estimates.wanted:
             self._inputs.append(self.topics.subscribe(
@@ -146,6 +154,9 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             BlfError: no fresh joint states, or another node sends commands.
         """
         self._check_fresh()
+        if not self.estimates.ready:
+            raise BlfError(f'{self.resolve_topic_name(THETA_HAT)}: no estimate yet: the motion '
+                           'waits for the identifier, unless wait_for_identifier is false')
         self.motion.check_start()
         self.commands.claim()
         self.motion.prepare()
@@ -162,10 +173,13 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if not self.commands.claimed:
             return
         if self.output is not None:
-            self.commands.ramp_down(self.output.torque, self.settings.ramp_time,
-                                    broadcast(self.settings.torque_rate_limit, self.arm.n))
+            self.commands.ramp_down(self.motion.torque, self.settings.ramp_time,
+                                    self._rate_limit())
         self.commands.release()
         self.motion.end()
+
+    def _rate_limit(self) -> np.ndarray:
+        return broadcast(self.settings.torque_rate_limit, self.arm.n)
 
     def retune(self, settings: ControllerNodeSettings, changed: set[str]) -> None:
         """Change gains, limits, sets and reference between two samples, or refuse with numbers."""
@@ -180,7 +194,11 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.monitors.begin()  # V(0) of Theorem 2 belonged to the settings before
 
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> bool:
-        """Answer a joint state with a torque; False if it cannot be used."""
+        """Answer a joint state with a torque; False if it is not one of this arm's.
+
+        The newest state decides: where it cannot be answered, none is.
+        """
+        self._watch_silence()
         try:
             stamp, q, qd, torque = self._state_reader.read(data)
         except BagError as error:
@@ -189,10 +207,15 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if stamp >= STAMP_LIMIT:
             self.faults.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
             return False
-        refusal = self.motion.refuse(stamp, q, qd, self.settings.state_timeout)
+        second = None if self.lockstep else self._states.refuse(self._state_reader.source, info)
+        if second is not None:
+            self.faults.refuse(second)
+            return False
+        refusal = self._too_old(info) or self.motion.refuse(stamp, q, qd,
+                                                            self.settings.state_timeout)
         if refusal is not None:
             self.faults.refuse(refusal)
-            return False
+            return True  # it is the newest of its source: an older one is not answered instead
         if not self._ready(stamp, q, qd):
             self.topics.later(self.on_joint_states, data, info)
             return True
@@ -200,12 +223,20 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         controller = self.motion.controller or self._begin(stamp, q, qd)
         self.heard_at = time.monotonic()
         self.aged(info)
-        output = self._answer(stamp, q, qd, torque, controller)
+        output = self._answer(stamp, q, qd, torque, controller, self._elapsed(info))
         if begins:  # after the answer, because a log line takes longer than the law
             self.get_logger().info('motion begins')
             if self.active:
                 self.monitors.state_guarantee(controller, stamp, output)
         return True
+
+    def _too_old(self, info: dict[str, int]) -> Refusal | None:
+        """Refuse a state that has waited, e.g. while this process was stopped."""
+        sent, timeout = info.get('source_timestamp'), self.settings.state_timeout
+        if self.lockstep or not sent:
+            return None
+        age = self._age.of(sent, time.time_ns())
+        return None if age <= timeout else Refusal('joint state too old', f'{age:.3g} s')
 
     def _begin(self, stamp: int, q: np.ndarray, qd: np.ndarray) -> Controller:
         controller = self.motion.begin(stamp, q, qd)
@@ -220,17 +251,27 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if not self.active:
             self.motion.rest(q, qd)
             self.heard_at = time.monotonic()
-            if not (self.wants_activation and self.commands.someone_drives()
+            if not (self.wants_activation and self.estimates.ready
+                    and self.commands.someone_drives()
                     and self.activate_by_itself()):
                 return False
         if self.motion.lost:
             self.motion.end()
         return self.motion.controller is not None or self.commands.heard
 
+    def _elapsed(self, info: dict[str, int]) -> float | None:
+        """Return the real time since the answer before [s]; None in lockstep."""
+        before, self._answered_at = self._answered_at, time.monotonic()
+        received = not self.lockstep and 'source_timestamp' in info
+        return self._answered_at - before if received else None
+
     def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
-                controller: Controller) -> ControlOutput:
-        output = self.motion.answer(stamp, q, qd, self.theta, torque)
-        self.commands.send(output.torque)
+                controller: Controller, elapsed: float | None) -> ControlOutput:
+        output = self.motion.answer(stamp, q, qd, self.theta, torque, elapsed)
+        self._watch_silence()
+        if self.motion.lost:  # the process was stopped while it computed
+            return output
+        self.commands.send(output.torque, stamp)
         self.monitors.publish_term(stamp, output)
         inside = self.monitors.watch(controller, stamp, output, self.theta)
         self.sampled(stamp)
@@ -252,10 +293,19 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         now = time.monotonic()
         if now - self._looked_at >= GRAPH_PERIOD:
             self.look_around(now)
+        self._watch_silence()
+
+    def _watch_silence(self) -> None:
+        """Zero torque where no state came in time; before a state is taken, too.
+
+        After a pause of this process a state is there at once, and the arm was left to itself.
+        """
         timeout = self.settings.state_timeout
-        if self.commands.pushes and self.heard_at and now - self.heard_at > timeout:
+        if (self._configured and self.commands.pushes and self.active and not self.lockstep
+                and self.heard_at and time.monotonic() - self.heard_at > timeout):
             self._stop_motion('joint states lost',
-                              f'no joint state for {timeout:g} s: zero torque')
+                              f'no joint state for {timeout:g} s: zero torque',
+                              orderly=self.count_publishers(JOINT_STATES) == 0)
 
     def look_around(self, now: float) -> None:
         """Stop if no arm listens; give way to another controller that sends commands.
@@ -271,22 +321,37 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
                                'another controller sends commands, too: this one gives way')
             self.deactivate_by_itself()
 
-    def _stop_motion(self, reason: str, text: str) -> None:
+    def _stop_motion(self, reason: str, text: str, *, orderly: bool = False) -> None:
         """Send zero torque; the next state begins a new motion."""
         self.motion.lose(reason)
         self.commands.send_zero()
-        self.faults.report(reason, text)
+        self.faults.report(reason, text, orderly=orderly)
 
     def finish(self) -> None:
-        """Send zero torque as the last command, unless none was sent and the brakes are on."""
+        """Bring the torque to zero as fast as its rate may change; zero is the last command.
+
+        Nothing is sent where none was sent before: the brakes are on.
+        """
         if self._configured and self.commands.pushes:
-            self.commands.send_zero()
+            self.commands.ramp_down(self.motion.torque, 0.0, self._rate_limit())
+
+    def _awaited(self) -> str:
+        """Return what a motion waits for."""
+        ready = self.state_id == State.PRIMARY_STATE_UNCONFIGURED or self.estimates.ready
+        return ('waiting for joint states and a listener' if ready else
+                'waiting for the identifier: no estimate yet')
+
+    def _second_source(self) -> str:
+        return (self._states.second_source() or self.commands.others()
+                or (self.estimates.heard.second_source() if self.estimates.wanted else ''))
 
     def status(self) -> Status:
         """Report the margins of all constraints, V and saturation."""
-        waiting = 'waiting for joint states and a listener'
+        waiting = self._awaited()
         if self.state_id == State.PRIMARY_STATE_UNCONFIGURED:
             return DiagnosticStatus.WARN, 'unconfigured', {}
+        if not self.lockstep and (second := self._second_source()):
+            return DiagnosticStatus.ERROR, second, {}
         if not self.active:
             return DiagnosticStatus.WARN, waiting if self.wants_activation else 'inactive', {}
         output = self.output
@@ -298,8 +363,6 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             values.update(watched())
         if self.motion.lost:
             return DiagnosticStatus.ERROR, f'{self.motion.lost}: zero torque', values
-        if self.commands.shared:
-            return DiagnosticStatus.ERROR, 'another node sends commands, too', values
         if self.monitors.violations:
             return DiagnosticStatus.ERROR, self.monitors.first_violation, values
         if self.estimates.wanted and not self.lockstep:

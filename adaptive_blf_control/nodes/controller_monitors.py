@@ -32,7 +32,7 @@ class ControllerMonitors:
     def __init__(self, node: DataNode[ControllerNodeSettings], joints: tuple[str, ...],
                  parameters: tuple[str, ...], names: tuple[MarginName, ...]) -> None:
         """Make the topics on ``node``; ``names`` are those of the margins."""
-        self.codecs = ControllerCodecs(joints, parameters, names)
+        self.codecs = ControllerCodecs(joints, parameters, names, node.label)
         self.margins = np.zeros(len(names))
         self.violations = 0
         self.first_violation = ''

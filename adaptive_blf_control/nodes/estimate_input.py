@@ -12,10 +12,12 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.configuration.build import initial_theta
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.estimate_gate import EstimateGate
+from adaptive_blf_control.control.source_gate import SourceGate
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.topics import THETA_HAT
 from adaptive_blf_control.runtime.data_node import DataNode
+from adaptive_blf_control.runtime.heard_topic import HeardTopic
 from adaptive_blf_control.runtime.status_report import Status
 
 __all__ = ['EstimateInput', 'limit_of']
@@ -28,6 +30,7 @@ class EstimateInput:
 
     Attributes:
         gate: θ̂ in use, and which estimates are refused.
+        heard: Whose estimates are believed.
         wanted: Whether the law uses an estimate that the identifier learns.
     """
 
@@ -38,6 +41,7 @@ class EstimateInput:
         self.wanted = False
         self._node = node
         self._reader = JointStateReader(arm.parameters)
+        self.heard = HeardTopic(node, THETA_HAT, SourceGate('estimate'), lambda: OLD_ESTIMATE)
         self._received_at: float | None = None  # monotonic [s]
 
     @property
@@ -53,6 +57,11 @@ class EstimateInput:
         except BagError as error:
             node.faults.drop('unusable estimate', str(error))
             return False
+        if not node.lockstep:
+            second = self.heard.refuse(self._reader.source, info)
+            if second is not None:
+                node.faults.refuse(second)
+                return False
         refusal = (self.gate.offer_after(stamp, theta) if node.lockstep
                    else self.gate.offer(theta))
         if refusal is not None:
@@ -66,6 +75,12 @@ class EstimateInput:
         if last_ns is None or not self.wanted:
             return False
         return not self.gate.use_after(last_ns) and self._node.count_publishers(THETA_HAT) > 0
+
+    @property
+    def ready(self) -> bool:
+        """Whether a motion may begin: an estimate is there, or is not asked for."""
+        return (not self.wanted or self._node.lockstep or self._received_at is not None
+                or not self._node.settings.wait_for_identifier)
 
     def status(self, values: dict[str, object]) -> Status:
         """Return the diagnostics of a node that runs: a warning where the estimate is old."""

@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from adaptive_blf_control.configuration.build import build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.payload import build_payload
+from adaptive_blf_control.control.source_gate import SourceGate
 from adaptive_blf_control.errors import ArmError, BagError
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.messages.identifier_codecs import EstimateStream, HistoryFigures
@@ -27,11 +28,15 @@ from adaptive_blf_control.nodes.payload_output import PayloadOutput
 from adaptive_blf_control.nodes.term_input import TermInput
 from adaptive_blf_control.runtime.compiling import compiling
 from adaptive_blf_control.runtime.data_node import DataNode
+from adaptive_blf_control.runtime.heard_topic import HeardTopic
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
 from adaptive_blf_control.runtime.status_report import Status
 
 __all__ = ['IdentifierNode', 'main']
+
+
+SILENCE = 0.1  # s without joint states after which another source may send them
 
 
 class IdentifierNode(DataNode[IdentifierNodeSettings]):
@@ -61,7 +66,9 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         self._zero_ns: int | None = None
         self._reset_requested = False
         self._state_reader = JointStateReader(self.arm.joints)
-        self._stream = EstimateStream(self.arm.parameters)
+        self._heard = HeardTopic(self, JOINT_STATES, SourceGate('joint state'),
+                                 lambda: SILENCE, others_belong=True)
+        self._stream = EstimateStream(self.arm.parameters, self.label)
         self._outputs = self.topics.declared(self.kind)
         self.last_ns = 0
         self._reported = self.identifier.theta, 0.0
@@ -104,6 +111,10 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             return
         if stamp >= STAMP_LIMIT:
             self.faults.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
+            return
+        second = None if self.lockstep else self._heard.refuse(self._state_reader.source, info)
+        if second is not None:
+            self.faults.refuse(second)
             return
         if self.lockstep and self.terms.misses(self.last_ns, stamp):
             self.topics.later(self.on_joint_states, data, info)
@@ -185,6 +196,10 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             'norm of theta_hat': f'{np.linalg.norm(identifier.theta):.6g}',
             **self.payload.status(),
             **{f'samples {reason}': count for reason, count in identifier.dropped.items()}}
+        second = '' if self.lockstep else (self._heard.second_source()
+                                           or self.terms.heard.second_source())
+        if second:
+            return DiagnosticStatus.ERROR, second, values
         if identifier.artificial_noise:
             return DiagnosticStatus.WARN, ('theta_hat is biased: it is learned with artificial '
                                            'noise (history.noise)'), values

@@ -10,6 +10,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.messages.trajectory_reader import Trajectory
 
 __all__ = ['points_of']
 
@@ -24,7 +25,7 @@ def _row(values: Sequence[float], order: list[int], name: str, k: int) -> np.nda
     return np.array([values[i] for i in order], dtype=float)
 
 
-def points_of(message: JointTrajectory,
+def points_of(message: JointTrajectory | Trajectory,
               joints: tuple[str, ...]) -> list[tuple[float, ReferencePoint]]:
     """Return the points in the order of ``joints``, each with ``time_from_start`` [s].
 

@@ -82,7 +82,7 @@ class Recorder(DataNode[RecorderSettings]):
 
     def _failed(self, reason: str) -> None:
         self.exit_code = 1
-        self.get_logger().error(f'recording stopped, what was written is kept: {reason}')
+        self.faults.report('disk', f'recording stopped, what was written is kept: {reason}')
 
     def _subscribe_known(self) -> None:
         graph = dict(self.get_topic_names_and_types()) if '' in self.unknown.values() else {}

@@ -8,11 +8,13 @@ from collections import deque
 import numpy as np
 
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
+from adaptive_blf_control.control.source_gate import SourceGate
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.data_topics import QUEUE_DEPTH
+from adaptive_blf_control.runtime.heard_topic import HeardTopic
 
 __all__ = ['TermInput']
 
@@ -23,6 +25,7 @@ class TermInput:
     Attributes:
         terms: The latest, as stamp [ns] and term, shape (m,). Several, because each state of a
             backlog needs the term of its own time.
+        heard: Whose terms are believed.
     """
 
     def __init__(self, node: DataNode[IdentifierNodeSettings],
@@ -31,6 +34,8 @@ class TermInput:
         self.terms: deque[tuple[int, np.ndarray]] = deque(maxlen=QUEUE_DEPTH)
         self._node = node
         self._reader = JointStateReader(parameters)
+        self.heard = HeardTopic(node, ADAPTATION_TERM, SourceGate('adaptation term'),
+                                lambda: node.settings.adaptation_term_timeout)
 
     def receive(self, data: bytes, info: dict[str, int]) -> None:
         """Keep a term; one that is not finite or of another arm is dropped."""
@@ -39,7 +44,10 @@ class TermInput:
         except BagError as error:
             self._node.faults.drop('unusable adaptation term', str(error))
             return
-        if np.isfinite(term).all():
+        second = None if self._node.lockstep else self.heard.refuse(self._reader.source, info)
+        if second is not None:
+            self._node.faults.refuse(second)
+        elif np.isfinite(term).all():
             self.terms.append((stamp, term))
         else:
             self._node.faults.drop('non-finite adaptation term', 'the last one is kept')

@@ -18,6 +18,7 @@ __all__ = ['JOINT', 'NOMINAL', 'Parameter', 'Table', 'broadcast', 'declares', 'p
 
 NOMINAL = 'nominal'  # stands for the parameters that an arm has by its URDF or publication
 JOINT = '<joint>'  # stands for every joint name in a parameter's name
+LONGEST_LIST = 1000
 Value = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
 
 _PYTHON_TYPES: dict[str, tuple[type, str]] = {
@@ -172,6 +173,8 @@ def value_problem(parameter: Parameter, value: Any, sizes: Mapping[str, int]) ->
         return None if known else f'one of {parameter.choices_text()}'
     if isinstance(value, (str, bytes, type, Mapping, Set)) or not hasattr(value, '__len__'):
         return f'a list of {kind}s'
+    if len(value) > LONGEST_LIST:
+        return f'at most {LONGEST_LIST} elements'
     for element in value:
         problem = _element_problem(parameter, element)
         if problem:

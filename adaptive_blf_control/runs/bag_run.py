@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 
 from adaptive_blf_control.bags.reader import Bag
+from adaptive_blf_control.bounded_yaml import load_yaml_text
 from adaptive_blf_control.configuration.build import build_arm, build_plant
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, DriverSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings, PARAMETERS_KEY
@@ -43,7 +44,10 @@ __all__ = ['bag_parameters', 'constraints_of', 'rates', 'run_of_bag', 'topic_nam
 def bag_parameters(bag: Bag) -> dict[str, Any]:
     """Return the parameter file of the run; BagError where the bag has none."""
     text = bag.custom_data.get(PARAMETERS_KEY)
-    data = yaml.safe_load(text) if text else None
+    try:
+        data = load_yaml_text(text) if text else None
+    except yaml.YAMLError as error:
+        raise BagError(f'{bag.path}: {PARAMETERS_KEY!r} in custom_data: {error}') from None
     if not isinstance(data, dict):
         raise BagError(f'{bag.path}: no parameters of the run in custom_data '
                        f'({PARAMETERS_KEY!r}): expected a bag of our recorder')

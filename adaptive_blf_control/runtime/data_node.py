@@ -19,6 +19,7 @@ from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runtime.channels import LARGEST_BATCH, LONGEST_WAIT
 from adaptive_blf_control.runtime.data_topics import DataTopics
 from adaptive_blf_control.runtime.fault_log import FaultLog
+from adaptive_blf_control.runtime.heard_topic import new_label
 from adaptive_blf_control.runtime.loop_statistics import LoopStatistics
 from adaptive_blf_control.runtime.node_parameters import (
     declare,
@@ -50,6 +51,7 @@ class DataNode(Node, Generic[NodeSettings]):
 
     Attributes:
         kind: Kind of the node, by which its parameters are declared.
+        made_at: When the node was made, monotonic [s].
         settings: Validated parameters; their paths are the names.
         stop: Set it to end :meth:`run`.
         exit_code: What the process returns; non-zero after a failure.
@@ -57,6 +59,8 @@ class DataNode(Node, Generic[NodeSettings]):
         faults: Dropped messages and faults.
         statistics: How well the loop holds its rate.
         between_samples: Held while messages are handled; its holder is between two samples.
+        label: What its messages say of their source; '' in lockstep, where every run is to send
+            the same bytes.
         lockstep: Whether time is that of /clock (``use_sim_time``) and every sample is answered.
     """
 
@@ -78,7 +82,7 @@ class DataNode(Node, Generic[NodeSettings]):
         except ValueError:  # rclpy does not tell which
             refuse_untyped(self, kind)
             raise
-        self.kind = kind
+        self.kind, self.made_at = kind, time.monotonic()
         try:
             self.settings = declare(self, kind, settings_class)
             cpus_of(self.settings.realtime.cpus)
@@ -86,6 +90,7 @@ class DataNode(Node, Generic[NodeSettings]):
             self.destroy_node()
             raise
         self.lockstep = bool(self.get_parameter('use_sim_time').value)
+        self.label = '' if self.lockstep else new_label(self.get_fully_qualified_name())
         self.stop = stop or StopFlag()
         self.exit_code = 0
         self.between_samples = threading.RLock()

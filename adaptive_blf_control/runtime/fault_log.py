@@ -8,6 +8,7 @@ import time
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from adaptive_blf_control.control.refusal import Refusal
+from adaptive_blf_control.errors import shortened
 
 __all__ = ['FaultLog']
 
@@ -33,19 +34,22 @@ class FaultLog:
         """Count a message that is not used and log why, at most once a second per reason."""
         self.drops[reason] = self.drops.get(reason, 0) + 1
         if self._is_due(reason):
-            self._logger.warning(f'{reason}: {detail} ({self.drops[reason]} so far)')
+            self._logger.warning(f'{reason}: {shortened(detail)} ({self.drops[reason]} so far)')
 
     def refuse(self, refusal: Refusal) -> None:
         """Count what was refused; where the sender is at fault keep it as the last fault."""
         if refusal.fault:
-            self.last = refusal.detail
+            self.last = shortened(refusal.detail)
         self.drop(refusal.reason, refusal.detail)
 
-    def report(self, reason: str, text: str) -> None:
-        """Keep ``text`` as the last fault and log it, at most once a second per ``reason``."""
-        self.last = text
+    def report(self, reason: str, text: str, *, orderly: bool = False) -> None:
+        """Keep ``text`` as the last fault and log it, at most once a second per ``reason``.
+
+        What is ``orderly`` follows from the end of another node: it is a warning, no error.
+        """
+        self.last = shortened(text)
         if self._is_due(reason):
-            self._logger.error(text)
+            (self._logger.warning if orderly else self._logger.error)(self.last)
 
     def _is_due(self, reason: str) -> bool:
         # The logger's own throttle goes by line of code, so one reason would silence another.

@@ -21,6 +21,7 @@ EDGES = np.concatenate([np.arange(1, FINE + 1) * FINE_NS,  # upper ones [ms]
 # requests are over then.
 START_UP = 2.0
 NEVER = 2**63  # ns
+LONGEST_INTERVAL = 60 * 10**9  # ns between two samples of one motion
 
 
 class Histogram:
@@ -141,6 +142,8 @@ class LoopStatistics:
 
     def _count_missed(self, interval_ns: int) -> None:
         if interval_ns <= 0:
+            return
+        if interval_ns > LONGEST_INTERVAL:  # another clock, or another motion: nothing was missed
             return
         if self._interval_ns > 0.0 and interval_ns > 1.5 * self._interval_ns:
             self.missed += round(interval_ns / self._interval_ns) - 1

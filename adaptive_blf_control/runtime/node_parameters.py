@@ -20,6 +20,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 import yaml
 
+from adaptive_blf_control.bounded_yaml import load_yaml_text, read_yaml_text
 from adaptive_blf_control.configuration.node_settings import RuntimeSettings, TABLES
 from adaptive_blf_control.configuration.parameter_file import (
     known_elsewhere,
@@ -27,11 +28,17 @@ from adaptive_blf_control.configuration.parameter_file import (
     node_values,
     ROS_OWN,
 )
+from adaptive_blf_control.configuration.section_names import (
+    check_sections_reach,
+    reaches,
+    unknown_sections,
+)
 from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.parameters.table import Parameter, per_joint, validated
 from adaptive_blf_control.runtime.rclpy_internals import overrides_of
 
-__all__ = ['check_files', 'declare', 'descriptor', 'explain_files', 'on_change', 'refuse_untyped']
+__all__ = ['check_all_reached', 'check_files', 'declare', 'descriptor', 'explain_files',
+           'on_change', 'refuse_untyped']
 
 NodeSettings = TypeVar('NodeSettings', bound=RuntimeSettings)
 ROS_TYPES = {
@@ -158,7 +165,7 @@ def check_files(args: Sequence[str]) -> None:
     """
     for path in _files(args):
         try:
-            content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+            content = load_yaml_text(read_yaml_text(Path(path)))
         except (OSError, UnicodeDecodeError, yaml.YAMLError):
             content = None
         if not isinstance(content, dict):
@@ -173,6 +180,50 @@ def explain_files(args: Sequence[str], kind: str) -> None:
     """
     for path in _files(args):
         node_values(load_yaml(path, '--params-file'), kind)
+
+
+def check_all_reached(node: Node, kind: str, args: Sequence[str]) -> None:
+    """Raise ParameterError for a parameter that was given and reached no node.
+
+    ROS leaves it out without a word: a section of another namespace, a misspelt name of a node, a
+    parameter of another kind of node on this one's command line.
+    """
+    full_name = node.get_fully_qualified_name()
+    for rule in _rules(args):
+        name, _, value = rule.partition(':=')
+        target, colon, own = name.rpartition(':')
+        if colon and target != node.get_name() and target in TABLES:
+            continue  # for another node that is started with the same arguments
+        if colon and not reaches(target, full_name):
+            raise ParameterError(f'-p {name}', value, (
+                f'a name that reaches {full_name}: -p {own}:={value}, or a section '
+                f'/**/{node.get_name()} of a parameter file'))
+        if known_elsewhere(own, kind):
+            raise ParameterError(f'-p {name}', value,
+                                 f'a parameter of {kind}; another kind of node has this one')
+        _check_in_force(node, own, value)
+    for path in _files(args):
+        sections = load_yaml(path)
+        check_sections_reach(sections, full_name)
+        for key in unknown_sections(sections, full_name):
+            node.get_logger().warning(f'{path}: section {key!r} is for none of our nodes')
+
+
+def _check_in_force(node: Node, name: str, text: str) -> None:
+    """Raise ParameterError where a value of the command line gives way to a section of a file."""
+    if not node.has_parameter(name):
+        return
+    given, present = load_yaml_text(text), _plain(node.get_parameter(name).value)
+    if type(given) is type(present) and given != present:
+        raise ParameterError(f'-p {name}', text, (
+            f'-p {node.get_name()}:{name}:={text}, because a section of a file says {present} and '
+            'has precedence over a plain -p; under a namespace another section'))
+
+
+def _rules(args: Sequence[str]) -> Iterator[str]:
+    begin = list(args).index('--ros-args') if '--ros-args' in args else len(args)
+    given = args[begin:]
+    return (rule for flag, rule in zip(given, given[1:]) if flag in ('-p', '--param'))
 
 
 def _files(args: Sequence[str]) -> Iterator[str]:

@@ -18,7 +18,12 @@ from rclpy.utilities import try_shutdown
 
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runtime.data_node import DataNode
-from adaptive_blf_control.runtime.node_parameters import check_files, explain_files
+from adaptive_blf_control.runtime.node_parameters import (
+    check_all_reached,
+    check_files,
+    explain_files,
+)
+from adaptive_blf_control.runtime.second_graph import refuse_beside_another
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
 __all__ = ['initialise', 'run_node', 'stop_on_signals', 'warn_of_leftovers']
@@ -65,6 +70,7 @@ def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -
     try:
         initialise(kind, args)
         node = make(stop=stop)
+        _check_alone_and_complete(node, kind, sys.argv if args is None else args)
     except (BlfError, ParameterException, RuntimeError) as error:
         if stop.signal:
             try_shutdown()
@@ -80,6 +86,16 @@ def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -
     finally:
         node.destroy_node()
         try_shutdown()
+
+
+def _check_alone_and_complete(node: DataNode, kind: str, args: list[str]) -> None:
+    """Raise BlfError, the node destroyed, where it is not to run."""
+    try:
+        check_all_reached(node, kind, args)
+        refuse_beside_another(node)
+    except BlfError:
+        node.destroy_node()
+        raise
 
 
 def initialise(kind: str, args: list[str] | None) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that count: whole, finite, and from one publisher at a time.
+"""Commands that count: whole, finite, from one source at a time, and answers to the present.
 
 Torques of two controllers in turn would shake an arm.
 """
@@ -11,41 +11,9 @@ from collections.abc import Callable
 import numpy as np
 
 from adaptive_blf_control.control.refusal import Refusal
+from adaptive_blf_control.control.source_gate import SourceGate
 
-__all__ = ['CommandGate', 'CommandSource']
-
-LONGEST_GAP = 100  # messages that may be lost on the way
-
-
-class CommandSource:
-    """Tells the messages of the publisher that is obeyed from those of another.
-
-    Commands carry no name. But a publisher numbers its messages, and the numbers of two
-    publishers do not continue one another.
-
-    Attributes:
-        number: Of the last message that was obeyed; None before the first.
-    """
-
-    def __init__(self) -> None:
-        """Obey the publisher that is heard first."""
-        self.number: int | None = None
-
-    def obeys(self, number: int | None, silent: bool) -> bool:
-        """Whether the message with this publication number comes from the one that is obeyed.
-
-        Args:
-            number: Publication sequence number; None where the middleware has none.
-            silent: Whether the one that is obeyed has said nothing for its timeout: then another
-                may take over.
-        """
-        if number is None:
-            return True
-        last = self.number
-        if last is None or silent or 0 < number - last <= LONGEST_GAP:
-            self.number = number
-            return True
-        return False
+__all__ = ['CommandGate']
 
 
 class CommandGate:
@@ -59,19 +27,20 @@ class CommandGate:
     def __init__(self, joints: tuple[str, ...]) -> None:
         """Take the names of the joints."""
         self.heard_ns = 0
+        self.source = SourceGate('command')
         self._joints = joints
-        self.source = CommandSource()
 
-    def refuse(self, torque: np.ndarray, number: int | None, silent: bool,
-               alone: Callable[[], bool]) -> Refusal | None:
+    def refuse(self, torque: np.ndarray, source: bytes, number: int | None, now_ns: int,
+               timeout: float, alone: Callable[[], bool]) -> Refusal | None:
         """Return why a command is not taken, None where it is.
 
         Args:
             torque: Its values [N·m], of any length.
-            number: See `CommandSource.obeys`.
-            silent: Likewise.
-            alone: Asked where the number does not continue: whether there is one publisher only.
-                A controller that was activated again has a new one, and the topic for itself.
+            source: What it says of its publisher; see `SourceGate.refuse`, also for the others.
+            number: Publication sequence number.
+            now_ns: When it arrived, by the monotonic clock [ns].
+            timeout: Silence after which another publisher may follow [s].
+            alone: Whether the topic has one publisher only.
         """
         if torque.size != len(self._joints):
             return Refusal('command of wrong length',
@@ -79,10 +48,21 @@ class CommandGate:
         finite = np.isfinite(torque)
         if not finite.all():
             return Refusal('non-finite command', f'joint {self._joints[int(np.argmin(finite))]!r}')
-        if self.source.obeys(number, silent) or (alone() and self.source.obeys(number, True)):
+        return self.source.refuse(source, number, now_ns * 1e-9, timeout, alone)
+
+    @staticmethod
+    def too_old(answered_ns: int | None, newest_ns: int, longest: float) -> Refusal | None:
+        """Refuse an answer to a state more than ``longest`` [s] older than the newest one.
+
+        Args:
+            answered_ns: Stamp of the state that a command answers [ns]; None where it says none.
+            newest_ns: Stamp of the newest state [ns].
+            longest: How old it may be [s].
+        """
+        if answered_ns is None or newest_ns - answered_ns <= longest * 1e9:
             return None
-        return Refusal('command of a second publisher',
-                       'one controller at a time: it is refused', fault=True)
+        return Refusal('command to an old state', (
+            f'it answers the state of {(newest_ns - answered_ns) * 1e-9:.3g} s ago'))
 
     def silent(self, now_ns: int, timeout: float) -> bool:
         """Whether the last command was taken more than ``timeout`` [s] before ``now_ns`` [ns]."""

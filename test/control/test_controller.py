@@ -13,7 +13,7 @@ from adaptive_blf_control.control.controller import (
     Controller,
     ControlOutput,
 )
-from adaptive_blf_control.control.reference import Reference, SmoothStart, SumOfSinusoids
+from adaptive_blf_control.control.reference import Posture, Reference, SmoothStart, SumOfSinusoids
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.control.settings import ControllerSettings, COUPLINGS
 from adaptive_blf_control.control.trajectory import JoinedReference, PointReference
@@ -401,6 +401,18 @@ def test_a_trajectory_is_followed_and_can_be_left_again():
     law.retune(13.0, end.position, reference=TASK, blend_time=1.0)
     np.testing.assert_allclose(law.reference.at(13.0).position, end.position)
     np.testing.assert_array_equal(law.reference.at(14.0), TASK.at(14.0))
+
+
+def test_outside_a_set_what_leads_back_is_accepted_and_what_leads_on_is_not():
+    law, t = controller(), 4.0
+    error = np.array([law.performance.upper[0] + 0.1, 0.0])  # outside above
+    q = law.reference.at(t).position + error
+    away = law.reference.at(t).position - 0.05
+    with pytest.raises(SetViolation, match='present error outside'):
+        law.retune(t, q, reference=Posture(away))
+    law.retune(t, q, reference=TASK, blend_time=1.0)  # the error stays, and the way is calm
+    nearer = law.reference.at(t).position + 0.05
+    law.retune(t, q, reference=Posture(nearer))
 
 
 def test_warming_up_leaves_no_trace():

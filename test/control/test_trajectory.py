@@ -57,6 +57,15 @@ def test_range_is_reached_and_never_left() -> None:
     np.testing.assert_allclose(q.max(axis=0), upper, atol=1e-6)
 
 
+@pytest.mark.parametrize('order', [1, 2])
+def test_the_largest_velocity_and_acceleration_are_reached_and_never_exceeded(order) -> None:
+    way = PointReference(TIMES, POINTS)
+    lower, upper = way.extremes(order)
+    values = np.array([way.at(t)[order] for t in np.linspace(0.0, 2.0, 40001)])
+    np.testing.assert_allclose(values.min(axis=0), lower, atol=2e-3)
+    np.testing.assert_allclose(values.max(axis=0), upper, atol=2e-3)
+
+
 def test_the_end_is_held() -> None:
     for part, want in zip(PointReference(TIMES, POINTS).at(100.0), POINTS[-1]):
         np.testing.assert_array_equal(part, want)

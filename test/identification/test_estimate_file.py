@@ -55,10 +55,21 @@ def test_values_are_matched_by_name(learned, tmp_path):
 
 def test_a_file_is_replaced_and_nothing_is_left_beside_it(learned, tmp_path):
     path = tmp_path / 'theta.yaml'
-    path.write_text('old')
+    path.write_text('theta_hat: {p1: 1.0}')
     write_estimate(path, learned.snapshot())
     assert [entry.name for entry in tmp_path.iterdir()] == ['theta.yaml']
-    assert 'theta_hat' in path.read_text()
+    assert 'history_rank' in path.read_text()
+
+
+def test_what_is_no_estimate_is_not_replaced(learned, tmp_path):
+    path = tmp_path / 'thesis.tex'
+    path.write_text('years of work, theta_hat: among them')
+    with pytest.raises(OSError, match='no estimate'):
+        write_estimate(path, learned.snapshot())
+    with pytest.raises(OSError, match='not a regular file'):
+        write_estimate(Path('/dev/null'), learned.snapshot())
+    assert 'years of work' in path.read_text()
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_folder_that_does_not_exist_is_an_os_error(learned, tmp_path):
@@ -139,11 +150,11 @@ def test_where_writing_fails_the_old_file_stays_and_nothing_beside_it(learned, t
 
 def test_what_cannot_be_encoded_leaves_no_file_behind(tmp_path):
     path = tmp_path / 'theta.yaml'
-    path.write_text('old')
+    path.write_text('theta_hat: old')
     with pytest.raises(UnicodeEncodeError):
         write_estimate(path, snapshot(p1=1.0), written_at='\ud800')
     assert listing(tmp_path) == ['theta.yaml']
-    assert path.read_text() == 'old'
+    assert path.read_text() == 'theta_hat: old'
 
 
 def test_folders_are_made_where_asked_for(learned, tmp_path):

@@ -442,7 +442,7 @@ def test_commands_of_the_driver(graph) -> None:
     _check_commands(driver, lambda: (
         driver.plant.torque, driver.plant._commanded, driver.started,
         driver.drives.timed_out, driver.commands.heard_ns,
-        driver.commands.source.number),
+        driver.commands.source.source),
         lambda: driver.plant.torque / LIMIT)
     assert (np.abs(driver.plant.torque) <= LIMIT).all()
 
@@ -452,7 +452,7 @@ def test_commands_and_answers_of_the_driver_in_lockstep(graph) -> None:
     answers = driver.stepping.answers
     _check_commands(driver, lambda: (
         answers.torque, answers.commanded, driver.commands.heard_ns,
-        driver.commands.source.number),
+        driver.commands.source.source),
         lambda: answers.torque)
     awaited = FIRST + 500 * 10**6
     answers.expect(awaited)

@@ -21,6 +21,7 @@ from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.runtime import data_node
 from patience import PATIENCE
 
+FIRST, SECOND = '/first#00000001', '/second#00000002'
 THETA = [3.473, 0.196, 0.242, 5.3, 1.1]
 DYNAMICS = TwoLinkArm().dynamics(np.array(THETA))
 START = {'initial_position': [0.1, 2.0], 'initial_velocity': [0.5, -0.3],
@@ -256,28 +257,64 @@ def test_one_publisher_of_commands_is_obeyed_until_it_has_been_silent(by_hand) -
     driver, state_at, _, _ = by_hand
     a, b = (10.0, -4.0), (-30.0, 8.0)
 
-    def command(number: int, torque) -> None:
-        driver.on_command(_command(*torque), {'publication_sequence_number': number})
+    def command(number: int, torque, label: str = '') -> None:
+        driver.on_command(Float64MultiArrayCodec(2, label).encode(torque),
+                          {'publication_sequence_number': number})
 
     state_at(0.0)
-    command(500, a)
+    command(500, a, FIRST)
     state_at(10.0)
-    for number in (1, 2, 3, 499, 500, 601, 9000):  # not what follows 500
+    for number in (1, 2, 501, 502, 9000):  # whatever it counts
         command(number, b)
+        command(number, b, SECOND)
     np.testing.assert_allclose(_arrays(state_at(20.0))[2], a, rtol=1e-12)
     refused = 'command of a second publisher'
-    assert driver.faults.drops == {refused: 7}
-    assert driver.faults.last == 'commands of a second publisher refused'
-    command(600, (1.0, 2.0))  # 99 were lost on the way
+    assert driver.faults.drops == {refused: 10}
+    assert driver.faults.last == f'{SECOND!r} is refused while {FIRST!r} speaks'
+    command(9900, (1.0, 2.0), FIRST)
     np.testing.assert_allclose(_arrays(state_at(30.0))[2], (1.0, 2.0), rtol=1e-12)
     state_at(110.0)
-    command(4, b)  # 600 was 90 ms ago: not silent for command_timeout
-    assert driver.faults.drops == {refused: 8}
+    command(4, b)  # the first has been silent for 90 ms: less than command_timeout
+    assert driver.faults.drops == {refused: 11}
     state_at(130.0)
     command(5, b)  # the second one takes over, and is the one now
-    command(601, a)
+    command(9901, a, FIRST)
     np.testing.assert_allclose(_arrays(state_at(140.0))[2], b, rtol=1e-12)
-    assert driver.faults.drops == {refused: 9}
+    assert driver.faults.drops == {refused: 12}
+
+
+def test_of_two_publishers_without_a_label_neither_moves_the_arm(
+        by_hand, monkeypatch) -> None:
+    driver, state_at, _, _ = by_hand
+    monkeypatch.setattr(driver, 'count_publishers', lambda _: 2)
+    state_at(0.0)
+    numbers = [(500, (10.0, -4.0)), (1, (-30.0, 8.0))]
+    for ms in range(10, 150, 10):
+        for k, (number, torque) in enumerate(numbers):
+            driver.on_command(_command(*torque), {'publication_sequence_number': number})
+            numbers[k] = number + 1, torque
+        effort = _arrays(state_at(float(ms)))[2]
+        expected = (10.0, -4.0) if ms <= 100 else (0.0, 0.0)  # held, then the watchdog
+        if ms > 10:
+            np.testing.assert_allclose(effort, expected, rtol=1e-12)
+    assert driver.faults.drops == {'command of one of two publishers': 27}
+    assert 'cannot be told apart' in driver.faults.last
+
+
+def test_an_answer_to_a_state_older_than_command_timeout_is_refused(by_hand) -> None:
+    driver, state_at, command_at, states = by_hand
+    state_at(0.0)
+    command_at(0.0, 10.0, -4.0)
+    for ms in range(10, 80, 10):
+        state_at(float(ms))
+    codec = Float64MultiArrayCodec(2, FIRST)
+    driver.settings = driver.settings.replace(command_timeout=0.05)
+    driver.commands.source.source = None
+    driver.on_command(codec.encode([1.0, 1.0], states.stamps[0]), {})
+    assert driver.faults.drops == {'command to an old state': 1}
+    driver.on_command(codec.encode([1.0, 1.0], states.stamps[-1]), {})
+    driver.on_command(codec.encode([2.0, 2.0]), {})  # answers none: a ramp, a final zero
+    assert driver.faults.drops == {'command to an old state': 1}
 
 
 def test_a_new_rate_counts_from_the_last_state_on(by_hand) -> None:
@@ -298,21 +335,24 @@ def test_a_new_rate_counts_from_the_last_state_on(by_hand) -> None:
 
 
 def test_a_second_real_publisher_does_not_move_the_arm(rig, graph, wait_until) -> None:
-    driver, states, send = rig(rate=100.0, command_timeout=30.0)
+    driver, states, send = rig(rate=100.0, command_timeout=1.0)
     graph.run(driver)
-    for _ in range(30):
-        send(3.0, -2.0)
-    wait_until(lambda: len(states) and np.allclose(states[-1].effort, (3.0, -2.0)))
+
+    def obeyed(*torque: float) -> bool:
+        send(*torque)
+        return len(states) and np.allclose(states[-1].effort, torque)
+
+    wait_until(lambda: obeyed(3.0, -2.0) and driver.commands.source.number > 30)
     second = graph.peer().create_publisher(Float64MultiArray, 'effort_controller/commands', 10)
     wait_until(lambda: second.get_subscription_count() == 1)
     for _ in range(5):
         second.publish(Float64MultiArray(data=[50.0, 50.0]))
-    wait_until(lambda: driver.faults.drops == {'command of a second publisher': 5},
+    wait_until(lambda: driver.faults.drops == {'command of one of two publishers': 5},
                what='five drops')
-    wait_until(lambda: driver.status()[1].startswith('several publishers of commands: /peer'))
-    send(4.0, -1.0)
-    wait_until(lambda: np.allclose(states[-1].effort, (4.0, -1.0)))
-    assert all(np.isnan(states[i].effort[0]) or states[i].effort[0] <= 4.0
+    wait_until(lambda: driver.status()[1].startswith(
+        'several publishers of effort_controller/commands: /peer'))
+    wait_until(lambda: obeyed(4.0, -1.0), 'the one that goes on')  # after the second's silence
+    assert all(np.isnan(states[i].effort[0]) or states[i].effort[0] < 4.001
                for i in range(len(states)))
 
 

@@ -245,7 +245,7 @@ def test_effort_is_not_needed(rig) -> None:
 def test_no_bytes_on_any_topic_give_a_non_finite_torque(rig) -> None:
     hypothesis = pytest.importorskip('hypothesis')
     from hypothesis import strategies
-    rig = rig(monitor_decimation=7)
+    rig = rig(monitor_decimation=7, state_timeout=60.0)
     node = rig.node
     rig.answer(_state(0.0))
     state, estimate = serialize_message(_state(1.0)), _estimate(TASK['initial_estimate'])

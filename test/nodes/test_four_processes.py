@@ -169,7 +169,8 @@ def test_the_demo_refuses_a_folder_that_exists_before_it_starts_anything(tmp_pat
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_controller_process_ends_with_0_after_a_zero_torque(processes, graph_of, wait_until,
                                                               number) -> None:
-    process = processes.start('controller', '--ros-args', '-p', 'state_timeout:=30.0')
+    process = processes.start('controller', '--ros-args', '-p', 'state_timeout:=30.0', '-p',
+                              'wait_for_identifier:=false')
     peer = graph_of(processes.domain).peer()
     commands = peer.listen(Float64MultiArray, COMMANDS)
     states = peer.create_publisher(JointState, JOINT_STATES, 10)

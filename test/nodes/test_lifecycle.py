@@ -439,7 +439,8 @@ def compiled():
 rclpy.init()
 node = ControllerNode(parameter_overrides=[
     Parameter('arm', value='two_link'), Parameter('joints', value=['joint1', 'joint2']),
-    Parameter('safety.lower', value=[-3.0]), Parameter('safety.upper', value=[3.0])])
+    Parameter('safety.lower', value=[-3.0]), Parameter('safety.upper', value=[3.0]),
+    Parameter('wait_for_identifier', value=False)])
 driver = rclpy.create_node('driver')
 driver.create_subscription(Float64MultiArray, 'effort_controller/commands', lambda _: None, 10)
 before = compiled()

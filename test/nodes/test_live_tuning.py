@@ -23,7 +23,6 @@ from adaptive_blf_control.control.reference import SumOfSinusoids
 from adaptive_blf_control.messages.topics import COMMANDS, GUARANTEE, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
-from adaptive_blf_control.nodes.estimate_saver import file_of
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
 from adaptive_blf_control.parameters.table import per_joint
@@ -62,7 +61,7 @@ NEW: dict[str, dict[str, Any]] = {
         'timeout_action': 'damping', 'damping': [1.0, 2.0, 3.0], 'lockstep.rate': 2.0,
     },
     'identifier': {
-        'estimate_file': 'elsewhere.yaml', 'estimate_period': 60.0, 'model_period': 90.0,
+        'estimate_period': 60.0, 'model_period': 90.0,
         'gamma': [1.0, 2.0, 3.0, 4.0, 5.0], 'kt': 3.0, 'kh': 4.0, 'filter.time_constant': 0.01,
         'filter.gap': 0.2, 'filter.settle': 1.0, 'filter.state_order': 3,
         'filter.state_time_constant': 0.01, 'change.window': 0.3, 'change.threshold': 30.0,
@@ -84,6 +83,7 @@ NEW: dict[str, dict[str, Any]] = {
         'guarantee.theta_error': 5.0, 'guarantee.smallest_gamma': 0.5,
         'guarantee.mass': [0.2, 5.0], 'state_timeout': 30.0, 'monitor_decimation': 3,
         'slotine_li.gamma': [100.0], 'barrier_weight': [0.5, 0.2],
+        'reference.velocity_limit': 9.0, 'reference.acceleration_limit': 90.0,
     },
     'recorder': {},
 }
@@ -94,6 +94,7 @@ READ_EACH_TIME = {
     'identifier': {'adaptation_term_timeout'},
     'controller': {'ramp_time', 'on_violation', 'reference.resume_time', 'state_timeout',
                    'reference.smooth_start', 'guarantee.mode', 'guarantee.theta_error',
+                   'reference.velocity_limit', 'reference.acceleration_limit',
                    'guarantee.smallest_gamma', 'guarantee.mass', 'monitor_decimation'},
 }
 
@@ -134,7 +135,6 @@ def _driver_uses(node: ArmDriver) -> dict[str, Any]:
 def _identifier_uses(node: IdentifierNode) -> dict[str, Any]:
     identifier, settings = node.identifier, node.identifier.settings
     return {
-        'estimate_file': str(file_of(node)),
         'estimate_period': node.saver.period,
         'model_period': node.model.period,
         'gamma': settings.gamma, 'kt': settings.kt, 'kh': settings.kh,
@@ -788,7 +788,8 @@ def test_the_estimate_file_is_written_as_often_as_asked_while_running(
     live.step()
     wait_until(lambda: heard)
     assert not list(tmp_path.iterdir())
-    assert live.set({'estimate_file': str(tmp_path / 'b.yaml'), 'estimate_period': 0.05
-                     }).successful
-    wait_until(lambda: (tmp_path / 'b.yaml').exists(), what='the file')
-    assert not (tmp_path / 'a.yaml').exists()
+    refused = live.set({'estimate_file': str(tmp_path / 'b.yaml'), 'estimate_period': 0.05})
+    assert 'read-only' in refused.reason
+    assert live.set({'estimate_period': 0.05}).successful
+    wait_until(lambda: (tmp_path / 'a.yaml').exists(), what='the file')
+    assert not (tmp_path / 'b.yaml').exists()

@@ -144,7 +144,7 @@ def test_names_are_declared_once(node):
 
 
 def test_everything_about_learning_is_live():
-    structure = {'initial_estimate', 'initial_estimate_file', 'resume_within',
+    structure = {'initial_estimate', 'initial_estimate_file', 'resume_within', 'estimate_file',
                  'filter.state_filter', 'history.selection', 'change.monitor'}
     learning = {p.name: p for p in TABLES['identifier']
                 if p.name.split('.')[0] in ('gamma', 'kt', 'kh', 'filter', 'change', 'history',

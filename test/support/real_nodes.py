@@ -88,7 +88,12 @@ class Graph:
         self._threads: list[tuple[threading.Event, threading.Thread]] = []
 
     def make(self, kind: type, *, namespace: str = '', **parameters: Any) -> Any:
-        """Make a node; ``__`` in a parameter's name stands for a dot."""
+        """Make a node; ``__`` in a parameter's name stands for a dot.
+
+        A controller does not wait for an identifier, unless that is asked for.
+        """
+        if parameters and kind.__name__ == 'ControllerNode':
+            parameters.setdefault('wait_for_identifier', False)
         overrides = [Parameter(name.replace('__', '.'), value=value)
                      for name, value in parameters.items()]
         return self.add(kind(context=self.context, namespace=namespace,

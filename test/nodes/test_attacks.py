@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Attacks on a controller that moves an arm: stop is heard, torque is continuous."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+import numpy as np
+import pytest
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from adaptive_blf_control.messages.command import read_command
+from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, JOINT_TRAJECTORY
+from adaptive_blf_control.nodes.controller import ControllerNode
+
+RATE = 200.0  # N·m/s
+TASK = {'k2': [60.0, 8.0], 'torque_limit': [200.0, 100.0], 'torque_rate_limit': [RATE],
+        'initial_estimate': [3.0, 0.2, 0.3, 5.0, 1.0], 'state_timeout': 0.4, 'ramp_time': 0.01,
+        'safety__lower': [-2.0, -2.0], 'safety__upper': [2.0, 2.0]}
+EPOCH = 1_700_000_000 * 10**9
+LATE = 5e-3  # s by which the system may deliver one command later than the next
+
+
+class _Driver:
+    """Publishes joint states of an arm that is held away from its reference; hears torques."""
+
+    def __init__(self, graph: Any, wait_until: Any, **parameters: Any) -> None:
+        self.node = graph.make(ControllerNode, **{**TASK, **parameters})
+        self.peer = graph.peer()
+        self.commands = self.peer.listen(Float64MultiArray, COMMANDS, 5000)
+        self.states = self.peer.create_publisher(JointState, JOINT_STATES, 10)
+        self.stamp = EPOCH
+        graph.run(self.node)
+        wait_until(self.push, 'the torque')
+
+    def send(self, ms: float = 5.0) -> None:
+        self.stamp += round(ms * 1e6)
+        message = JointState(name=['joint1', 'joint2'], position=[0.15, 0.1],
+                             velocity=[0.5, 0.5])
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.stamp, 10**9)
+        self.states.publish(message)
+        time.sleep(2e-3)  # the pace of the states, not a wait for something
+
+    def push(self) -> bool:
+        """Send a state; whether the torque is large."""
+        self.send()
+        return bool(np.abs(self.node.motion.torque).max() > 15.0)
+
+    def check_rate(self) -> None:
+        """Check each step of the torque that was heard against the time between them."""
+        heard = list(self.commands)
+        torques = [read_command(data).torque for data, _ in heard]
+        times = [info['source_timestamp'] * 1e-9 for _, info in heard]
+        for a, b, t0, t1 in zip(torques, torques[1:], times, times[1:]):
+            if b.any():  # zero is what a watchdog may say at once
+                assert np.abs(b - a).max() <= RATE * (t1 - t0 + LATE), (a, b, t1 - t0)
+
+
+@pytest.fixture
+def driver(graph, wait_until):
+    """Return ``driver(**parameters)``."""
+    return lambda **parameters: _Driver(graph, wait_until, **parameters)
+
+
+@pytest.mark.parametrize('jump_ms', [300.0, 3.6e6])
+def test_over_a_clock_that_jumps_ahead_the_torque_changes_no_faster(
+        driver, wait_until, jump_ms) -> None:
+    driver = driver()
+    before = len(driver.commands)
+    driver.send(jump_ms)
+    wait_until(lambda: driver.push() and len(driver.commands) > before + 20)
+    driver.check_rate()
+
+
+def test_a_state_that_has_waited_is_not_answered_nor_is_an_older_one(driver, wait_until) -> None:
+    driver = driver()
+    node, sent = driver.node, threading.Event()
+    with node.between_samples:  # as if the process were stopped
+        for _ in range(20):
+            driver.send()
+        last = driver.stamp
+        time.sleep(1.5 * TASK['state_timeout'])
+        sent.set()
+    wait_until(lambda: 'joint state too old' in node.faults.drops)
+    wait_until(lambda: node.motion.lost == 'joint states lost')
+    answered = [read_command(data).stamp_ns or 0 for data, _ in list(driver.commands)]
+    assert max(answered) <= last - 19 * 5 * 10**6  # one may have been taken before the pause
+    wait_until(driver.push, 'the motion again')
+    driver.check_rate()
+
+
+def test_deactivation_is_heard_while_a_long_trajectory_is_checked(driver, wait_until) -> None:
+    driver = driver()
+    points = driver.peer.create_publisher(JointTrajectory, JOINT_TRAJECTORY, 10)
+    wait_until(lambda: points.get_subscription_count() == 1)
+    message = JointTrajectory(joint_names=['joint1', 'joint2'])
+    for k in range(10_000):
+        point = JointTrajectoryPoint(positions=[0.1 * np.sin(0.01 * k), 0.0])
+        point.time_from_start.sec, point.time_from_start.nanosec = 1 + k, 0
+        message.points.append(point)
+    points.publish(message)
+    client = driver.peer.create_client(ChangeState, '/controller/change_state')
+    assert client.wait_for_service(60.0)
+    wait_until(lambda: driver.push() and driver.node.trajectories.busy, 'the check has begun')
+    before = len(driver.commands)
+    answer = client.call_async(ChangeState.Request(
+        transition=Transition(id=Transition.TRANSITION_DEACTIVATE)))
+
+    def stopped() -> bool:
+        driver.send()
+        return answer.done() and answer.result().success
+
+    wait_until(stopped)
+    assert len(driver.commands) < before + 1000  # 25 s and 3335 commands, before
+    wait_until(lambda: not read_command(driver.commands[-1][0]).torque.any())
+    driver.check_rate()
+
+
+def test_what_is_too_long_is_refused_by_its_length(driver) -> None:
+    driver = driver()
+    (result,) = driver.node.set_parameters([Parameter('k2', value=[1.0] * 100_000)])
+    assert not result.successful
+    assert len(result.reason) < 1000
+    assert 'at most 1000' in result.reason
+
+
+def test_no_path_can_be_set_while_a_node_runs() -> None:
+    from adaptive_blf_control.configuration.node_settings import TABLES
+    paths = [row for table in TABLES.values() for row in table
+             if row.name.endswith(('_file', 'bag', 'urdf', 'plant'))]
+    assert len(paths) >= 5
+    assert all(row.read_only for row in paths)
