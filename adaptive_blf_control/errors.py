@@ -31,8 +31,8 @@ def _short(value: object) -> str:
         return f'an array of shape {value.shape}, {_ends(value.flat, size)}'  # type: ignore
     if isinstance(value, (list, tuple)) and len(value) > _SHOWN:
         return f'a {type(value).__name__} of {len(value)} elements, {_ends(value, len(value))}'
-    if isinstance(value, (str, bytes)):  # the text of a million would hold up everything else
-        value = value if len(value) <= 2 * _LONGEST else value[:_LONGEST] + value[-_LONGEST:]
+    if isinstance(value, (str, bytes)) and len(value) > 2 * _LONGEST:  # a million take long
+        return f'{shortened(repr(value[:_LONGEST // 2]))} and so on, {len(value)} in all'
     return shortened(' '.join(repr(value).split()))
 
 
