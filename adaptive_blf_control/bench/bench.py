@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bench import arms, coverage, identifier_steps, rates
+from adaptive_blf_control.bench import arms, coverage, identifier_steps, rates, robots
 from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop
@@ -187,10 +187,16 @@ def _arms(options: argparse.Namespace) -> None:
     arms.run(options)
 
 
+def _robots(options: argparse.Namespace) -> None:
+    print('\n## Six robots in MuJoCo (`bench robots`)\n')
+    _machine()
+    robots.run(options)
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
     'scenarios': _scenarios, 'steps': _steps, 'against_c': _against_c, 'processes': _processes,
     'measured': _measured, 'models': _models, 'coverage': _coverage, 'arms': _arms,
-    'rates': _rates}
+    'robots': _robots, 'rates': _rates}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -208,6 +214,7 @@ def main(args: list[str] | None = None) -> int:
     coverage.add_options(parser)
     rates.add_options(parser)
     arms.add_options(parser)
+    robots.add_options(parser)
     options = parser.parse_args(args)
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:

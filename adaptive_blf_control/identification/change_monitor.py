@@ -24,40 +24,31 @@ from adaptive_blf_control.compiled import borrowed, by_type, jit, uncompiled
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.history import facts, History, pairs, sums
 
-__all__ = ['ChangeMonitor', 'MONITORS', 'ResidualArrays', 'ResidualMonitor', 'contradicted',
-           'forget_residuals', 'normalised_residual', 'windowed_step']
+__all__ = ['ChangeMonitor', 'ExternalTorque', 'MONITORS', 'ResidualArrays', 'ResidualMonitor',
+           'contradicted', 'expected_square', 'external_torque', 'floor_of', 'forget_residuals',
+           'skip_pair']
 
 MONITORS = ('residual',)
 """The names of our change monitors."""
 
+CAP = 20.0  # thresholds: no d² counts more, so that one wild sample is no change
+EQUATIONS = 2.0  # for each parameter, below which a history that is not full says too little
+GROWTH = 1.05  # of a history that is not full, after which its residuals are computed again
+
 
 @jit
-def normalised_residual(regressor: np.ndarray, torque: np.ndarray, theta: np.ndarray,
-                        inverse: np.ndarray, variance: np.ndarray, floor: np.ndarray,
-                        ) -> np.ndarray:
-    """Return d² of the module's docstring per joint, shape (n,).
+def expected_square(regressor: np.ndarray, inverse: np.ndarray, variance: np.ndarray,
+                    floor: np.ndarray) -> np.ndarray:
+    """Return what r² is divided by in d² of the module's docstring, shape (n,) [N²·m²].
 
     Args:
         regressor: Present Y_f, shape (n, m).
-        torque: Present τ_f, shape (n,) [N·m].
-        theta: θ_s, shape (m,).
         inverse: Q⁻¹, widened where noise is correlated, shape (m, m).
         variance: Mean square residual of the stack per joint, shape (n,) [N²·m²].
         floor: (ρ t_i)², shape (n,) [N²·m²].
     """
-    residual = np.dot(regressor, theta) - torque
     spread = np.sum(np.dot(regressor, inverse) * regressor, axis=1)
-    return residual * residual / (variance * (1.0 + spread) + floor)
-
-
-@jit
-def windowed_step(mean: np.ndarray, gain: float, cap: float, regressor: np.ndarray,
-                  torque: np.ndarray, theta: np.ndarray, inverse: np.ndarray,
-                  variance: np.ndarray, floor: np.ndarray) -> tuple[np.ndarray, float]:
-    """Exponential mean of d² limited to ``cap``, one wild sample being no change; and its top."""
-    square = normalised_residual(regressor, torque, theta, inverse, variance, floor)
-    mean = mean + gain * (np.minimum(square, cap) - mean)
-    return mean, np.max(mean)
+    return variance * (1.0 + spread) + floor
 
 
 class ChangeMonitor(Protocol):
@@ -94,6 +85,24 @@ class ChangeMonitor(Protocol):
         ...
 
 
+class ExternalTorque(NamedTuple):
+    """Torque that the model does not explain: what acts from outside, with the sign turned.
+
+    Attributes:
+        torque: Measured minus predicted torque behind the filters, τ_f − Y_f θ_s, shape (n,)
+            [N·m]; NaN while the recorded pairs determine no θ_s.
+        bound: Size up to which it means nothing, shape (n,) [N·m]; infinite likewise.
+    """
+
+    torque: np.ndarray
+    bound: np.ndarray
+
+
+def external_torque(residual: np.ndarray, scale: np.ndarray, threshold: float) -> ExternalTorque:
+    """Return a residual with its bound, the square root of ``threshold`` times its scale."""
+    return ExternalTorque(residual.copy(), np.sqrt(threshold * scale))
+
+
 @by_type
 def contradicted(monitor: ChangeMonitor, dt: float, regressor: np.ndarray, torque: np.ndarray,
                  history: History) -> bool:
@@ -107,6 +116,11 @@ def forget_residuals(monitor: ChangeMonitor) -> None:
     monitor.reset()
 
 
+@by_type
+def skip_pair(monitor: ChangeMonitor) -> None:
+    """Hear of a pair that is not to be compared."""
+
+
 class ResidualArrays(NamedTuple):
     """The residual monitor as compiled functions take it; arrays are changed in place.
 
@@ -116,7 +130,11 @@ class ResidualArrays(NamedTuple):
         inverse: Q⁻¹, widened, shape (m, m).
         variance: Mean square residual of the stack per joint, shape (n,) [N²·m²].
         square: Mean square torque of the stack per joint, t_i², shape (n,) [N²·m²].
-        revision: That of the history these belong to, −1 for none, shape (1,).
+        revision: That of the history these belong to, −1 for none, and how many pairs it had,
+            shape (2,).
+        residual: τ_f − Y_f θ_s of the last pair, NaN where there was nothing to compare it with,
+            shape (n,) [N·m].
+        scale: What its square is compared with, shape (n,) [N²·m²]; infinite likewise.
         window: Time constant of the mean [s]; 0 is off.
         threshold: Mean of d² that counts as a change.
         resolution: ρ.
@@ -128,6 +146,8 @@ class ResidualArrays(NamedTuple):
     variance: np.ndarray
     square: np.ndarray
     revision: np.ndarray
+    residual: np.ndarray
+    scale: np.ndarray
     window: float
     threshold: float
     resolution: float
@@ -158,19 +178,37 @@ def residuals_contradicted(monitor: ResidualArrays, dt: float, regressor: np.nda
     """Compare a pair with the recorded ones, see `ChangeMonitor.watch`."""
     monitor = borrowed(monitor)
     count, size, rank, revision = facts(history)
-    if monitor.window <= 0.0 or count != size or rank != regressor.shape[1]:
+    n, m = regressor.shape
+    if monitor.window <= 0.0 or rank != m or (count != size and n * count < EQUATIONS * m):
+        nothing_compared(monitor)
         return False
-    if revision != monitor.revision[0]:
+    if revision != monitor.revision[0] and (
+            count >= size or count >= GROWTH * monitor.revision[1]):
         regressors, torques = pairs(history)
         gram, moment = sums(history)
-        take_over(monitor, regressors, torques, gram, moment)
-        monitor.revision[0] = revision
-    floor = monitor.resolution ** 2 * monitor.square + 1e-300
-    mean, top = windowed_step(
-        monitor.statistic, -math.expm1(-dt / monitor.window), 20.0 * monitor.threshold,
-        regressor, torque, monitor.theta, monitor.inverse, monitor.variance, floor)
-    monitor.statistic[:] = mean
-    return bool(top >= monitor.threshold)
+        take_over(monitor, regressors[:count], torques[:count], gram, moment)
+        monitor.revision[0], monitor.revision[1] = revision, count
+    monitor.scale[:] = expected_square(regressor, monitor.inverse, monitor.variance,
+                                       floor_of(monitor))
+    monitor.residual[:] = torque - np.dot(regressor, monitor.theta)
+    gain, cap = -math.expm1(-dt / monitor.window), CAP * monitor.threshold
+    square = np.minimum(monitor.residual * monitor.residual / monitor.scale, cap)
+    monitor.statistic[:] = monitor.statistic + gain * (square - monitor.statistic)
+    return bool(np.max(monitor.statistic) >= monitor.threshold)
+
+
+@jit
+def floor_of(monitor: ResidualArrays) -> np.ndarray:
+    """Return (ρ t_i)², shape (n,) [N²·m²]."""
+    return monitor.resolution ** 2 * monitor.square + 1e-300
+
+
+@jit
+def nothing_compared(monitor: ResidualArrays) -> None:
+    """Leave neither residual nor scale of a pair that is not compared."""
+    monitor = borrowed(monitor)
+    monitor.residual[:] = np.nan
+    monitor.scale[:] = np.inf
 
 
 @jit
@@ -178,15 +216,16 @@ def forget_statistic(monitor: ResidualArrays) -> None:
     """Begin with an empty mean and without residuals."""
     monitor = borrowed(monitor)
     monitor.statistic[:] = 0.0
-    monitor.revision[0] = -1
+    monitor.revision[0], monitor.revision[1] = -1, 0
 
 
 contradicted.register(ResidualArrays, residuals_contradicted)
 forget_residuals.register(ResidualArrays, forget_statistic)
+skip_pair.register(ResidualArrays, nothing_compared)
 
 
 class ResidualMonitor(ChangeMonitor):
-    """Sequential test on the normalised residual; silent until the stack is full, of full rank.
+    """Sequential test on the normalised residual; silent until the rank of the stack is full.
 
     Attributes:
         arrays: Its state.
@@ -206,7 +245,8 @@ class ResidualMonitor(ChangeMonitor):
         self._check(window, threshold, resolution)
         self.arrays = ResidualArrays(
             np.zeros(n), np.zeros(m), np.zeros((m, m)), np.zeros(n), np.zeros(n),
-            np.full(1, -1, dtype=np.int64), float(window), float(threshold), float(resolution))
+            np.array([-1, 0]), np.full(n, np.nan), np.full(n, np.inf), float(window),
+            float(threshold), float(resolution))
 
     @staticmethod
     def _check(window: float, threshold: float, resolution: float) -> None:
@@ -216,6 +256,11 @@ class ResidualMonitor(ChangeMonitor):
             raise ParameterError('identifier.change.threshold', threshold, 'a finite value > 1')
         if not (math.isfinite(resolution) and resolution >= 0.0):
             raise ParameterError('identifier.change.resolution', resolution, 'a finite value >= 0')
+
+    @property
+    def external_torque(self) -> ExternalTorque:
+        """What the last pair shows beyond what the recorded ones predict."""
+        return external_torque(self.arrays.residual, self.arrays.scale, self.arrays.threshold)
 
     @property
     def statistic(self) -> np.ndarray:
