@@ -205,8 +205,8 @@ def _run(name: str, arm_name: str, seed: int, seconds: float) -> Run:
     urdf, joints = ARMS[arm_name]
     arm = load_arm(f'package://{urdf}', joints, coulomb=condition.learned,
                    rotor_inertia=condition.learned)
-    loads = {'payload': LOADS[arm_name]} if name.startswith('load') else {}
-    found = recipe(arm, Robot(delay=0.005, **condition.stated, **loads))
+    payload = LOADS[arm_name] if name.startswith('load') else 0.0
+    found = recipe(arm, Robot(delay=0.005, payload=payload, **condition.stated))
     changes = {'arm_driver.plant': 'mujoco', 'arm_driver.sensors.seed': seed,
                **condition.plant(arm_name, found)}
     if condition.start == 'off':

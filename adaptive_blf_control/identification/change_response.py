@@ -5,10 +5,11 @@ With ``change.suspicion`` 0 the recorded pairs are forgotten at once. Else:
 
 * in *doubt*, from that mean of d² on, nothing is recorded, so that what contradicts the recorded
   pairs does not come among them and hide;
-* *held*, from ``change.threshold`` on, no pair moves θ̂, recorded or present; Xᵀe2 alone does, which
-  keeps the arm inside its sets. That lasts until one of three explanations holds: the residual is
-  gone, so it was a contact, and θ̂ is again what it was before; one load at the tip predicts it; or
-  neither within ``change.patience``, so the arm is another one;
+* *held*, from ``change.threshold`` on, no pair moves θ̂, recorded or present, and Xᵀe2 does with
+  ``change.adapt`` only: it holds a load, and pushes ever harder against a wall. That lasts until
+  one of three explanations holds: the residual is gone, so it was a contact, and θ̂ is again what
+  it was before; one load at the tip predicts it; or neither within ``change.patience``, so the
+  arm is another one;
 * *loaded*, θ̂ and the recorded pairs become those of the arm with the load (`load_fit`): what they
   say about everything else stays. It ends when what is open of the load is below what the monitor
   notices;
@@ -48,15 +49,15 @@ from adaptive_blf_control.identification.stack_arrays import (
     sum_again,
 )
 
-__all__ = ['ADAPT', 'ALARMS', 'CONTACTS', 'DOUBT', 'FORGET', 'HELD', 'KEEP', 'LEARN', 'LOADED', 'LOADS',
-           'QUIET', 'RECALL', 'REMEMBERS', 'ResponseArrays', 'STATE', 'STATES', 'forget_response',
-           'new_response', 'remembered', 'respond', 'retreat']
+__all__ = ['ADAPT', 'ALARMS', 'CONTACTS', 'DOUBT', 'FORGET', 'HELD', 'KEEP', 'LEARN', 'LOADED',
+           'LOADS', 'QUIET', 'RECALL', 'REMEMBERS', 'ResponseArrays', 'STATE', 'STATES',
+           'forget_response', 'new_response', 'remembered', 'respond', 'retreat']
 
 STATES = ('quiet', 'doubt', 'doubt given up', 'held', 'loaded')
 QUIET, DOUBT, GIVEN_UP, HELD, LOADED = range(5)
 
-# What `respond` lets be done with a pair: everything; nothing but learning from the recorded ones;
-# nothing but Xᵀe2, without any pair; nothing at all; or the recorded ones are forgotten.
+# What `respond` lets be done with a pair: everything; nothing but learning from the recorded
+# ones; nothing but Xᵀe2, without any pair; nothing at all; or the recorded ones are forgotten.
 LEARN, RECALL, ADAPT, KEEP, FORGET = range(5)
 
 # Elements of `ResponseArrays.counts` ...
@@ -88,6 +89,7 @@ class ResponseArrays(NamedTuple):
         settling: Time after an alarm after which they have forgotten what was before it [s].
         patience: Longest time that is waited for an explanation [s].
         contact: Whether a contact is known of.
+        adapts: Whether Xᵀe2 moves θ̂ while it is held.
     """
 
     counts: np.ndarray
@@ -102,13 +104,14 @@ class ResponseArrays(NamedTuple):
     settling: float
     patience: float
     contact: bool
+    adapts: bool
 
 
 def new_response(n: int, m: int, directions: np.ndarray) -> ResponseArrays:
     """Return a quiet response that is off, for n joints, m parameters and loads along B."""
     return ResponseArrays(
         np.zeros(5, dtype=np.int64), np.zeros(4), np.zeros(m), np.zeros((m, m)), np.zeros(m),
-        np.zeros(1), new_load_fit(n, directions), 0.0, 0.0, 0.0, 0.0, False)
+        np.zeros(1), new_load_fit(n, directions), 0.0, 0.0, 0.0, 0.0, False, False)
 
 
 @jit
@@ -136,7 +139,12 @@ def _hold(response: ResponseArrays, monitor: ResidualArrays, theta: np.ndarray) 
     response.before[:] = theta
     forget_load(response.load, monitor.theta)
     _enter(response, HELD)
-    return ADAPT
+    return _moved(response)
+
+
+@jit
+def _moved(response: ResponseArrays) -> int:
+    return ADAPT if response.adapts else KEEP
 
 
 @jit
@@ -166,7 +174,7 @@ def respond(response: ResponseArrays, monitor: ResidualArrays, history: Pairs, t
         clock[:] = 0.0
         return KEEP
     if not settled:
-        return ADAPT if counts[STATE] == HELD else LEARN
+        return _moved(response) if counts[STATE] == HELD else LEARN
     clock[SINCE] += dt
     top = np.max(monitor.statistic) if suspicion > 0.0 else 0.0
     if counts[STATE] == HELD:
@@ -220,7 +228,7 @@ def _held(response: ResponseArrays, monitor: ResidualArrays, history: Pairs, the
         theta[:] = response.before
         _follow_load(load, monitor, history, theta)
         return RECALL
-    return FORGET if clock[SINCE] >= response.patience else ADAPT
+    return FORGET if clock[SINCE] >= response.patience else _moved(response)
 
 
 @jit

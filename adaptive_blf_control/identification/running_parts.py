@@ -118,7 +118,7 @@ class RunningParts:
             suspicion=float(change.suspicion) if ours and change.window > 0.0 else 0.0,
             memory=float(memory), settling=float(change.settle * memory),
             patience=float(change.patience),
-            contact=ours and bool(self._settings.known_contact))
+            contact=ours and bool(self._settings.known_contact), adapts=bool(change.adapt))
 
     @property
     def response(self) -> ResponseArrays:

@@ -110,6 +110,11 @@ class ChangeSettings(Settings, where='identifier.change'):
         5.0, 'Longest time to wait for the reason; then the history is emptied.',
         's', 0.0, 3600.0, exclusive=True, live=True)
 
+    adapt: bool = parameter(
+        False,
+        'While the reason is not known X^T e2 goes on to move theta_hat: it holds a load that was '
+        'put on or taken off, and pushes ever harder against a contact.', live=True)
+
     def _check(self) -> None:
         if self.suspicion > self.threshold:
             raise ParameterError('identifier.change.suspicion', self.suspicion,

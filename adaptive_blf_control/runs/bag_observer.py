@@ -11,7 +11,11 @@ from typing import Any
 import yaml
 
 from adaptive_blf_control.bags.writer import BagWriter
-from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, TABLES
+from adaptive_blf_control.configuration.node_settings import (
+    ControllerNodeSettings,
+    IdentifierNodeSettings,
+    TABLES,
+)
 from adaptive_blf_control.configuration.parameter_file import (
     node_settings,
     node_values,
@@ -62,7 +66,9 @@ class BagObserver:
                                             loop.controller.constraints.names)
         self._decimation = node_settings(data, ControllerNodeSettings).monitor_decimation
         self._monitors = MonitorStream(self._controller)
-        self._estimates = EstimateStream(arm.parameters)
+        self._estimates = EstimateStream(
+            arm.parameters, arm.joints,
+            node_settings(data, IdentifierNodeSettings).external_torque_decimation)
 
     def __enter__(self) -> BagObserver:
         """Return the observer."""
@@ -85,7 +91,8 @@ class BagObserver:
                                       lambda: controller.lyapunov(output, sample.theta_used)),
             **self._estimates.messages(
                 stamp, sample.theta_hat, sample.insertions,
-                lambda: HistoryFigures(sample.rank, sample.sigma_min, sample.excitation)),
+                lambda: HistoryFigures(sample.rank, sample.sigma_min, sample.excitation),
+                lambda: sample.external_torque),
         }
         for topic, message in messages.items():
             self._bag.write(f'/{topic}', message, stamp)

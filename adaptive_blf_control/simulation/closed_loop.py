@@ -164,7 +164,7 @@ class ClosedLoop:
             term = output.adaptation_term
             stack = identifier.stack
             yield Sample(t, measured, output, theta, estimate, stack.rank, stack.sigma_min,
-                         stack.insertions, identifier.excitation)
+                         stack.insertions, identifier.excitation, identifier.external_torque)
             theta = theta if self._known else estimate
             plant.apply(output.torque)
             plant.advance(self.period)

@@ -67,7 +67,8 @@ def _identifier(recipe: Recipe) -> dict[str, Any]:
         'filter.time_constant': filters.time_constant, 'filter.state_order': filters.state_order,
         'filter.state_time_constant': filters.state_time_constant,
         'filter.gap': max(0.05, 5.0 / recipe.robot.rate),
-        'change.suspicion': SUSPICION, 'change.settle': SETTLE}
+        'change.suspicion': SUSPICION, 'change.settle': SETTLE,
+        'change.adapt': recipe.robot.payload > 0.0}
     if filters.state_order:
         return values | {'history.size': max(100, 2 * m),
                          'history.epsilon': 0.03, 'history.minimum_growth': 0.05}
@@ -109,6 +110,7 @@ def reasons_of(recipe: Recipe) -> Mapping[str, str]:
         'identifier.filter.time_constant': _filter_reason(recipe),
         'identifier.change.suspicion': 'What contradicts the recorded pairs is held back until '
                                        'its reason is known.',
+        'identifier.change.adapt': 'True where a payload is stated.',
         'controller.k1': 'A tenth of the damping rate of k2, over bound^4.',
         'controller.k2': f'lambda_max(M^-1 k2) = {recipe.rate:.3g} 1/s along the reference, with '
                          f'k1 a third of the {delay.largest_rate:.4g} 1/s at which a loop with '
