@@ -135,6 +135,9 @@ class ResidualArrays(NamedTuple):
         residual: τ_f − Y_f θ_s of the last pair, NaN where there was nothing to compare it with,
             shape (n,) [N·m].
         scale: What its square is compared with, shape (n,) [N²·m²]; infinite likewise.
+        ordinary: Mean of d² that pairs have which are not recorded, ≥ 1, by which d² is divided:
+            what the model lacks, as dry friction at standstill, shows in others than the recorded
+            ones; 1 where nobody follows it, shape (n,).
         window: Time constant of the mean [s]; 0 is off.
         threshold: Mean of d² that counts as a change.
         resolution: ρ.
@@ -148,6 +151,7 @@ class ResidualArrays(NamedTuple):
     revision: np.ndarray
     residual: np.ndarray
     scale: np.ndarray
+    ordinary: np.ndarray
     window: float
     threshold: float
     resolution: float
@@ -188,8 +192,8 @@ def residuals_contradicted(monitor: ResidualArrays, dt: float, regressor: np.nda
         gram, moment = sums(history)
         take_over(monitor, regressors[:count], torques[:count], gram, moment)
         monitor.revision[0], monitor.revision[1] = revision, count
-    monitor.scale[:] = expected_square(regressor, monitor.inverse, monitor.variance,
-                                       floor_of(monitor))
+    monitor.scale[:] = monitor.ordinary * expected_square(
+        regressor, monitor.inverse, monitor.variance, floor_of(monitor))
     monitor.residual[:] = torque - np.dot(regressor, monitor.theta)
     gain, cap = -math.expm1(-dt / monitor.window), CAP * monitor.threshold
     square = np.minimum(monitor.residual * monitor.residual / monitor.scale, cap)
@@ -216,6 +220,7 @@ def forget_statistic(monitor: ResidualArrays) -> None:
     """Begin with an empty mean and without residuals."""
     monitor = borrowed(monitor)
     monitor.statistic[:] = 0.0
+    monitor.ordinary[:] = 1.0
     monitor.revision[0], monitor.revision[1] = -1, 0
 
 
@@ -245,8 +250,8 @@ class ResidualMonitor(ChangeMonitor):
         self._check(window, threshold, resolution)
         self.arrays = ResidualArrays(
             np.zeros(n), np.zeros(m), np.zeros((m, m)), np.zeros(n), np.zeros(n),
-            np.array([-1, 0]), np.full(n, np.nan), np.full(n, np.inf), float(window),
-            float(threshold), float(resolution))
+            np.array([-1, 0]), np.full(n, np.nan), np.full(n, np.inf), np.ones(n),
+            float(window), float(threshold), float(resolution))
 
     @staticmethod
     def _check(window: float, threshold: float, resolution: float) -> None:

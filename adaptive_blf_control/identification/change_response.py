@@ -16,8 +16,10 @@ With ``change.suspicion`` 0 the recorded pairs are forgotten at once. Else:
 * for another arm the pairs are forgotten, but a part of what they said stays beside the new ones
   until these are as strong: θ̂ changes where the new pairs ask for it, and nowhere else.
 
-A doubt that neither ends nor becomes an alarm within ``change.patience`` is given up: the model
-is less exact than it was, and learning goes on.
+d² is divided by what it ordinarily is for pairs that are not recorded. At first that is taken to
+be as large as an alarm: a history that has just got full rank, with a tiny σ_min, explains itself
+only. It follows the pairs within seconds, and in a doubt within ``change.patience``, so that a
+doubt that neither ends nor becomes an alarm is given up: the model is less exact than it was.
 """
 
 from __future__ import annotations
@@ -49,12 +51,12 @@ from adaptive_blf_control.identification.stack_arrays import (
     sum_again,
 )
 
-__all__ = ['ADAPT', 'ALARMS', 'CONTACTS', 'DOUBT', 'FORGET', 'HELD', 'KEEP', 'LEARN', 'LOADED',
-           'LOADS', 'QUIET', 'RECALL', 'REMEMBERS', 'ResponseArrays', 'STATE', 'STATES',
+__all__ = ['ADAPT', 'ALARMS', 'CONTACTS', 'DOUBT', 'FORGET', 'HELD', 'KEEP', 'KNOWN', 'LEARN',
+           'LOADED', 'LOADS', 'QUIET', 'RECALL', 'REMEMBERS', 'ResponseArrays', 'STATE', 'STATES',
            'forget_response', 'new_response', 'remembered', 'respond', 'retreat']
 
-STATES = ('quiet', 'doubt', 'doubt given up', 'held', 'loaded')
-QUIET, DOUBT, GIVEN_UP, HELD, LOADED = range(5)
+STATES = ('quiet', 'doubt', 'held', 'loaded')
+QUIET, DOUBT, HELD, LOADED = range(4)
 
 # What `respond` lets be done with a pair: everything; nothing but learning from the recorded
 # ones; nothing but Xᵀe2, without any pair; nothing at all; or the recorded ones are forgotten.
@@ -63,9 +65,10 @@ LEARN, RECALL, ADAPT, KEEP, FORGET = range(5)
 # Elements of `ResponseArrays.counts` ...
 STATE, ALARMS, CONTACTS, LOADS, REMEMBERS = range(5)
 # ... and of `ResponseArrays.clock`.
-SINCE, CLEAR, EXPLAINED, SETTLED = range(4)
+SINCE, CLEAR, EXPLAINED, KNOWN = range(4)
 
 CONFIRM = 3.0  # windows for which a load has to predict the pairs
+SLOWLY = 20.0  # windows over which the ordinary d² is followed
 LONG = 5.0  # windows for which it is fitted further at least
 REMAINS = 0.01  # part of what forgotten pairs said that stays beside new ones ...
 ENOUGH = 0.5  # ... until their σ_min is this part of what it was
@@ -78,7 +81,8 @@ class ResponseArrays(NamedTuple):
         counts: By name: STATE, one of `STATES`; how many ALARMS there were, how many of them were
             CONTACTS or LOADS; whether it REMEMBERS what forgotten pairs said; shape (5,).
         clock: By name: time SINCE the state began, for which the residual was CLEAR, for which a
-            load EXPLAINED it, for which it has to have SETTLED, shape (4,) [s].
+            load EXPLAINED it, and for which the recorded pairs have determined a model, KNOWN,
+            shape (4,) [s].
         before: θ̂ before the doubt, shape (m,).
         gram: What is left of Q of forgotten pairs, shape (m, m).
         moment: Likewise Σ Y_fjᵀ τ_fj, shape (m,).
@@ -127,7 +131,7 @@ def forget_response(response: ResponseArrays) -> None:
 def _enter(response: ResponseArrays, state: int) -> None:
     response = borrowed(response)
     response.counts[STATE] = state
-    response.clock[:] = 0.0
+    response.clock[:KNOWN] = 0.0
 
 
 @jit
@@ -171,7 +175,7 @@ def respond(response: ResponseArrays, monitor: ResidualArrays, history: Pairs, t
     if response.contact:
         if counts[STATE] != HELD:
             _hold(response, monitor, theta)
-        clock[:] = 0.0
+        clock[:KNOWN] = 0.0
         return KEEP
     if not settled:
         return _moved(response) if counts[STATE] == HELD else LEARN
@@ -187,22 +191,38 @@ def respond(response: ResponseArrays, monitor: ResidualArrays, history: Pairs, t
     if counts[STATE] == LOADED:
         return _loaded(response, monitor, history, theta, dt, regressor, torque)
     _forget_what_remains(response, history)
+    _follow_ordinary(response, monitor, dt)
     return _doubt(response, theta, top)
+
+
+@jit
+def _follow_ordinary(response: ResponseArrays, monitor: ResidualArrays, dt: float) -> None:
+    """Let what d² is divided by follow the pairs; a doubt slows that down."""
+    response, monitor = borrowed(response), borrowed(monitor)
+    if not np.isfinite(monitor.scale[0]):
+        response.clock[KNOWN] = 0.0
+        return
+    if response.clock[KNOWN] == 0.0:
+        monitor.ordinary[:] = monitor.threshold
+    response.clock[KNOWN] += dt
+    doubt = response.counts[STATE] == DOUBT
+    part = min(dt / (response.patience if doubt else SLOWLY * monitor.window), 1.0)
+    for i in range(monitor.ordinary.size):
+        square = min(monitor.residual[i] ** 2 / monitor.scale[i], monitor.threshold)
+        followed = monitor.ordinary[i] * (1.0 + part * (square - 1.0))
+        monitor.ordinary[i] = max(followed, 1.0)
 
 
 @jit
 def _doubt(response: ResponseArrays, theta: np.ndarray, top: float) -> int:
     response = borrowed(response)
-    state, suspicion = response.counts[STATE], response.suspicion
-    if top < (0.5 * suspicion if state == GIVEN_UP else suspicion):
+    if top < response.suspicion:
         response.counts[STATE] = QUIET
         return LEARN
-    if state == QUIET:
+    if response.counts[STATE] == QUIET:
         response.before[:] = theta
         _enter(response, DOUBT)
-    elif state == DOUBT and response.clock[SINCE] >= response.patience:
-        _enter(response, GIVEN_UP)
-    return LEARN if response.counts[STATE] == GIVEN_UP else RECALL
+    return RECALL
 
 
 @jit

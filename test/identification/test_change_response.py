@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from adaptive_blf_control.identification.change_response import (
     CONTACTS,
     FORGET,
     KEEP,
+    KNOWN,
     LEARN,
     LOADS,
     new_response,
@@ -27,6 +30,13 @@ from adaptive_blf_control.identification.change_response import (
 )
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.identifier import Identifier
+
+
+@pytest.fixture(autouse=True)
+def foreign(monkeypatch) -> None:
+    """Let parameters name the foreign parts beside this file."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+
 
 DT, NOISE = 1e-3, 0.05
 TRUE = np.array([3.0, -1.0, 0.5, 2.0])
@@ -45,6 +55,7 @@ class Subject:
         self.monitor = ResidualMonitor(2, 4, 0.1, 25.0, 0.0)
         self.response = new_response(2, 4, LOAD)._replace(
             suspicion=2.0, memory=0.02, settling=0.05, patience=2.0)._replace(**settings)
+        self.response.clock[KNOWN] = 1.0  # what is ordinary has been seen
 
     def _pair(self, theta, push):
         regressor = self.random.normal(size=(2, 4))
@@ -77,9 +88,10 @@ def test_what_contradicts_the_recorded_pairs_does_not_come_among_them():
 def test_a_doubt_that_comes_to_nothing_is_given_up():
     subject = Subject()
     changed = TRUE + [0.0, 0.0, 0.0, 0.12]
-    verdicts = [subject.feed(changed) for _ in range(2600)]
-    assert verdicts[1000] == RECALL
+    verdicts = [subject.feed(changed) for _ in range(6000)]
+    assert verdicts[500] == RECALL
     assert LEARN in verdicts[2200:]
+    assert subject.count(ALARMS) == 0
 
 
 def test_a_load_is_found_and_corrects_the_recorded_pairs():
@@ -135,7 +147,7 @@ def test_what_xt_e2_may_do_while_the_reason_is_not_known_is_a_setting():
         assert verdicts[-1] == expected
 
 
-def test_nothing_is_learned_while_a_contact_is_known_of_or_while_the_filters_settle_after_it():
+def test_nothing_is_learned_while_a_contact_is_known_of_and_the_filters_settle_after_it():
     subject = Subject()
     known = subject.response._replace(contact=True)
     subject.response, before = known, subject.response
@@ -150,8 +162,9 @@ def test_nothing_is_learned_while_a_contact_is_known_of_or_while_the_filters_set
 def test_settling_at_the_start_and_after_a_change_are_two_parameters():
     random = np.random.default_rng(0)
     for settle, longest in ((0.0, 1), (30.0, 40)):
-        subject = Identifier(TwoLinkArm(), change_monitor='foreign_parts:Alarm', filter={'settle': 0.0},
-                             history={'epsilon': 0.0}, change={'settle': settle})
+        subject = Identifier(TwoLinkArm(), change_monitor='foreign_parts:Alarm',
+                             filter={'settle': 0.0}, history={'epsilon': 0.0},
+                             change={'settle': settle})
         counts = []
         for k in range(180):
             subject.update(1e-3 * k, *random.normal(size=(3, 2)))
@@ -166,3 +179,12 @@ def test_settling_at_the_start_and_after_a_change_are_two_parameters():
 def test_a_suspicion_above_the_threshold_is_refused_by_name():
     with pytest.raises(ParameterError, match=r'identifier\.change\.suspicion'):
         Identifier(TwoLinkArm(), change={'suspicion': 30.0})
+
+
+def test_a_history_whose_rank_is_full_just_now_raises_no_alarm_about_what_it_has_not_seen():
+    for seen, expected in ((0.0, 0), (1.0, 1)):
+        subject = Subject()
+        subject.response.clock[KNOWN] = seen
+        for _ in range(300):  # 4 to 5 standard deviations
+            subject.feed(TRUE, push=np.array([0.3, 0.3]))
+        assert subject.count(ALARMS) == expected
