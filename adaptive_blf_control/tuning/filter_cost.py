@@ -23,7 +23,7 @@ from adaptive_blf_control.tuning.inertia import reference_states, ReferenceState
 
 __all__ = ['filter_cost', 'filter_warnings']
 
-STEP, SPAN = 0.01, 12.0  # s: grid along the reference, after the filter has settled
+STEP, FINE, SPAN = 0.01, 0.25, 12.0  # s, time constants, s: grid after the filter has settled
 SETTLED = 5.0  # times its memory
 ACCEPTED = 0.01  # part of the torque that a filter may cost without a warning
 
@@ -41,11 +41,12 @@ def filter_cost(arm: Arm, reference: Reference, theta: np.ndarray, order: int,
     """
     if not order:
         return 0.0
-    start = math.ceil(SETTLED * order * time_constant / STEP)
-    count = start + math.ceil(SPAN / STEP)
-    states = reference_states(reference, count + 1, STEP * count)
+    step = min(STEP, FINE * time_constant)
+    start = math.ceil(SETTLED * order * time_constant / step)
+    count = start + math.ceil(SPAN / step)
+    states = reference_states(reference, count + 1, step * count)
     torque = inverse_dynamics(arm, theta, *states)
-    ratio = STEP / time_constant
+    ratio = step / time_constant
     q = _cascade(states.q, order, ratio)
     filtered = ReferenceStates(
         q[:, order], (q[:, order - 1] - q[:, order]) / time_constant,
