@@ -81,9 +81,12 @@ def filter_warnings(arm: Arm, reference: Reference, theta: np.ndarray,
     order, constant = settings.state_order, settings.state_time_constant
     if settings.state_filter != 'low_pass' or not order:
         return
-    cost = filter_cost(arm, reference, theta, order, constant)
-    if cost > ACCEPTED:
-        slower = math.sqrt(ACCEPTED / cost)
+    first = cost = filter_cost(arm, reference, theta, order, constant)
+    better = constant
+    while cost > ACCEPTED:
+        better *= 0.95 * math.sqrt(ACCEPTED / cost)
+        cost = filter_cost(arm, reference, theta, order, better)
+    if better < constant:
         yield (f'identifier.filter.state_time_constant: {order} times {constant:g} s distort the '
-               f'torque of this reference by {cost:.1%} of it; {slower * constant:.2g} s, or a '
-               f'motion at {slower:.2g} times its speed, would cost {ACCEPTED:.0%}')
+               f'torque of this reference by {first:.1%} of it; {better:.2g} s, or a motion at '
+               f'{better / constant:.2g} times its speed, would cost less than {ACCEPTED:.0%}')
