@@ -143,6 +143,7 @@ CONDITIONS = {
     'load-real': Condition('+ rotors, dry friction, gain, load', SENSORS, _loaded_real,
                            learned=True),
     'wall': Condition('sensors + wall', SENSORS, _wall),
+    'wall-wide': Condition('sensors + wall, --width 0.3', {**SENSORS, 'width': 0.3}, _wall),
     'weak': Condition('torque limits at 60 %', SENSORS, _weak),
     '500hz': Condition('500 Hz, instantaneous effort', {'rate': 500.0}, _instant),
     'tilted': Condition('base tilted 30°', SENSORS, _tilted),
