@@ -48,9 +48,9 @@ class Subject:
 
     def __init__(self, **settings) -> None:
         self.random = np.random.default_rng(4)
-        self.stack = HistoryStack(2, 4, 60, 0.0)
+        self.stack = HistoryStack(2, 4, 60, 0.0, 0.05)
         self.theta = TRUE.copy()
-        for _ in range(60):
+        for _ in range(800):  # then few pairs make it better
             self.stack.offer(*self._pair(TRUE, 0.0))
         self.monitor = ResidualMonitor(2, 4, 0.1, 25.0, 0.0)
         self.response = new_response(2, 4, LOAD)._replace(
@@ -75,11 +75,11 @@ class Subject:
 
 def test_what_contradicts_the_recorded_pairs_does_not_come_among_them():
     subject = Subject()
-    changed = TRUE + [0.0, 0.0, 0.0, 0.12]  # a mean of d² between suspicion and threshold
+    changed = TRUE + [0.0, 0.0, 0.0, 0.25]  # a mean of d² between suspicion and threshold
     for _ in range(200):
         subject.feed(changed)
     before = subject.stack.insertions
-    verdicts = {subject.feed(changed) for _ in range(500)}
+    verdicts = {subject.feed(changed) for _ in range(300)}
     assert verdicts == {RECALL}
     assert subject.stack.insertions == before
     assert 2.0 < subject.monitor.statistic.max() < 25.0
@@ -87,8 +87,8 @@ def test_what_contradicts_the_recorded_pairs_does_not_come_among_them():
 
 def test_a_doubt_that_comes_to_nothing_is_given_up():
     subject = Subject()
-    changed = TRUE + [0.0, 0.0, 0.0, 0.12]
-    verdicts = [subject.feed(changed) for _ in range(6000)]
+    changed = TRUE + [0.0, 0.0, 0.0, 0.25]
+    verdicts = [subject.feed(changed) for _ in range(3500)]
     assert verdicts[500] == RECALL
     assert LEARN in verdicts[2200:]
     assert subject.count(ALARMS) == 0
@@ -185,6 +185,6 @@ def test_a_history_whose_rank_is_full_just_now_raises_no_alarm_about_what_it_has
     for seen, expected in ((0.0, 0), (1.0, 1)):
         subject = Subject()
         subject.response.clock[KNOWN] = seen
-        for _ in range(300):  # 4 to 5 standard deviations
-            subject.feed(TRUE, push=np.array([0.3, 0.3]))
+        for _ in range(300):  # six to seven standard deviations
+            subject.feed(TRUE, push=np.array([0.5, 0.5]))
         assert subject.count(ALARMS) == expected
