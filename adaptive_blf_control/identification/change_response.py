@@ -69,6 +69,7 @@ SINCE, CLEAR, EXPLAINED, KNOWN = range(4)
 
 CONFIRM = 3.0  # windows for which a load has to predict the pairs
 SLOWLY = 20.0  # windows over which the ordinary d² is followed
+MOST = 4.0  # suspicions: no d² in a doubt counts more for it, so that it hides no change
 LONG = 5.0  # windows for which it is fitted further at least
 REMAINS = 0.01  # part of what forgotten pairs said that stays beside new ones ...
 ENOUGH = 0.5  # ... until their σ_min is this part of what it was
@@ -207,8 +208,9 @@ def _follow_ordinary(response: ResponseArrays, monitor: ResidualArrays, dt: floa
     response.clock[KNOWN] += dt
     doubt = response.counts[STATE] == DOUBT
     part = min(dt / (response.patience if doubt else SLOWLY * monitor.window), 1.0)
+    most = min(MOST * response.suspicion if doubt else monitor.threshold, monitor.threshold)
     for i in range(monitor.ordinary.size):
-        square = min(monitor.residual[i] ** 2 / monitor.scale[i], monitor.threshold)
+        square = min(monitor.residual[i] ** 2 / monitor.scale[i], most)
         followed = monitor.ordinary[i] * (1.0 + part * (square - 1.0))
         monitor.ordinary[i] = max(followed, 1.0)
 

@@ -112,7 +112,7 @@ def test_the_external_torque_is_measured_minus_predicted_and_beyond_its_bound_wh
     torque, bound = monitor.external_torque
     assert torque[1] == pytest.approx(2.0, abs=0.3)
     assert (np.abs(torque) > bound).tolist() == [False, True]
-    assert ((bound > 0.15) & (bound < 0.3)).all()  # 3 standard deviations of 0.05, and those of θ_s
+    assert ((bound > 0.15) & (bound < 0.3)).all()  # 3 standard deviations, and those of θ_s
 
 
 def test_a_change_below_the_resolution_does_not_matter():
