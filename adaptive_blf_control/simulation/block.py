@@ -189,7 +189,8 @@ def run_block(loop: LoopArrays, memory: LoopMemory, given: BlockInputs, trace: T
             _write_observed(observed, k, q, qd, torque, theta, answer, x)
             observed.insertions[k] = counters[INSERTIONS]
             observed.excitation_parts[k] = excitation.completed[0]
-            observed.residual[k], observed.scale[k] = monitor.residual, monitor.scale
+            observed.residual[k] = monitor.residual
+            observed.scale[k] = monitor.scale
         term[:] = answer.term
         if not loop.known:
             theta[:] = learned
