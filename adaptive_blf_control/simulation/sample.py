@@ -40,7 +40,7 @@ class Sample(NamedTuple):
         sigma_min: σ_min of the history.
         insertions: Pairs that the history has taken so far.
         excitation: Excitation index; None where switched off.
-        external_torque: See `Identifier.external_torque`.
+        external_torque: See `Identifier.external_torque`; None where nobody tells it.
     """
 
     t: float
