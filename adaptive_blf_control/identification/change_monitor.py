@@ -26,7 +26,7 @@ from adaptive_blf_control.identification.history import facts, History, pairs, s
 
 __all__ = ['ChangeMonitor', 'ExternalTorque', 'MONITORS', 'ResidualArrays', 'ResidualMonitor',
            'contradicted', 'expected_square', 'external_torque', 'floor_of', 'forget_residuals',
-           'skip_pair']
+           'nothing_compared']
 
 MONITORS = ('residual',)
 """The names of our change monitors."""
@@ -114,11 +114,6 @@ def contradicted(monitor: ChangeMonitor, dt: float, regressor: np.ndarray, torqu
 def forget_residuals(monitor: ChangeMonitor) -> None:
     """Forget what was seen, see `ChangeMonitor.reset`."""
     monitor.reset()
-
-
-@by_type
-def skip_pair(monitor: ChangeMonitor) -> None:
-    """Hear of a pair that is not to be compared."""
 
 
 class ResidualArrays(NamedTuple):
@@ -226,7 +221,6 @@ def forget_statistic(monitor: ResidualArrays) -> None:
 
 contradicted.register(ResidualArrays, residuals_contradicted)
 forget_residuals.register(ResidualArrays, forget_statistic)
-skip_pair.register(ResidualArrays, nothing_compared)
 
 
 class ResidualMonitor(ChangeMonitor):

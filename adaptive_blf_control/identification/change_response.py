@@ -29,11 +29,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, by_type, jit
 from adaptive_blf_control.identification.change_monitor import (
+    ChangeMonitor,
     contradicted,
+    nothing_compared,
     ResidualArrays,
 )
+from adaptive_blf_control.identification.history import History
 from adaptive_blf_control.identification.load_fit import (
     fit_load,
     forget_load,
@@ -53,7 +56,7 @@ from adaptive_blf_control.identification.stack_arrays import (
 
 __all__ = ['ADAPT', 'ALARMS', 'CONTACTS', 'DOUBT', 'FORGET', 'HELD', 'KEEP', 'KNOWN', 'LEARN',
            'LOADED', 'LOADS', 'QUIET', 'RECALL', 'REMEMBERS', 'ResponseArrays', 'STATE', 'STATES',
-           'forget_response', 'new_response', 'remembered', 'respond', 'retreat']
+           'forget_response', 'judged', 'new_response', 'remembered', 'respond', 'retreat']
 
 STATES = ('quiet', 'doubt', 'held', 'loaded')
 QUIET, DOUBT, HELD, LOADED = range(4)
@@ -305,6 +308,32 @@ def retreat(response: ResponseArrays, monitor: ResidualArrays, history: Pairs,
     response.strength[0] = history.figures[SIGMA_MIN]
     response.counts[REMEMBERS] = 1
     _enter(response, QUIET)
+
+
+@by_type
+def judged(monitor: ChangeMonitor, response: ResponseArrays, history: History, theta: np.ndarray,
+           dt: float, regressor: np.ndarray, torque: np.ndarray, settled: bool) -> int:
+    """Return what may be done with a pair, see `respond`; a foreign monitor knows two answers."""
+    return FORGET if settled and contradicted(monitor, dt, regressor, torque, history) else LEARN
+
+
+@jit
+def _judged_by_ours(monitor: ResidualArrays, response: ResponseArrays, history: Pairs,
+                    theta: np.ndarray, dt: float, regressor: np.ndarray, torque: np.ndarray,
+                    settled: bool) -> int:
+    response = borrowed(response)
+    if not settled:
+        nothing_compared(monitor)
+    if response.suspicion > 0.0 or response.contact or response.counts[STATE] != QUIET:
+        verdict = respond(response, monitor, history, theta, dt, regressor, torque, settled)
+        if verdict == FORGET:
+            retreat(response, monitor, history, theta)
+        return verdict
+    contradiction = settled and contradicted(monitor, dt, regressor, torque, history)
+    return FORGET if contradiction else LEARN
+
+
+judged.register(ResidualArrays, _judged_by_ours)
 
 
 @jit

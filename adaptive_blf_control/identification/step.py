@@ -20,23 +20,16 @@ from adaptive_blf_control.identification.artificial_noise import (
     NoisyHistoryArrays,
     offer_with_noise,
 )
-from adaptive_blf_control.identification.change_monitor import (
-    contradicted,
-    forget_residuals,
-    skip_pair,
-)
+from adaptive_blf_control.identification.change_monitor import forget_residuals
 from adaptive_blf_control.identification.change_response import (
     ADAPT,
     FORGET,
+    judged,
     KEEP,
     LEARN,
-    QUIET,
     remembered,
     REMEMBERS,
-    respond,
     ResponseArrays,
-    retreat,
-    STATE,
 )
 from adaptive_blf_control.identification.excitation import accumulate, ExcitationArrays
 from adaptive_blf_control.identification.history import facts, forget_pairs, offer, sums, UNJUDGED
@@ -192,22 +185,6 @@ def observe_step(arm: Any, state_filter: Any, pair: PairState, t: float, q: np.n
 
 
 @inlined
-def _judged(pair: PairState, learner: LearnerState, dt: float, settled: bool) -> int:
-    """Return what may be done with the present pair, see `respond`."""
-    response, filtered_pair = learner.response, pair.filter
-    verdict = LEARN
-    if response.suspicion > 0.0 or response.contact or response.counts[STATE] != QUIET:
-        verdict = respond(response, learner.monitor, learner.history, learner.theta, dt,
-                          filtered_pair.regressor, filtered_pair.torque, settled)
-        if verdict == FORGET:
-            retreat(response, learner.monitor, learner.history, learner.theta)
-    elif settled and contradicted(learner.monitor, dt, filtered_pair.regressor,
-                                  filtered_pair.torque, learner.history):
-        verdict = FORGET
-    return verdict
-
-
-@inlined
 def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarray) -> None:
     """Record the present pair, or forget the recorded ones, and advance θ̂.
 
@@ -221,9 +198,8 @@ def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarr
     learner = borrowed(learner)
     counts, regressor, torque = pair.counts, pair.filter.regressor, pair.filter.torque
     settled = bool(pair.clock[AGE] >= pair.settling)
-    if not settled:
-        skip_pair(learner.monitor)
-    verdict = _judged(pair, learner, dt, settled)
+    verdict = judged(learner.monitor, learner.response, learner.history, learner.theta, dt,
+                     regressor, torque, settled)
     if verdict == FORGET:
         forget_pairs(learner.history)
         forget_residuals(learner.monitor)
