@@ -60,7 +60,7 @@ CASES = {
     law.errors: (vector(), vector(), vector(), vector(), vector(), -B, B, np.full(N, 40.0)),
     reference._sinusoids: (0.7, vector(), matrix(), matrix(), matrix()),
     reference._blend: (0.7, 2.0, *(vector() for _ in range(6))),
-    change_monitor.normalised_residual: (vector(), 0.3, THETA[:N], matrix()[:, :N].copy(), 0.1,
+    change_monitor.residual_with_scale: (vector(), 0.3, THETA[:N], matrix()[:, :N].copy(), 0.1,
                                          0.2),
     pair_selection.is_different: (matrix(), matrix(), 0.1),
     all_finite: (vector(),),

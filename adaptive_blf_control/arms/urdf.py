@@ -322,13 +322,18 @@ class UrdfArm:
         return chain, max(i for i, frame in enumerate(self.model.frames)
                           if frame.parentJoint == chain[-1])
 
+    @property
+    def last_body(self) -> int:
+        """Row of ``inertial`` of the body that carries a load: the last of the longest chain."""
+        last = self.model.joints[self._chain()[0][-1]].idx_v
+        return int(np.flatnonzero(self._order.rows == last)[0])
+
     def _payload_direction(self) -> np.ndarray:
         chain, tip = self._chain()
         placement = self.model.frames[tip].placement.translation
         point = self._pin.Inertia(1.0, placement, np.zeros((3, 3)))
         inertial = np.zeros((self.n, PER_BODY))
-        inertial[self._order.rows == self.model.joints[chain[-1]].idx_v] = (
-            point.toDynamicParameters())
+        inertial[self.last_body] = point.toDynamicParameters()
         return np.concatenate([self.base_from_inertial(inertial),
                                np.zeros(len(self._friction.names))])
 

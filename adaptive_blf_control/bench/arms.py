@@ -19,7 +19,7 @@ from adaptive_blf_control.tuning.node_values import node_settings_of
 from adaptive_blf_control.tuning.recipe import recipe
 from adaptive_blf_control.tuning.robot import Robot
 
-__all__ = ['ARMS', 'add_options', 'run']
+__all__ = ['ARMS', 'add_options', 'node_data', 'off_by', 'run']
 
 ARMS: dict[str, tuple[str, list[str] | None]] = {
     'Panda': ('panda_description/urdf/panda.urdf', [f'panda_joint{i}' for i in range(1, 8)]),
@@ -78,10 +78,10 @@ def run(options: argparse.Namespace) -> None:
 def _figures(case: _Case, seconds: float) -> dict[str, Any]:
     nodes = node_settings_of(recipe(case.arm, Robot(**REAL, from_zero=case.start == 'zero')),
                              case.address)
-    data = _data(nodes)
+    data = node_data(nodes)
     changes: dict[str, Any] = {'arm_driver.sensors.seed': case.seed}
     if case.start == STARTS[1]:
-        changes['initial_estimate'] = _off(case.arm, case.seed)
+        changes['initial_estimate'] = off_by(case.arm, case.seed)
     done = simulate(data, seconds, **changes)
     bound = np.minimum(-done.loop.controller.performance.lower,
                        done.loop.controller.performance.upper)
@@ -92,12 +92,13 @@ def _figures(case: _Case, seconds: float) -> dict[str, Any]:
             'speed': done.figures['real_time_factor'], 'word': oscillation_text(done.figures)}
 
 
-def _data(nodes: dict[str, RuntimeSettings]) -> dict[str, Any]:
+def node_data(nodes: dict[str, RuntimeSettings]) -> dict[str, Any]:
+    """Return settings of nodes as the data of a parameter file."""
     return {f'/**/{node}': {'ros__parameters': settings.values()}
             for node, settings in nodes.items()}
 
 
-def _off(arm: UrdfArm, seed: int) -> np.ndarray:
+def off_by(arm: UrdfArm, seed: int) -> np.ndarray:
     """Return the nominal θ with the inertia of every link scaled by exp(N(0, 25 %)), (m,)."""
     scale = np.exp(np.random.default_rng(seed).normal(0.0, LINK_ERROR, (arm.n, 1)))
     return np.concatenate([arm.base_from_inertial(arm.inertial * scale),

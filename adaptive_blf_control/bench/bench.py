@@ -27,6 +27,7 @@ from adaptive_blf_control.bench import (
     node_steps,
     payload,
     rates,
+    robots,
 )
 from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.compiled import COMPILED
@@ -229,18 +230,25 @@ def _limits(options: argparse.Namespace) -> None:
         print(limits.row(data, case, 8.0), flush=True)
 
 
+def _robots(options: argparse.Namespace) -> None:
+    print('\n## Six robots in MuJoCo (`bench robots`)\n')
+    _machine()
+    robots.run(options)
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
     'scenarios': _scenarios, 'steps': _steps, 'against_c': _against_c, 'processes': _processes,
     'measured': _measured, 'models': _models, 'coverage': _coverage, 'excite': _excite,
-    'payload': _payload, 'arms': _arms, 'campaigns': _campaigns, 'rates': _rates,
-    'limits': _limits}
+    'payload': _payload, 'arms': _arms, 'robots': _robots, 'campaigns': _campaigns,
+    'rates': _rates, 'limits': _limits}
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the parts that are named, or all; 1 where one fails."""
     parser = argparse.ArgumentParser(prog='bench', description=__doc__)
     parser.add_argument('parts', nargs='*',
-                        help=f'one or more of {", ".join(PARTS)}; default: all')
+                        help=f'one or more of {", ".join(PARTS)}; default: all but robots, which '
+                        'takes hours')
     parser.add_argument('--config', type=Path, default=Path('config'), metavar='DIR',
                         help='folder of the scenarios')
     parser.add_argument('--logs', type=Path, default=Path('../shared/realdata'), metavar='DIR',
@@ -254,12 +262,13 @@ def main(args: list[str] | None = None) -> int:
     arms.add_options(parser)
     campaigns.add_options(parser)
     excitation_figures.add_options(parser)
+    robots.add_options(parser)
     options = parser.parse_args(args)
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:
         parser.error(f'no part {unknown[0]!r}: expected {", ".join(PARTS)}')
     try:
-        for part in options.parts or PARTS:
+        for part in options.parts or [part for part in PARTS if part != 'robots']:
             PARTS[part](options)
     except BlfError as error:
         print(f'bench: {error}', file=sys.stderr)

@@ -50,7 +50,8 @@ class _ControllerStep:
 class _IdentifierStep:
     def __init__(self, identifier: Identifier) -> None:
         self._identifier, arm = identifier, identifier.arm
-        self._reader, self._stream = JointStateReader(arm.joints), EstimateStream(arm.parameters)
+        self._reader = JointStateReader(arm.joints)
+        self._stream = EstimateStream(arm.parameters, arm.joints, DECIMATION)
 
     def answer(self, data: bytes, term: np.ndarray) -> np.ndarray:
         """Return θ̂, shape (m,), after encoding what is published."""
@@ -58,7 +59,8 @@ class _IdentifierStep:
         stamp, q, qd, tau = self._reader.read(data)
         theta = identifier.update(stamp * 1e-9, q, qd, tau, term)
         self._stream.messages(stamp, theta, stack.insertions, lambda: HistoryFigures(
-            stack.rank, stack.sigma_min, identifier.excitation))
+            stack.rank, stack.sigma_min, identifier.excitation),
+            lambda: identifier.external_torque)
         return theta
 
 

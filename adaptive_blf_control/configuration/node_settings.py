@@ -124,6 +124,9 @@ class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, w
         0.0,
         'Start from estimate_file if it was written less than this long ago, so that an '
         'identifier that was killed continues from there; 0: never.', 's', 0.0, 1e9)
+    external_torque_decimation: int = parameter(
+        10, 'The external torque is published every this many samples; 0: never.', '', 0, 1000000,
+        live=True)
     adaptation_term_timeout: float = parameter(
         0.1, 'An adaptation term older than this (by stamp) counts as zero.',
         's', 0.0, 3600.0, exclusive=True, live=True)

@@ -24,17 +24,23 @@ from adaptive_blf_control.compiled import borrowed, by_type, jit, uncompiled
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.history import facts, History, pairs, sums
 
-__all__ = ['ChangeMonitor', 'MONITORS', 'ResidualArrays', 'ResidualMonitor', 'contradicted',
-           'forget_residuals', 'normalised_residual']
+__all__ = ['ChangeMonitor', 'ExternalTorque', 'MONITORS', 'ResidualArrays', 'ResidualMonitor',
+           'contradicted', 'external_torque', 'forget_residuals', 'nothing_compared',
+           'residual_with_scale']
 
 MONITORS = ('residual',)
 """The names of our change monitors."""
 
+CAP = 20.0  # thresholds: no d² counts more, so that one wild sample is no change
+EQUATIONS = 2.0  # for each parameter, below which a history that is not full says too little
+GROWTH = 1.05  # of a history that is not full, after which its residuals are computed again
+
 
 @jit
-def normalised_residual(regressor: np.ndarray, torque: float, theta: np.ndarray,
-                        inverse: np.ndarray, variance: float, floor: float) -> float:
-    """Return d² of the module's docstring of a joint.
+def residual_with_scale(regressor: np.ndarray, torque: float, theta: np.ndarray,
+                        inverse: np.ndarray, variance: float,
+                        floor: float) -> tuple[float, float]:
+    """Return r [N·m] and what its square is divided by in d² [N²·m²], both of one joint.
 
     Args:
         regressor: Its row of the present Y_f, shape (m,).
@@ -44,15 +50,15 @@ def normalised_residual(regressor: np.ndarray, torque: float, theta: np.ndarray,
         variance: Its mean square residual in the stack [N²·m²].
         floor: (ρ t_i)² [N²·m²].
     """
-    residual, spread = -torque, 0.0
+    predicted, spread = 0.0, 0.0
     for i in range(theta.size):
-        residual += regressor[i] * theta[i]
+        predicted += regressor[i] * theta[i]
         if regressor[i] != 0.0:
             row, total = inverse[i], 0.0
             for j in range(i):
                 total += row[j] * regressor[j]
             spread += regressor[i] * (2.0 * total + row[i] * regressor[i])
-    return residual * residual / (variance * (1.0 + spread) + floor)
+    return torque - predicted, variance * (1.0 + spread) + floor
 
 
 class ChangeMonitor(Protocol):
@@ -89,6 +95,24 @@ class ChangeMonitor(Protocol):
         ...
 
 
+class ExternalTorque(NamedTuple):
+    """Torque that the model does not explain: what acts from outside, with the sign turned.
+
+    Attributes:
+        torque: Measured minus predicted torque behind the filters, τ_f − Y_f θ_s, shape (n,)
+            [N·m]; NaN while the recorded pairs determine no θ_s.
+        bound: Size up to which it means nothing, shape (n,) [N·m]; infinite likewise.
+    """
+
+    torque: np.ndarray
+    bound: np.ndarray
+
+
+def external_torque(residual: np.ndarray, scale: np.ndarray, threshold: float) -> ExternalTorque:
+    """Return a residual with its bound, the square root of ``threshold`` times its scale."""
+    return ExternalTorque(residual.copy(), np.sqrt(threshold * scale))
+
+
 @by_type
 def contradicted(monitor: ChangeMonitor, dt: float, regressor: np.ndarray, torque: np.ndarray,
                  history: History) -> bool:
@@ -111,7 +135,14 @@ class ResidualArrays(NamedTuple):
         inverse: Q⁻¹, widened, shape (m, m).
         variance: Mean square residual of the stack per joint, shape (n,) [N²·m²].
         square: Mean square torque of the stack per joint, t_i², shape (n,) [N²·m²].
-        revision: That of the history these belong to, −1 for none, shape (1,).
+        revision: That of the history these belong to, −1 for none, and how many pairs it had,
+            shape (2,).
+        residual: τ_f − Y_f θ_s of the last pair, NaN where there was nothing to compare it with,
+            shape (n,) [N·m].
+        scale: What its square is compared with, shape (n,) [N²·m²]; infinite likewise.
+        ordinary: Mean of d² that pairs have which are not recorded, ≥ 1, by which d² is divided:
+            what the model lacks, as dry friction at standstill, shows in others than the recorded
+            ones; 1 where nobody follows it, shape (n,).
         window: Time constant of the mean [s]; 0 is off.
         threshold: Mean of d² that counts as a change.
         resolution: ρ.
@@ -123,6 +154,9 @@ class ResidualArrays(NamedTuple):
     variance: np.ndarray
     square: np.ndarray
     revision: np.ndarray
+    residual: np.ndarray
+    scale: np.ndarray
+    ordinary: np.ndarray
     window: float
     threshold: float
     resolution: float
@@ -153,21 +187,35 @@ def residuals_contradicted(monitor: ResidualArrays, dt: float, regressor: np.nda
     """Compare a pair with the recorded ones, see `ChangeMonitor.watch`."""
     monitor = borrowed(monitor)
     count, size, rank, revision = facts(history)
-    if monitor.window <= 0.0 or count != size or rank != regressor.shape[1]:
+    n, m = regressor.shape
+    if monitor.window <= 0.0 or rank != m or (count != size and n * count < EQUATIONS * m):
+        nothing_compared(monitor)
         return False
-    if revision != monitor.revision[0]:
+    if revision != monitor.revision[0] and (
+            count >= size or count >= GROWTH * monitor.revision[1]):
         regressors, torques = pairs(history)
         gram, moment = sums(history)
-        take_over(monitor, regressors, torques, gram, moment)
-        monitor.revision[0] = revision
-    gain, top, mean = -math.expm1(-dt / monitor.window), 0.0, monitor.statistic
+        take_over(monitor, regressors[:count], torques[:count], gram, moment)
+        monitor.revision[0], monitor.revision[1] = revision, count
+    gain, cap = -math.expm1(-dt / monitor.window), CAP * monitor.threshold
+    top, mean = 0.0, monitor.statistic
     for k in range(torque.size):
         floor = monitor.resolution ** 2 * monitor.square[k] + 1e-300
-        square = normalised_residual(regressor[k], torque[k], monitor.theta, monitor.inverse,
-                                     monitor.variance[k], floor)
-        mean[k] += gain * (min(square, 20.0 * monitor.threshold) - mean[k])  # one is no change
+        residual, scale = residual_with_scale(regressor[k], torque[k], monitor.theta,
+                                              monitor.inverse, monitor.variance[k], floor)
+        scale *= monitor.ordinary[k]
+        monitor.residual[k], monitor.scale[k] = residual, scale
+        mean[k] += gain * (min(residual * residual / scale, cap) - mean[k])
         top = max(top, mean[k])
     return bool(top >= monitor.threshold)
+
+
+@jit
+def nothing_compared(monitor: ResidualArrays) -> None:
+    """Leave neither residual nor scale of a pair that is not compared."""
+    monitor = borrowed(monitor)
+    monitor.residual[:] = np.nan
+    monitor.scale[:] = np.inf
 
 
 @jit
@@ -175,7 +223,8 @@ def forget_statistic(monitor: ResidualArrays) -> None:
     """Begin with an empty mean and without residuals."""
     monitor = borrowed(monitor)
     monitor.statistic[:] = 0.0
-    monitor.revision[0] = -1
+    monitor.ordinary[:] = 1.0
+    monitor.revision[0], monitor.revision[1] = -1, 0
 
 
 contradicted.register(ResidualArrays, residuals_contradicted)
@@ -183,7 +232,7 @@ forget_residuals.register(ResidualArrays, forget_statistic)
 
 
 class ResidualMonitor(ChangeMonitor):
-    """Sequential test on the normalised residual; silent until the stack is full, of full rank.
+    """Sequential test on the normalised residual; silent until the rank of the stack is full.
 
     Attributes:
         arrays: Its state.
@@ -203,7 +252,8 @@ class ResidualMonitor(ChangeMonitor):
         self._check(window, threshold, resolution)
         self.arrays = ResidualArrays(
             np.zeros(n), np.zeros(m), np.zeros((m, m)), np.zeros(n), np.zeros(n),
-            np.full(1, -1, dtype=np.int64), float(window), float(threshold), float(resolution))
+            np.array([-1, 0]), np.full(n, np.nan), np.full(n, np.inf), np.ones(n),
+            float(window), float(threshold), float(resolution))
 
     @staticmethod
     def _check(window: float, threshold: float, resolution: float) -> None:
@@ -213,6 +263,11 @@ class ResidualMonitor(ChangeMonitor):
             raise ParameterError('identifier.change.threshold', threshold, 'a finite value > 1')
         if not (math.isfinite(resolution) and resolution >= 0.0):
             raise ParameterError('identifier.change.resolution', resolution, 'a finite value >= 0')
+
+    @property
+    def external_torque(self) -> ExternalTorque:
+        """What the last pair shows beyond what the recorded ones predict."""
+        return external_torque(self.arrays.residual, self.arrays.scale, self.arrays.threshold)
 
     @property
     def statistic(self) -> np.ndarray:

@@ -17,7 +17,18 @@ from adaptive_blf_control.arrays import (
     checked_vectors,
 )
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.change_monitor import ChangeMonitor
+from adaptive_blf_control.identification.change_monitor import (
+    ChangeMonitor,
+    ExternalTorque,
+    ResidualMonitor,
+)
+from adaptive_blf_control.identification.change_response import (
+    ALARMS,
+    CONTACTS,
+    LOADS,
+    STATE,
+    STATES,
+)
 from adaptive_blf_control.identification.determination import undetermined
 from adaptive_blf_control.identification.given_parameters import given_parameters
 from adaptive_blf_control.identification.parts import AnyHistory, named, PartMaker
@@ -288,8 +299,30 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
 
     @property
     def changes(self) -> int:
-        """How often the arm was found to have changed."""
+        """How often the arm was found to be another one, so that the history was emptied."""
         return int(self._parts.state.pair.counts[CHANGES])
+
+    @property
+    def response(self) -> str:
+        """What is being done about a contradiction, one of `STATES`; see `change_response`."""
+        return STATES[self._parts.response.counts[STATE]]
+
+    @property
+    def found(self) -> dict[str, int]:
+        """How often the recorded pairs were contradicted, and what the reason was found to be.
+
+        ``alarms`` with `ChangeSettings.suspicion` only, ``contacts``, ``loads``, and ``changes``
+        of the arm after which the history was emptied.
+        """
+        counts = self._parts.response.counts
+        return {'alarms': int(counts[ALARMS]), 'contacts': int(counts[CONTACTS]),
+                'loads': int(counts[LOADS]), 'changes': self.changes}
+
+    @property
+    def external_torque(self) -> ExternalTorque | None:
+        """What is measured beyond what the recorded pairs predict; None with a foreign monitor."""
+        monitor = self._parts.monitor
+        return monitor.external_torque if isinstance(monitor, ResidualMonitor) else None
 
     @property
     def artificial_noise(self) -> bool:

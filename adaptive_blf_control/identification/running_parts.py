@@ -12,6 +12,11 @@ from adaptive_blf_control.compiled import handle, uncompiled
 from adaptive_blf_control.identification.algorithm_1 import arrays_of_stack
 from adaptive_blf_control.identification.artificial_noise import NoisyHistory
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor, ResidualMonitor
+from adaptive_blf_control.identification.change_response import (
+    forget_response,
+    new_response,
+    ResponseArrays,
+)
 from adaptive_blf_control.identification.excitation import Excitation
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.parts import AnyHistory, PartMaker
@@ -32,6 +37,7 @@ from adaptive_blf_control.identification.step import (
     take_sample,
     take_samples,
 )
+from adaptive_blf_control.identification.tip_load import load_directions
 from adaptive_blf_control.identification.torque_filter import TorqueFilter
 from adaptive_blf_control.identification.update_laws import (
     AblfConcurrent,
@@ -74,6 +80,7 @@ class RunningParts:
         self.history = make.history(settings)
         self.monitor = make.monitor(settings)
         self.excitation = Excitation(arm.m, settings.excitation.window)
+        self._response = new_response(arm.n, arm.m, load_directions(arm))
         self._noisy = self._new_noisy_history()
         self._filter = TorqueFilter(arm.n, arm.m, settings.filter.time_constant,
                                     instant=settings.filter.effort == 'instant')
@@ -98,12 +105,26 @@ class RunningParts:
             PairState(self._filter.arrays, self._counts, self._clock, float(filters.gap),
                       float(filters.settle * self.memory)),
             LearnerState(self._theta, history, self._noisy.arrays, monitor,
-                         self.excitation.arrays, law))
+                         self._joined_response(arrays is not None), self.excitation.arrays, law))
         observes = state_filter is not self.state_filter and not isinstance(
             self.arm, ArmInPython)
         self.compiled = observes and arrays is not None
         self._learns = arrays is not None
         self._made: Any = None
+
+    def _joined_response(self, ours: bool) -> ResponseArrays:
+        """Return the response with its settings; off where history or monitor is not ours."""
+        change, memory = self._settings.change, self.memory
+        return self._response._replace(
+            suspicion=float(change.suspicion) if ours and change.window > 0.0 else 0.0,
+            memory=float(memory), settling=float(change.settle * memory),
+            patience=float(change.patience),
+            contact=ours and bool(self._settings.known_contact), adapts=bool(change.adapt))
+
+    @property
+    def response(self) -> ResponseArrays:
+        """What follows when the recorded pairs are contradicted."""
+        return self._response
 
     @property
     def _handle(self) -> Any:
@@ -186,6 +207,7 @@ class RunningParts:
         """Forget every pair."""
         self.history.clear()
         self.monitor.reset()
+        forget_response(self._response)
         self._noisy = self._new_noisy_history()
         self._join()
 

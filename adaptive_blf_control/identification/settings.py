@@ -102,6 +102,28 @@ class ChangeSettings(Settings, where='identifier.change'):
         '', 1.0, 1e9, exclusive=True, live=True)
     resolution: float = parameter(
         0.01, 'Part of the torque below which a change does not matter.', '', 0.0, 1.0, live=True)
+    suspicion: float = parameter(
+        0.0,
+        'Mean square residual, likewise, from which on nothing is recorded; past the threshold '
+        'theta_hat stays until the reason is known: a contact, a load at the tip, or another arm. '
+        '0: the history is emptied at the threshold, whatever the reason.', '', 0.0, 1e9,
+        live=True)
+    settle: float = parameter(
+        5.0, 'Filter time constants after a change during which nothing is recorded.',
+        '', 0.0, 1000.0, live=True)
+    patience: float = parameter(
+        5.0, 'Longest time to wait for the reason; then the history is emptied.',
+        's', 0.0, 3600.0, exclusive=True, live=True)
+
+    adapt: bool = parameter(
+        False,
+        'While the reason is not known X^T e2 goes on to move theta_hat: it holds a load that was '
+        'put on or taken off, and pushes ever harder against a contact.', live=True)
+
+    def _check(self) -> None:
+        if self.suspicion > self.threshold:
+            raise ParameterError('identifier.change.suspicion', self.suspicion,
+                                 f'at most identifier.change.threshold = {self.threshold:g}')
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -151,6 +173,9 @@ class IdentifierSettings(Settings, where='identifier'):
         'these settings, it returns an update law.',
         choices=UPDATE_LAWS, live=True,
         plugin=True)
+    known_contact: bool = parameter(
+        False, 'Something is known to touch the arm: theta_hat stays, and nothing is recorded.',
+        live=True)
     filter: FilterSettings = group(FilterSettings)
     history: HistorySettings = group(HistorySettings)
     change: ChangeSettings = group(ChangeSettings)

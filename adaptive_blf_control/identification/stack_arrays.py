@@ -34,8 +34,8 @@ from adaptive_blf_control.identification.weak_directions import (
 
 __all__ = ['clear_pairs', 'COUNT', 'GROWTH', 'INSERTIONS', 'is_full', 'measure', 'NEGLIGIBLE',
            'new_pairs', 'Pairs', 'RANK', 'rank_of', 'remove', 'REVISION', 'ROUNDING', 'SIGMA_MIN',
-           'SIZE', 'store', 'sum_again', 'sums_follow', 'surely_full_rank', 'take_turn',
-           'THRESHOLD', 'TOLERANCE', 'trace', 'TURN', 'with_slots']
+           'shift_torques', 'SIZE', 'store', 'sum_again', 'sums_follow', 'surely_full_rank',
+           'take_turn', 'THRESHOLD', 'TOLERANCE', 'trace', 'TURN', 'with_slots']
 
 # Q may follow from the one before while what rounding has left in it is surely below this part
 # of σ_min and this many units in its last place; otherwise it is summed again.
@@ -172,6 +172,25 @@ def sums_follow(pairs: Pairs, slot: int, regressor: np.ndarray, torque: np.ndarr
     _add_moment(pairs.moment, regressor, torque, 1.0)
     _add_moment(pairs.moment, pairs.regressors[slot], pairs.torques[slot], -1.0)
     return True
+
+
+@jit
+def shift_torques(pairs: Pairs, change: np.ndarray) -> None:
+    """Let the pairs be those of an arm whose θ* is another by ``change``, shape (m,)."""
+    pairs = borrowed(pairs)
+    n, m = pairs.last.shape
+    for slot in range(pairs.counters[COUNT]):
+        for k in range(n):
+            row, total = pairs.regressors[slot, k], 0.0
+            for i in range(m):
+                total += row[i] * change[i]
+            pairs.torques[slot, k] += total
+    for i in range(m):
+        row, total = pairs.gram[i], 0.0
+        for j in range(m):
+            total += row[j] * change[j]
+        pairs.moment[i] += total
+    pairs.counters[REVISION] += 1
 
 
 @jit

@@ -20,7 +20,17 @@ from adaptive_blf_control.identification.artificial_noise import (
     NoisyHistoryArrays,
     offer_with_noise,
 )
-from adaptive_blf_control.identification.change_monitor import contradicted, forget_residuals
+from adaptive_blf_control.identification.change_monitor import forget_residuals
+from adaptive_blf_control.identification.change_response import (
+    ADAPT,
+    FORGET,
+    judged,
+    KEEP,
+    LEARN,
+    remembered,
+    REMEMBERS,
+    ResponseArrays,
+)
 from adaptive_blf_control.identification.excitation import accumulate, ExcitationArrays
 from adaptive_blf_control.identification.history import facts, forget_pairs, offer, sums, UNJUDGED
 from adaptive_blf_control.identification.state_filter import filtered, forget_states
@@ -74,6 +84,7 @@ class LearnerState(NamedTuple):
         history: The recorded pairs.
         noise: Those with artificial noise.
         monitor: What finds that the arm has changed.
+        response: What follows then.
         excitation: The integral of (21).
         law: What moves θ̂.
     """
@@ -82,6 +93,7 @@ class LearnerState(NamedTuple):
     history: Any
     noise: NoisyHistoryArrays
     monitor: Any
+    response: ResponseArrays
     excitation: ExcitationArrays
     law: Any
 
@@ -193,12 +205,17 @@ def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarr
     learner = borrowed(learner)
     counts, regressor, torque = pair.counts, pair.filter.regressor, pair.filter.torque
     settled = bool(pair.clock[AGE] >= pair.settling)
-    if settled and contradicted(learner.monitor, dt, regressor, torque, learner.history):
+    verdict = judged(learner.monitor, learner.response, learner.history, learner.theta, dt,
+                     regressor, torque, settled)
+    if verdict == FORGET:
         forget_pairs(learner.history)
         forget_residuals(learner.monitor)
         counts[CHANGES] += 1
-        pair.clock[AGE] = 0.0  # the filters still remember the arm of before
-        settled = pair.settling <= 0.0
+        # The filters still remember the arm of before.
+        pair.clock[AGE] = pair.settling - learner.response.settling
+        settled = learner.response.settling <= 0.0
+    elif verdict != LEARN:
+        settled = False
     if settled:
         if offer(learner.history, regressor, torque) == UNJUDGED:
             counts[NOT_FINITE] += 1
@@ -208,8 +225,14 @@ def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarr
     gram, moment = sums(learner.history)
     if learner.noise.counts[ACTIVE]:
         gram, moment = sums(learner.noise.history)
-    theta = stepped(learner.law, learner.theta, dt,
-                    Evidence(regressor, torque, settled, gram, moment, term))
+    if learner.response.counts[REMEMBERS]:
+        gram, moment = remembered(learner.response, gram, moment)
+    theta = learner.theta
+    if verdict == ADAPT:
+        gram, moment = np.zeros_like(gram), np.zeros_like(moment)
+    if verdict != KEEP:
+        theta = stepped(learner.law, learner.theta, dt,
+                        Evidence(regressor, torque, settled, gram, moment, term))
     if all_finite(theta):
         learner.theta[:] = theta
         counts[UPDATES] += 1

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.identification.change_monitor import ExternalTorque
 from adaptive_blf_control.identification.payload import PayloadEstimate
 from adaptive_blf_control.identification.republish import HistoryPublication
 from adaptive_blf_control.messages.cdr import encode_float64, encode_int32
@@ -15,6 +16,7 @@ from adaptive_blf_control.messages.inertia import InertiaCodec
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import (
     EXCITATION,
+    EXTERNAL_TORQUE,
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
     PAYLOAD,
@@ -36,18 +38,28 @@ class HistoryFigures(NamedTuple):
 
 
 class EstimateStream:
-    """The estimate after every sample, the figures of the history where they have changed."""
+    """The estimate after every sample, the figures of the history where they have changed.
 
-    def __init__(self, parameters: Sequence[str], label: str = '') -> None:
-        """Prepare the messages for the names of the parameters.
+    Attributes:
+        decimation: The external torque is among every so many samples; 0: never.
+    """
+
+    def __init__(self, parameters: Sequence[str], joints: Sequence[str], decimation: int,
+                 label: str = '') -> None:
+        """Prepare the messages for the names of the parameters and of the joints.
 
         The ``frame_id`` of an estimate is the ``label`` of who sends it.
         """
         self._theta = JointStateCodec(parameters, label, fields=('position',))
+        self._external = JointStateCodec([*joints, *(f'{joint}.bound' for joint in joints)],
+                                         fields=('position',))
         self._history = HistoryPublication()
+        self.decimation = decimation
+        self._samples = 0
 
     def messages(self, stamp: int, theta: np.ndarray, insertions: int,
-                 figures: Callable[[], HistoryFigures]) -> dict[str, bytes]:
+                 figures: Callable[[], HistoryFigures],
+                 external: Callable[[], ExternalTorque | None]) -> dict[str, bytes]:
         """Return the messages of a sample by topic; the estimate, which answers it, is the last.
 
         Args:
@@ -55,6 +67,7 @@ class EstimateStream:
             theta: θ̂ after the sample, shape (m,).
             insertions: Pairs that the history has taken so far.
             figures: Called where those of the history are due.
+            external: Called where the external torque is due.
         """
         messages: dict[str, bytes] = {}
         if self._history.due(insertions):
@@ -63,6 +76,11 @@ class EstimateStream:
             messages[HISTORY_SIGMA_MIN] = encode_float64(sigma_min)
             if excitation is not None:
                 messages[EXCITATION] = encode_float64(excitation)
+        if self.decimation and self._samples % self.decimation == 0:
+            torque = external()
+            if torque is not None:
+                messages[EXTERNAL_TORQUE] = self._external.encode(stamp, np.concatenate(torque))
+        self._samples += 1
         messages[THETA_HAT] = self._theta.encode(stamp, theta)
         return messages
 

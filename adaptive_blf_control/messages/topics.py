@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 __all__ = ['ADAPTATION_TERM', 'ALL', 'BARRIER', 'CLOCK', 'COMMANDS', 'CONSISTENT_MODEL',
-           'EXCITATION', 'GUARANTEE', 'HISTORY_RANK', 'HISTORY_SIGMA_MIN', 'JOINT_STATES',
-           'JOINT_TRAJECTORY', 'KINDS', 'PAYLOAD', 'PAYLOAD_STD', 'RECORDED', 'REFERENCE',
-           'ROBOT_DESCRIPTION', 'THETA_HAT', 'THETA_STD', 'TOPICS', 'TRACKING_ERROR', 'Topic',
-           'published_by']
+           'EXCITATION', 'EXTERNAL_TORQUE', 'GUARANTEE', 'HISTORY_RANK', 'HISTORY_SIGMA_MIN',
+           'JOINT_STATES', 'JOINT_TRAJECTORY', 'KINDS', 'PAYLOAD', 'PAYLOAD_STD', 'RECORDED',
+           'REFERENCE', 'ROBOT_DESCRIPTION', 'THETA_HAT', 'THETA_STD', 'TOPICS', 'TRACKING_ERROR',
+           'Topic', 'published_by']
 
 KINDS = ('arm_driver', 'controller', 'identifier', 'recorder')
 """Kinds of nodes, by which their names are known here."""
@@ -92,6 +92,12 @@ EXCITATION = _topic(
     'identifier/excitation', 'std_msgs/msg/Float64', 'identifier', (),
     'persistence-of-excitation index (21) over `excitation.window`: what the gradient law (20) '
     'needs. Beside the rank it shows why one law converges and the other does not')
+EXTERNAL_TORQUE = _topic(
+    'identifier/external_torque', 'sensor_msgs/msg/JointState', 'identifier', (),
+    'named vector, every `external_torque_decimation` samples: `<joint>`, measured minus '
+    'predicted torque behind the filters, which is what acts from outside with the sign turned, '
+    'and `<joint>.bound` up to which it means nothing [N·m]. NaN and infinite while the recorded '
+    'pairs determine no model')
 CONSISTENT_MODEL = _topic(
     'identifier/consistent_model', 'sensor_msgs/msg/JointState', 'identifier', (),
     'named vector, every `model_period`, not in lockstep: the parameters of the physically '

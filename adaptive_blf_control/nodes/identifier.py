@@ -37,6 +37,11 @@ __all__ = ['IdentifierNode', 'main']
 
 
 SILENCE = 0.1  # s without joint states after which another source may send them
+_REASONS = {'changes': 'the arm has changed: the history is emptied',
+            'alarms': 'present data contradict the recorded pairs: nothing is recorded until the '
+                      'reason is known',
+            'loads': 'it is a load at the tip: the recorded pairs are corrected by it',
+            'contacts': 'it was a contact: the recorded pairs hold again'}
 
 
 class IdentifierNode(DataNode[IdentifierNodeSettings]):
@@ -61,14 +66,15 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             self.identifier.warm_up()
             payload = build_payload(self.settings, self.arm, self.identifier.memory)
         self._check_rank()
-        self._changes = 0
+        self._found = self.identifier.found
         self.terms = TermInput(self, self.arm.parameters)
         self._zero_ns: int | None = None
         self._reset_requested = False
         self._state_reader = JointStateReader(self.arm.joints)
         self._heard = HeardTopic(self, JOINT_STATES, SourceGate('joint state'),
                                  lambda: SILENCE, others_belong=True)
-        self._stream = EstimateStream(self.arm.parameters, self.label)
+        self._stream = EstimateStream(self.arm.parameters, self.arm.joints,
+                                      self.settings.external_torque_decimation, self.label)
         self._outputs = self.topics.declared(self.kind)
         self.last_ns = 0
         self._reported = self.identifier.theta, 0.0
@@ -96,6 +102,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
     def retune(self, settings: IdentifierNodeSettings, changed: set[str]) -> None:
         """Change gains, filters, monitor or history between two samples."""
         self.identifier.retune(settings)
+        self._stream.decimation = settings.external_torque_decimation
         self._check_rank()
         if 'estimate_period' in changed:
             self.saver.retune(settings.estimate_period)
@@ -135,14 +142,21 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         stack = self.identifier.stack
         for topic, message in self._stream.messages(
                 stamp, theta, stack.insertions, lambda: HistoryFigures(
-                    stack.rank, stack.sigma_min, self.identifier.excitation)).items():
+                    stack.rank, stack.sigma_min, self.identifier.excitation),
+                lambda: self.identifier.external_torque).items():
             self._outputs[topic].publish(message)
         self.model.observe(stamp, t)
         self.sampled(stamp)
-        if self.identifier.changes != self._changes:
-            self._changes = self.identifier.changes
-            self.get_logger().warning(f'the arm has changed: the history is emptied '
-                                      f'({self._changes} so far)')
+        self._report_changes()
+
+    def _report_changes(self) -> None:
+        found = self.identifier.found
+        if found == self._found:
+            return
+        before, self._found = self._found, found
+        for reason, text in _REASONS.items():
+            if found[reason] != before[reason]:
+                self.get_logger().warning(f'{text} ({found[reason]} so far)')
 
     def on_reset_history(self, request: Trigger.Request,
                          response: Trigger.Response) -> Trigger.Response:
@@ -175,6 +189,16 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             response.message = f'{model.resolve()} {urdf.resolve()}'
         return response
 
+    def _external(self) -> dict[str, object]:
+        """Return the external torque of each joint where it is beyond its bound."""
+        external = self.identifier.external_torque
+        if external is None:
+            return {}
+        beyond = [f'{joint} {torque:.3g} of {bound:.3g}'
+                  for joint, torque, bound in zip(self.arm.joints, *external)
+                  if abs(torque) > bound]
+        return {'external torque beyond its bound [N*m]': ', '.join(beyond) or 'none'}
+
     def _drift(self) -> float:
         """Return ‖Δθ̂‖ over the time since the last diagnostics [per second]."""
         theta, t = self.identifier.theta, self.last_ns * 1e-9
@@ -190,7 +214,10 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             'pairs': stack.count, 'insertions': stack.insertions,
             'change of theta_hat per second, norm': f'{self._drift():.6g}',
             'filter restarts': identifier.restarts,
-            'changes of the arm': identifier.changes,
+            'changes of the arm': identifier.changes, 'response': identifier.response,
+            **{f'{reason} found': identifier.found[reason]
+               for reason in ('alarms', 'contacts', 'loads')},
+            **self._external(),
             'artificial noise': 'in use' if identifier.artificial_noise else 'not in use',
             'excitation index': identifier.excitation,
             'norm of theta_hat': f'{np.linalg.norm(identifier.theta):.6g}',
@@ -203,6 +230,9 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         if identifier.artificial_noise:
             return DiagnosticStatus.WARN, ('theta_hat is biased: it is learned with artificial '
                                            'noise (history.noise)'), values
+        if identifier.response == 'held':
+            return DiagnosticStatus.WARN, ('the recorded pairs are contradicted: a contact, a '
+                                           'load or another arm; nothing is recorded'), values
         if stack.rank < self.arm.m:
             return DiagnosticStatus.OK, f'learning: rank {stack.rank} of {self.arm.m}', values
         return DiagnosticStatus.OK, 'rank full', values

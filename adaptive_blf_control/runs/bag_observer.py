@@ -80,8 +80,9 @@ class BagObserver:
                                             loop.controller.constraints.names)
         self._decimation = node_settings(data, ControllerNodeSettings).monitor_decimation
         self._monitors = MonitorStream(self._controller)
-        self._estimates = EstimateStream(arm.parameters)
         identifier = node_settings(data, IdentifierNodeSettings)
+        self._estimates = EstimateStream(arm.parameters, arm.joints,
+                                         identifier.external_torque_decimation)
         self._payload = build_payload(identifier, loop.identifier.arm, loop.identifier.memory)
         # The load is found from the pair of each sample: the loop may not run ahead of them.
         loop.sample_by_sample = loop.sample_by_sample or self._payload is not None
@@ -109,7 +110,8 @@ class BagObserver:
             **self._payload_messages(stamp),
             **self._estimates.messages(
                 stamp, sample.theta_hat, sample.insertions,
-                lambda: HistoryFigures(sample.rank, sample.sigma_min, sample.excitation)),
+                lambda: HistoryFigures(sample.rank, sample.sigma_min, sample.excitation),
+                lambda: sample.external_torque),
         }
         for topic, message in messages.items():
             self._bag.write(f'/{topic}', message, stamp)

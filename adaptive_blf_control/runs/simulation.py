@@ -98,6 +98,7 @@ class Simulation(Trace, Guided, instead={
         unexpressed = unexpressed_by(self.loop.plant, self.loop.arm.parameters)
         figures['unexpressed_torque'] = None if unexpressed is None else unexpressed.tolist()
         figures['contacts_s'] = contacts_of(self.loop.plant)
+        figures['contradictions'] = getattr(self.identifier, 'found', {})
         figures['wall_s'] = self.wall_s
         figures['real_time_factor'] = float(self.t[-1] / self.wall_s)
         return figures
@@ -112,12 +113,15 @@ class Simulation(Trace, Guided, instead={
             lines.append('beyond any theta     ' + ', '.join(
                 f'{100.0 * part:.2g} %' for part in figures['unexpressed_torque'])
                 + ' of the torque of random motions')
+        found = ', '.join(f'{count} {reason}' for reason, count
+                          in figures['contradictions'].items() if count)
         return '\n'.join([
             *lines,
             guarantee.line() if guarantee is not None else
             f'Theorem 2            {why_not(self.loop)}',
             *(f'contact              from {begin:.3f} s to {end:.3f} s'
               for begin, end in figures['contacts_s']),
+            *([f'history contradicted {found}'] if found else []),
             f'speed                {figures["real_time_factor"]:.1f} x real time'
             + (f', sample by sample: {", ".join(self.in_python)}' if self.in_python else '')])
 

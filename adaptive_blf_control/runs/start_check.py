@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, DriverSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.control.arm_limits import limit_warnings
 from adaptive_blf_control.control.reference import full_range
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
+from adaptive_blf_control.tuning.filter_cost import filter_warnings
 from adaptive_blf_control.tuning.loop_check import check_loop, warnings_of_loop
 from adaptive_blf_control.tuning.stated_loop import simulated_delay, stated_delay
 
-__all__ = ['loop_warnings', 'start_warnings']
+__all__ = ['known_theta', 'loop_warnings', 'start_warnings']
 
 
 def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
@@ -38,7 +40,19 @@ def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
     if np.array_equal(lower, upper):
         yield ('the reference does not move, so that next to nothing is learned: set '
                'controller.reference.<joint>.amplitude and frequency')
+    known = known_theta(loop.arm, loop.initial_estimate)
+    if known is not None:
+        yield from filter_warnings(loop.arm, loop.controller.reference, known,
+                                   loop.identifier.settings.filter)
     yield from loop_warnings(data, loop)
+
+
+def known_theta(arm: Arm, estimate: np.ndarray) -> np.ndarray | None:
+    """Return the estimate, the nominal θ where it is zero; None where there is neither."""
+    if np.any(estimate):
+        return estimate
+    nominal: np.ndarray | None = getattr(arm, 'nominal', None)
+    return nominal
 
 
 def loop_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:

@@ -75,10 +75,16 @@ class PredictedTorque:
             theta: θ̂, shape (m,).
             inverse_dynamics: τ of (q, q̇, q̈), shape (n,) [N·m].
         """
+        return _ratio(*self.rms_against(theta, inverse_dynamics))
+
+    def rms_against(self, theta: np.ndarray, inverse_dynamics: Callable[..., np.ndarray],
+                    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return RMS error and RMS torque of `error_against`, shape (n,) each [N·m]."""
         torques = np.array([inverse_dynamics(*motion) for motion in self.motions])
         predicted = np.array([self._regressor(motion) @ theta for motion in self.motions])
-        return _ratio(*(np.sqrt(np.mean(values ** 2, axis=0))
-                        for values in (predicted - torques, torques)))
+        error, scale = (np.sqrt(np.mean(values ** 2, axis=0))
+                        for values in (predicted - torques, torques))
+        return error, scale
 
 
 def _ratio(error: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -111,6 +111,8 @@ class ObservedRows(NamedTuple):
         wanted: Torque before the limits [N·m].
         insertions: Pairs taken so far, shape (N,).
         excitation_parts: Completed parts of the window of (21), shape (N,).
+        residual: Measured minus predicted torque behind the filters [N·m].
+        scale: What its square is compared with [N²·m²].
     """
 
     q: np.ndarray
@@ -125,6 +127,8 @@ class ObservedRows(NamedTuple):
     wanted: np.ndarray
     insertions: np.ndarray
     excitation_parts: np.ndarray
+    residual: np.ndarray
+    scale: np.ndarray
 
 
 def trace_rows(samples: int, n: int, m: int) -> TraceRows:
@@ -141,7 +145,7 @@ def observed_rows(samples: int, n: int, m: int) -> ObservedRows:
         np.empty(joints), np.empty(joints), np.empty(joints), np.empty(parameters),
         np.empty(parameters), np.empty((samples, n, m)), np.empty(joints), np.empty(joints),
         np.empty(joints), np.empty(joints), np.empty(counts, dtype=np.int64),
-        np.empty(counts, dtype=np.int64))
+        np.empty(counts, dtype=np.int64), np.empty(joints), np.empty(joints))
 
 
 @jit_without_gil
@@ -162,6 +166,7 @@ def run_block(loop: LoopArrays, memory: LoopMemory, given: BlockInputs, trace: T
     arm, identifier = loop.identifier_arm, loop.identifier
     theta, term, answer = memory.theta, memory.term, memory.answer
     pairs, excitation = identifier.learner.history, identifier.learner.excitation
+    monitor = identifier.learner.monitor
     learned, counters, figures = identifier.learner.theta, pairs.counters, pairs.figures
     reference, rows, noise, times = given.reference, given.bounds, given.noise, given.t
     q, qd = np.empty_like(plant.q), np.empty_like(plant.q)
@@ -183,6 +188,8 @@ def run_block(loop: LoopArrays, memory: LoopMemory, given: BlockInputs, trace: T
             _write_observed(observed, k, q, qd, torque, theta, answer, x)
             observed.insertions[k] = counters[INSERTIONS]
             observed.excitation_parts[k] = excitation.completed[0]
+            observed.residual[k] = monitor.residual
+            observed.scale[k] = monitor.scale
         term[:] = answer.term
         if not loop.known:
             theta[:] = learned

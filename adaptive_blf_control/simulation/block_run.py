@@ -15,6 +15,7 @@ from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.control.reference import along, ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.control.step import new_answer
+from adaptive_blf_control.identification.change_monitor import external_torque
 from adaptive_blf_control.identification.excitation import PARTS
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.simulation.block import (
@@ -150,6 +151,7 @@ class BlockRun:
         """Yield the samples of a block; ``before`` is the excitation index before it."""
         after = self._parts.identifier.excitation
         completed = observed.excitation_parts[-1]
+        threshold = self._parts.identifier.settings.change.threshold
         for k, t in enumerate(given.t.tolist()):
             seen = Measurement(observed.q[k], observed.qd[k], observed.torque[k])
             bounds = Bounds(*(each[k] for each in given.bounds))
@@ -161,7 +163,8 @@ class BlockRun:
             index = after if observed.excitation_parts[k] == completed else before
             yield Sample(t, seen, output, observed.theta_used[k], trace.theta_hat[k],
                          int(trace.rank[k]), float(trace.sigma_min[k]),
-                         int(observed.insertions[k]), index)
+                         int(observed.insertions[k]), index,
+                         external_torque(observed.residual[k], observed.scale[k], threshold))
 
 
 def _copied(value: Any) -> Any:

@@ -186,7 +186,8 @@ class ClosedLoop:
             term = output.adaptation_term
             stack = identifier.stack
             yield Sample(t, measured, output, theta, estimate, stack.rank, stack.sigma_min,
-                         stack.insertions, identifier.excitation)
+                         stack.insertions, identifier.excitation,
+                         getattr(identifier, 'external_torque', None))
             theta = theta if self._known else estimate
             plant.apply(output.torque)
             plant.advance(self.period)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.control.controller import ControlOutput
+from adaptive_blf_control.identification.change_monitor import ExternalTorque
 from adaptive_blf_control.simulation.sensors import Measurement
 
 __all__ = ['Sample', 'sample_time', 'sample_times']
@@ -39,6 +40,7 @@ class Sample(NamedTuple):
         sigma_min: σ_min of the history.
         insertions: Pairs that the history has taken so far.
         excitation: Excitation index; None where switched off.
+        external_torque: See `Identifier.external_torque`; None where nobody tells it.
     """
 
     t: float
@@ -50,3 +52,4 @@ class Sample(NamedTuple):
     sigma_min: float
     insertions: int
     excitation: float | None
+    external_torque: ExternalTorque | None

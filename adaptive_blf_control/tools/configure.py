@@ -34,6 +34,8 @@ def _parser() -> argparse.ArgumentParser:
                         'default: all')
     parser.add_argument('--coulomb', action='store_true',
                         help='learn a Coulomb friction per joint as well')
+    parser.add_argument('--rotor-inertia', action='store_true',
+                        help="learn the inertia of each joint's rotor as well")
     parser.add_argument('--from-zero', action='store_true',
                         help="begin to learn from nothing rather than from the URDF's values")
     parser.add_argument('-o', '--output', type=Path, metavar='FILE',
@@ -81,8 +83,8 @@ def main(args: list[str] | None = None) -> int:
         robot = Robot(torque_limit=_several(options.torque_limit),
                       centre=_several(options.centre),
                       **{name: getattr(options, name) for name in _OF_ROBOT})
-        found = recipe(load_arm(options.urdf, joint_names(options.joints),
-                                coulomb=options.coulomb), robot)
+        found = recipe(load_arm(options.urdf, joint_names(options.joints), coulomb=options.coulomb,
+                                rotor_inertia=options.rotor_inertia), robot)
         text = written_file(node_settings_of(found, _address(options.urdf)),
                             _title(sys.argv[1:] if args is None else args), reasons_of(found))
         if options.output is not None:

@@ -29,6 +29,7 @@ __all__ = ['Adaptation', 'adaptation_for', 'parameter_deviation']
 
 LINKS = 0.25  # part by which inertial parameters of a URDF's links are usually wrong
 FRICTION, LEAST_FRICTION = 0.5, 0.002  # of the URDF's friction; of the torque limit at full speed
+ROTOR = 1e-3  # s², inertia of a rotor as seen from its joint, over the torque limit
 HORIZON = 30.0  # s
 INTEGRATION = 5e-5  # part of the torque by which even exact samples contradict each other
 SHARE = 1e-4  # k_t/k_h: the pairs decide, not the noise of the present sample
@@ -75,7 +76,7 @@ def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarra
 
     Mass, first moments and inertia of every link are off by a quarter of m, m l and m l², with l
     its distance from the joint axis or its radius of gyration, whichever is larger; a base
-    parameter sums what is lumped into it.
+    parameter sums what is lumped into it. Rotors count where their inertia is learned.
 
     Args:
         arm: The arm.
@@ -91,6 +92,8 @@ def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarra
     sizes = np.hstack([mass, np.repeat(first, 3, axis=1), np.repeat(inertia, 6, axis=1)])
     links, part = (1.0, 1.0) if from_zero else (LINKS, FRICTION)
     base = arm.base_from_standard ** 2 @ (links * sizes.reshape(arm.n * PER_BODY)) ** 2
+    base = base + arm.base_from_rotor ** 2 @ np.maximum(part * arm.rotor,
+                                                        ROTOR * torque_limit) ** 2
     nominal = arm.nominal[arm.base_count:]
     least = LEAST_FRICTION * torque_limit
     smallest = np.concatenate([np.zeros(0), *(

@@ -23,6 +23,7 @@ __all__ = ['node_settings_of', 'reasons_of']
 
 SIGNIFICANT = 4  # digits of a gain
 SAMPLES = 10  # that may be missing before a watchdog acts
+SUSPICION, SETTLE = 2.0, 3.0  # of the change monitor
 LARGEST = 10.0  # an estimate beyond so many times the largest of its kind is refused
 
 
@@ -34,7 +35,9 @@ def node_settings_of(recipe: Recipe, urdf: str) -> dict[str, RuntimeSettings]:
         urdf: Where its URDF is, as ``urdf`` takes it.
     """
     arm = {'arm': 'urdf', 'urdf': urdf, 'joints': recipe.arm.joints,
-           'friction.coulomb': _has(recipe, 'fc')}
+           'friction.coulomb': _has(recipe, 'fc'),
+           'friction.rotor_inertia': any(name.startswith('Ia_')
+                                         for name in recipe.arm.parameters)}
     return {'arm_driver': DriverSettings.from_values({**arm, **_driver(recipe)}),
             'identifier': IdentifierNodeSettings.from_values({**arm, **_identifier(recipe)}),
             'controller': ControllerNodeSettings.from_values({**arm, **_controller(recipe)}),
@@ -63,7 +66,9 @@ def _identifier(recipe: Recipe) -> dict[str, Any]:
         'kt': _rounded(recipe.adaptation.kt), 'kh': _rounded(recipe.adaptation.kh),
         'filter.time_constant': filters.time_constant, 'filter.state_order': filters.state_order,
         'filter.state_time_constant': filters.state_time_constant,
-        'filter.gap': max(0.05, 5.0 / recipe.robot.rate)}
+        'filter.gap': max(0.05, 5.0 / recipe.robot.rate),
+        'change.suspicion': SUSPICION, 'change.settle': SETTLE,
+        'change.adapt': recipe.robot.payload > 0.0}
     if filters.state_order:
         return values | {'history.size': max(100, 2 * m),
                          'history.epsilon': 0.03, 'history.minimum_growth': 0.05}
@@ -103,6 +108,9 @@ def reasons_of(recipe: Recipe) -> Mapping[str, str]:
                             f'loop with {ms} of delay bears.',
         'identifier.kh': 'So that the noise of the torque is weighted against Gamma.',
         'identifier.filter.time_constant': _filter_reason(recipe),
+        'identifier.change.suspicion': 'What contradicts the recorded pairs is held back until '
+                                       'its reason is known.',
+        'identifier.change.adapt': 'True where a payload is stated.',
         'controller.k1': 'A tenth of the damping rate of k2, over bound^4.',
         'controller.k2': f'lambda_max(M^-1 k2) = {recipe.rate:.3g} 1/s along the reference, with '
                          f'k1 a third of the {delay.largest_rate:.4g} 1/s at which a loop with '

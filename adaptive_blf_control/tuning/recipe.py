@@ -13,6 +13,7 @@ from adaptive_blf_control.control.settings import ControllerSettings, Performanc
 from adaptive_blf_control.errors import ArmError
 from adaptive_blf_control.tuning.adaptation import Adaptation, adaptation_for, parameter_deviation
 from adaptive_blf_control.tuning.expected_error import Start, start_error, static_error
+from adaptive_blf_control.tuning.filter_cost import filter_cost
 from adaptive_blf_control.tuning.gains import FRICTION, Gains, law_gains
 from adaptive_blf_control.tuning.inertia import (
     damping_rate,
@@ -120,6 +121,8 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
     usual = float(np.sqrt(np.mean(torques ** 2)))
     filters = filters_for(robot, float(np.sqrt(np.mean(states.qd ** 2, axis=0)).max()),
                           float(inertia.most.max()), usual)
+    filters = filters._replace(motion_error=filter_cost(
+        arm, motion.reference, loaded, filters.state_order, filters.state_time_constant))
     deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload,
                                     from_zero=robot.from_zero)
     adaptation = adaptation_for(arm, deviation, masses, states, delay, filters.noise, usual)

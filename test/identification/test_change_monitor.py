@@ -75,17 +75,44 @@ def test_a_change_is_found_within_the_window_and_after_a_reset_again():
         assert not monitor.statistic.any()
 
 
-def test_there_is_nothing_to_compare_with_until_the_stack_is_full_and_of_full_rank():
+def grown(pairs, size: int) -> HistoryStack:
+    stack = HistoryStack(2, 3, size, 0.0)
+    for pair in pairs:
+        stack.offer(*pair)
+    return stack
+
+
+def test_there_is_nothing_to_compare_with_until_the_rank_is_full():
     random, monitor = np.random.default_rng(3), ResidualMonitor(2, 3, 0.1, 9.0, 0.0)
     pairs = [noisy_pair(random, TRUE) for _ in range(30)]
     flat = [(regressor * [1.0, 1.0, 0.0], torque) for regressor, torque in pairs]
-    growing = HistoryStack(2, 3, 31, 0.0)
-    for pair in pairs:
-        growing.offer(*pair)
-    for stack in (growing, recorded(flat)):
+    for stack in (recorded(flat), grown(pairs[:2], 30)):
         for _ in range(500):
             assert not monitor.watch(1e-3, *noisy_pair(random, -TRUE), stack)
         assert not monitor.statistic.any()
+        external = monitor.external_torque
+        assert np.isnan(external.torque).all()
+        assert np.isinf(external.bound).all()
+
+
+def test_a_change_is_found_before_the_stack_is_full():
+    random, monitor = np.random.default_rng(3), ResidualMonitor(2, 3, 0.1, 9.0, 0.0)
+    stack = grown([noisy_pair(random, TRUE) for _ in range(30)], 1000)
+    assert not any(monitor.watch(1e-3, *noisy_pair(random, TRUE), stack) for _ in range(500))
+    assert any(monitor.watch(1e-3, *noisy_pair(random, -TRUE), stack) for _ in range(100))
+
+
+def test_the_external_torque_is_measured_minus_predicted_and_beyond_its_bound_where_pushed():
+    random = np.random.default_rng(8)
+    monitor, watch = subject(random)
+    watch(noisy_pair(random, TRUE))
+    assert (np.abs(monitor.external_torque.torque) < monitor.external_torque.bound).all()
+    regressor, torque = noisy_pair(random, TRUE)
+    watch((regressor, torque + [0.0, 2.0]))
+    torque, bound = monitor.external_torque
+    assert torque[1] == pytest.approx(2.0, abs=0.3)
+    assert (np.abs(torque) > bound).tolist() == [False, True]
+    assert ((bound > 0.15) & (bound < 0.3)).all()  # 3 standard deviations, and those of θ_s
 
 
 def test_a_change_below_the_resolution_does_not_matter():

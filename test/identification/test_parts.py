@@ -19,7 +19,7 @@ ARM = door.TwoLinkArm()
 NAMES = {'filter.state_filter': 'foreign_parts:Smoothing',
          'history.selection': 'foreign_parts:LatestPairs',
          'change.monitor': 'foreign_parts:Alarm'}
-BASE = {'kt': 100.0, 'kh': 100.0, 'history.size': 30, 'filter.settle': 1.0}
+BASE = {'kt': 100.0, 'kh': 100.0, 'history.size': 30, 'filter.settle': 1.0, 'change.settle': 1.0}
 
 
 @pytest.fixture(autouse=True)

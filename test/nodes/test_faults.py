@@ -605,7 +605,7 @@ def test_a_signal_during_the_first_compilation_ends_a_node_before_the_next_funct
     assert process.signal(number) == code
     assert 'Traceback' not in process.text
     if kind == 'identifier':
-        assert not any('normalised_residual' in file.name for file in compiled())
+        assert not any('residual_with_scale' in file.name for file in compiled())
         return
     assert not any('law.answer' in file.name for file in compiled())  # needed last
 

@@ -22,6 +22,7 @@ from adaptive_blf_control.configuration.parameter_file import load_yaml
 from adaptive_blf_control.messages.cdr import decode_float64, decode_int32
 from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
+    EXTERNAL_TORQUE,
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
@@ -68,6 +69,22 @@ def configured(repository):
     yield node
     node.destroy_node()
     context.shutdown()
+
+
+def test_the_external_torque_is_published_every_so_many_samples_and_its_rate_is_live(
+        configured, repository) -> None:
+    sent = []
+    configured._outputs[EXTERNAL_TORQUE].publish = sent.append
+    samples = _run(repository, 0.029)
+    _feed(configured, samples[:15])
+    configured.retune(configured.settings.replace(external_torque_decimation=5), set())
+    _feed(configured, samples[15:])
+    messages = [deserialize_message(data, JointState) for data in sent]
+    assert [round((stamp.sec - EPOCH // 10**9) * 1e3 + stamp.nanosec * 1e-6)
+            for stamp in (message.header.stamp for message in messages)] == [0, 10, 15, 20, 25]
+    assert messages[0].name == ['joint1', 'joint2', 'joint1.bound', 'joint2.bound']
+    assert np.isnan(messages[0].position[:2]).all()
+    assert np.isinf(messages[0].position[2:]).all()
 
 
 def _feed(node: IdentifierNode, samples) -> list[np.ndarray]:

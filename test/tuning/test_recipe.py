@@ -11,8 +11,9 @@ from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.errors import ArmError, ParameterError, SetViolation
 from adaptive_blf_control.tuning.adaptation import parameter_deviation
+from adaptive_blf_control.tuning.filter_cost import filter_cost
 from adaptive_blf_control.tuning.gains import adaptation_stiffness, total_rate
-from adaptive_blf_control.tuning.inertia import mass_matrices, reference_states
+from adaptive_blf_control.tuning.inertia import mass_matrices
 from adaptive_blf_control.tuning.recipe import recipe
 from adaptive_blf_control.tuning.recipe_text import recipe_text
 from adaptive_blf_control.tuning.robot import Robot
@@ -150,10 +151,10 @@ def test_the_first_filter_of_noisy_sensors_costs_what_it_says(arm: UrdfArm) -> N
     quiet, noisy = (recipe(arm, Robot(**each)).filters for each in ({}, SENSORS))
     assert quiet.state_order == 0
     assert noisy.state_order == 4
-    fast = np.sqrt(np.mean(reference_states(recipe(arm, Robot()).motion.reference).qd ** 2,
-                           axis=0)).max()
-    assert noisy.motion_error == pytest.approx(
-        2.0 * noisy.state_time_constant ** 2 * fast ** 2, rel=0.1)
+    assert noisy.motion_error == pytest.approx(filter_cost(
+        arm, recipe(arm, Robot(**SENSORS)).motion.reference, arm.nominal, noisy.state_order,
+        noisy.state_time_constant))
+    assert 0.0 < noisy.motion_error < 0.01
 
 
 @pytest.mark.parametrize(('changes', 'name'), [

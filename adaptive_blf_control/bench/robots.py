@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``bench robots``: six arms in MuJoCo under what happens to a real one (docs/robots.md).
+
+Each arm gets the parameter file of ``configure`` with a stated delay of 5 ms, untouched. What the
+drives, the sensors and the surroundings do is said of the plant alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.arms.load import load_arm
+from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.bench.arms import ARMS, node_data, off_by
+from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.parameter_file import apply_changes
+from adaptive_blf_control.errors import BlfError, ParameterError
+from adaptive_blf_control.runs.simulation import simulate
+from adaptive_blf_control.runs.start_check import loop_warnings
+from adaptive_blf_control.runs.torque_error import PredictedTorque
+from adaptive_blf_control.simulation.sample import Sample
+from adaptive_blf_control.tuning.node_values import node_settings_of
+from adaptive_blf_control.tuning.recipe import Recipe, recipe
+from adaptive_blf_control.tuning.robot import Robot
+
+__all__ = ['CONDITIONS', 'add_options', 'run']
+
+LOADS = {'Panda': 2.0, 'UR10': 2.0, 'UR5': 2.0, 'Kinova j2s6s200': 1.1, 'xArm7': 1.75, 'Z1': 1.0}
+"""Load at the tip [kg]: 2 kg or half of what the arm is rated for."""
+ON, OFF = 10.0, 20.0  # s: of the load
+TOUCH, RELEASE = 10.0, 11.0  # s: of the wall
+AGAIN, RECOVERED = 3.0, 2.0  # s after a load, after a release
+GAIN = 0.03  # error of the drives' gain
+ROTOR, DRY = 1e-3, 0.01  # inertia of a rotor [kg m²] and dry friction [N m] over the torque limit
+WEAK = 0.6  # part of the torque that the reference needs
+SENSORS = {'encoder_counts': 200000, 'torque_noise': 0.05}
+LATE = {'arm_driver.actuator.delay': 0.004}
+
+Changes = dict[str, Any]
+
+
+class Condition(NamedTuple):
+    """A row of the table.
+
+    Attributes:
+        name: What it is called.
+        stated: What ``configure`` is told, beside the delay.
+        plant: Changes of the plant, from name and recipe.
+        learned: Whether dry friction and rotor inertia are learned.
+        start: ``nominal``, ``zero``, or ``off``: every link by 25 %.
+    """
+
+    name: str
+    stated: Changes
+    plant: Callable[[str, Recipe], Changes]
+    learned: bool = False
+    start: str = 'nominal'
+
+
+class Run(NamedTuple):
+    """What one run gave.
+
+    Attributes:
+        outside: Samples outside a set.
+        away: Those that are not within contact or a second after it.
+        pred: Errors of the predicted torque over all joints and of the worst one: at the end,
+            and where the row asks for them before and after an event.
+        noticed: Times from an event to its alarm [s]; NaN: none.
+        frozen: Time from the touch until nothing is learned [s]; NaN: it was, all along.
+        early: Alarms before the first event.
+        found: Of `Identifier.found`.
+        speed: Times real time.
+    """
+
+    outside: int
+    away: int
+    pred: dict[str, tuple[float, float]]
+    noticed: tuple[float, ...]
+    frozen: float
+    early: int
+    found: dict[str, int]
+    speed: float
+
+
+def _nothing(name: str, found: Recipe) -> Changes:
+    return {'arm_driver.actuator.delay': 0.0}
+
+
+def _late(name: str, found: Recipe) -> Changes:
+    return dict(LATE)
+
+
+def _real(name: str, found: Recipe) -> Changes:
+    limit = found.torque_limit
+    return {**LATE, 'arm_driver.true_friction.rotor_inertia': ROTOR * limit,
+            'arm_driver.true_friction.coulomb': DRY * limit,
+            'arm_driver.actuator.gain_error': [GAIN]}
+
+
+def _schedule(times: list[float], what: str, values: list[float]) -> Changes:
+    return {'arm_driver.schedule.time': times, 'arm_driver.schedule.value': values,
+            'arm_driver.schedule.parameter': [what] * len(times)}
+
+
+def _loaded(name: str, found: Recipe) -> Changes:
+    return {**LATE, **_schedule([ON, OFF], 'payload', [LOADS[name], 0.0])}
+
+
+def _loaded_real(name: str, found: Recipe) -> Changes:
+    return {**_real(name, found), **_loaded(name, found)}
+
+
+def _wall(name: str, found: Recipe) -> Changes:
+    return {**LATE, **_schedule([TOUCH, RELEASE], 'contact', [1.0, 0.0])}
+
+
+def _weak(name: str, found: Recipe) -> Changes:
+    limit = WEAK * found.torque
+    return {**LATE, 'arm_driver.torque_limit': limit, 'controller.torque_limit': limit}
+
+
+def _instant(name: str, found: Recipe) -> Changes:
+    return {'arm_driver.actuator.delay': 0.0015, 'arm_driver.actuator.effort': 'instant'}
+
+
+def _tilted(name: str, found: Recipe) -> Changes:
+    return {**LATE, 'arm_driver.mounting': [np.radians(30.0), 0.0, 0.0]}
+
+
+CONDITIONS = {
+    'ideal': Condition('ideal', {}, _nothing),
+    'ideal-zero': Condition('ideal, θ̂(0) = 0', {'from_zero': True}, _nothing, start='zero'),
+    'sensors-zero': Condition('sensors, θ̂(0) = 0', {**SENSORS, 'from_zero': True}, _late,
+                              start='zero'),
+    'sensors': Condition('sensors, URDF 25 % off', SENSORS, _late, start='off'),
+    'real': Condition('+ rotors, dry friction, gain', SENSORS, _real, learned=True),
+    'load': Condition('sensors + load', SENSORS, _loaded),
+    'load-real': Condition('+ rotors, dry friction, gain, load', SENSORS, _loaded_real,
+                           learned=True),
+    'wall': Condition('sensors + wall', SENSORS, _wall),
+    'wall-wide': Condition('sensors + wall, --width 0.3', {**SENSORS, 'width': 0.3}, _wall),
+    'weak': Condition('torque limits at 60 %', SENSORS, _weak),
+    '500hz': Condition('500 Hz, instantaneous effort', {'rate': 500.0}, _instant),
+    'tilted': Condition('base tilted 30°', SENSORS, _tilted),
+}
+"""Rows of the table."""
+
+
+class _Watch:
+    """What is asked of the identifier at every sample."""
+
+    def __init__(self, identifier: Any) -> None:
+        self._identifier = identifier
+        self._alarms = 0
+        self.alarms: list[float] = []
+        self.learning: list[bool] = []
+
+    def __call__(self, sample: Sample) -> None:
+        identifier = self._identifier
+        found = identifier.found
+        alarms = max(found['alarms'], found['changes'])
+        if alarms != self._alarms:
+            self._alarms = alarms
+            self.alarms.append(sample.t)
+        self.learning.append(identifier.response == 'quiet')
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--condition`` and ``--robot-seconds``, beside the options of `arms`."""
+    parser.add_argument('--condition', action='append', choices=tuple(CONDITIONS),
+                        help='robots: which row; default: all')
+    parser.add_argument('--robot-seconds', type=float, default=30.0, metavar='S',
+                        help='robots: length of a run [s] (default %(default)g)')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print the table.
+
+    Raises:
+        ParameterError: a length or a number of runs that cannot be.
+    """
+    if options.seeds < 1 or not options.robot_seconds > 0.0:
+        raise ParameterError('--seeds, --robot-seconds', (options.seeds, options.robot_seconds),
+                             'at least 1, and a time > 0 s')
+    print('| condition | arm | samples outside | of them away from a contact | pred at the end '
+          '[%] | events: noticed after [ms] | pred after them [%] | alarms before | found | '
+          'x real time |')
+    print('|---|---|---|---|---|---|---|---|---|---|')
+    for name in options.condition or CONDITIONS:
+        for arm_name in options.arm or ARMS:
+            try:
+                runs = [_run(name, arm_name, seed, options.robot_seconds)
+                        for seed in range(options.seeds)]
+                print(_row(CONDITIONS[name].name, arm_name, runs), flush=True)
+            except BlfError as error:
+                print(f'| {CONDITIONS[name].name} | {arm_name} | refused: {error} |', flush=True)
+
+
+def _run(name: str, arm_name: str, seed: int, seconds: float) -> Run:
+    condition = CONDITIONS[name]
+    urdf, joints = ARMS[arm_name]
+    arm = load_arm(f'package://{urdf}', joints, coulomb=condition.learned,
+                   rotor_inertia=condition.learned)
+    payload = LOADS[arm_name] if name.startswith('load') else 0.0
+    found = recipe(arm, Robot(delay=0.005, payload=payload, **condition.stated))
+    changes = {'arm_driver.plant': 'mujoco', 'arm_driver.sensors.seed': seed,
+               **condition.plant(arm_name, found)}
+    if condition.start == 'off':
+        changes['initial_estimate'] = off_by(arm, seed)
+    data = apply_changes(node_data(node_settings_of(found, f'package://{urdf}')), changes)
+    loop = build_closed_loop(data)
+    list(loop_warnings(data, loop))
+    watch = _Watch(loop.identifier)
+    done = simulate(loop, seconds, observer=watch)
+    return _judged(name, done, watch, arm)
+
+
+def _judged(name: str, done: Any, watch: _Watch, arm: UrdfArm) -> Run:
+    loop, t = done.loop, done.t
+    measure = PredictedTorque(loop.arm, loop.controller.reference, float(t[-1]))
+
+    allowed = 1.0 + GAIN if name.endswith('real') else 1.0
+
+    def pred(at: float) -> tuple[float, float]:
+        k = min(int(np.searchsorted(t, at - 1e-9)), t.size - 1)
+        error, scale = measure.rms_against(allowed * done.theta_hat[k], partial(
+            loop.plant.inverse_dynamics, t=float(t[k])))
+        return (float(np.linalg.norm(error) / np.linalg.norm(scale)),
+                float((error / scale).max()))
+
+    events, touched = _events(name, loop.plant), loop.plant.touched
+    asked = {'end': float(t[-1])}
+    if touched:
+        asked |= {'before': touched[0][0] - 0.01, 'again': touched[-1][1] + RECOVERED}
+    elif events:
+        asked |= {f'again {i + 1}': event + AGAIN for i, event in enumerate(events)}
+    inside = (done.loop.controller.performance, done.loop.controller.safety)
+    out = np.zeros(t.size, dtype=bool)
+    for values, sets in ((done.e1, inside[0]), (done.q, inside[1])):
+        out |= ((values <= sets.lower) | (values >= sets.upper)).any(axis=1)
+    away = out.copy()
+    for begin, end in touched:
+        away &= ~((t >= begin) & (t <= end + 1.0))
+    return Run(int(done.figures['set_violations']), int(away.sum()),
+               {key: pred(at) for key, at in asked.items()},
+               tuple(_first(watch.alarms, event) for event in events),
+               _frozen(watch, t, touched), sum(a < min(events, default=np.inf)
+                                               for a in watch.alarms),
+               loop.identifier.found, float(done.figures['real_time_factor']))
+
+
+def _events(name: str, plant: Any) -> tuple[float, ...]:
+    if name.startswith('load'):
+        return ON, OFF
+    return tuple(begin for begin, _ in plant.touched[:1])
+
+
+def _first(alarms: list[float], event: float) -> float:
+    return min((alarm - event for alarm in alarms if alarm >= event), default=np.nan)
+
+
+def _frozen(watch: _Watch, t: np.ndarray, touched: tuple[tuple[float, float], ...]) -> float:
+    if not touched:
+        return np.nan
+    begin, end = touched[0]
+    stopped = np.flatnonzero((t >= begin) & (t <= end) & ~np.array(watch.learning))
+    return float(t[stopped[0]] - begin) if stopped.size else np.nan
+
+
+def _row(condition: str, arm_name: str, runs: list[Run]) -> str:
+    def pair(key: str) -> str:
+        worst = [max(run.pred[key][i] for run in runs if key in run.pred) for i in range(2)]
+        return ' / '.join(f'{100.0 * each:.2g}' if each < 10.0 else 'lost' for each in worst)
+
+    events = [f'{1e3 * max(times):.0f}' for times in zip(*(run.noticed for run in runs))]
+    if np.isfinite(runs[0].frozen):
+        events.append(f'frozen {1e3 * max(run.frozen for run in runs):.0f}')
+    after = [f'{key} {pair(key)}' for key in runs[0].pred if key != 'end']
+    totals = {key: [run.found[key] for run in runs] for key in runs[0].found}
+    found = ', '.join(f'{key} {max(values)}' for key, values in totals.items() if any(values))
+    return (f'| {condition} | {arm_name} | {max(run.outside for run in runs)} | '
+            f'{max(run.away for run in runs)} | {pair("end")} | {", ".join(events)} | '
+            f'{"; ".join(after)} | {max(run.early for run in runs)} | {found} | '
+            f'{min(run.speed for run in runs):.1f} |')
