@@ -370,7 +370,8 @@ def test_a_start_outside_the_safety_set_ends_the_node_without_any_torque(
 
 def test_a_process_whose_arm_starts_outside_a_set_says_so_and_fails(
         processes, graph_of, wait_until) -> None:
-    process = processes.start('controller', '--ros-args', '-p', 'safety.upper:=[3.0, 0.5]')
+    process = processes.start('controller', '--ros-args', '-p', 'safety.upper:=[3.0, 0.5]', '-p',
+                              'wait_for_identifier:=false')
     peer = graph_of(processes.domain).peer()
     commands = peer.listen(Float64MultiArray, COMMANDS)
     states = peer.create_publisher(JointState, JOINT_STATES, 10)
