@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -217,6 +220,33 @@ def test_settings_are_retuned_by_name():
                           (lambda: controller.retune(safety={'upper': 2.0}), "'t' is None")):
         with pytest.raises(door.ParameterError, match=message):
             call()
+
+
+def _by_pickle(given):
+    return pickle.loads(pickle.dumps(given))
+
+
+@pytest.mark.parametrize('duplicate', [copy.deepcopy, _by_pickle])
+def test_a_copy_of_an_identifier_goes_on_alike_without_a_trace_in_the_first(duplicate):
+    first = door.Identifier(ARM)
+    first.learn(T[:500], Q[:500], QD[:500], Q[:500])
+    before, other = first.theta.copy(), duplicate(first)
+    learned = other.learn(T[500:], Q[500:], QD[500:], Q[500:]).copy()
+    assert not np.array_equal(learned, before)
+    np.testing.assert_array_equal(first.theta, before)
+    np.testing.assert_array_equal(first.learn(T[500:], Q[500:], QD[500:], Q[500:]), learned)
+
+
+@pytest.mark.parametrize('duplicate', [copy.deepcopy, _by_pickle])
+def test_a_copy_of_a_controller_goes_on_alike_without_a_trace_in_the_first(duplicate):
+    swing = {'joint1': {'amplitude': 0.1, 'frequency': 1.0}}
+    first = door.Controller(ARM, reference=swing, torque_rate_limit=100.0)
+    first.update(0.0, [0.0, 0.0], [0.0, 0.0], np.zeros(5))
+    other = duplicate(first)
+    sample = (1e-3, [0.01, 0.0], [0.1, 0.0], ARM.nominal)
+    torque = other.update(*sample).torque.copy()
+    np.testing.assert_array_equal(first.update(*sample).torque, torque)
+    assert other.settings == first.settings
 
 
 class Slow(door.Constraint):

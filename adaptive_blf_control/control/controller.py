@@ -234,6 +234,10 @@ class Controller(Guided, settings=ControllerSettings,
             other._arrays, other._handle = self._arrays._replace(memory=other._memory), None
         return other
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a deep copy or a pickle takes: all but the handle, which it makes again."""
+        return {**self.__dict__, '_handle': None}
+
     def _tuned(self, settings: ControllerSettings, before: Law | None = None,
                filter_before: SafetyFilter | None = None) -> _Tuning:
         full, given = settings.resolved(joints=self.arm.n), self._given_law

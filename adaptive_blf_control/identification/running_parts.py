@@ -126,6 +126,10 @@ class RunningParts:
         """What follows when the recorded pairs are contradicted."""
         return self._response
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy or a pickle takes: all but the handle, which it makes again."""
+        return {**self.__dict__, '_made': None}
+
     @property
     def _handle(self) -> Any:
         """What compiled functions get: all, or what is after filters in Python."""

@@ -112,6 +112,13 @@ class Settings:
             object.__setattr__(self, item.name, self._usable(item, getattr(self, item.name)))
         self._check()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what a copy or a pickle is made of again: mappings as such have neither."""
+        values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
+        return _made_again, (type(self), {
+            name: dict(value) if isinstance(value, MappingProxyType) else value
+            for name, value in values.items()})
+
     def _check(self) -> None:
         """Refuse values that do not fit each other; subclasses say which."""
 
@@ -357,3 +364,7 @@ def _below(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
 def _frozen(array: np.ndarray) -> np.ndarray:
     array.setflags(write=False)
     return array
+
+
+def _made_again(kind: type[Settings], values: dict[str, Any]) -> Settings:
+    return kind(**values)
