@@ -22,7 +22,7 @@ EXAMPLES = {
     'own_law.py': r'KEPT(.*\n)*.*rank 5 of 5(.*\n)*.*is not about this law(.*\n)*'
                   r'.*in the last 0\.000\d+ rad',
     'own_sensor.py': r'perfect +sets kept: True.* 5\.30 (.*\n)Late +sets kept: True.*5\.2\d ',
-    'own_constraint.py': r'safety, performance and wall sets: KEPT(.*\n)*wall +least margin 0\.1'
+    'own_constraint.py': r'safety, performance and wall sets: KEPT(.*\n)*wall +least margin 0\.03'
                          r'(.*\n)*refused: body .tip.: start reach outside the wall set',
     'own_update_law.py': r'ours +sets kept: True.* at the end\nStraight +sets kept: True.*'
                          r'0\.00\d+ at the end',

@@ -45,6 +45,8 @@ def test_more_points_than_the_limit_are_refused_before_they_are_read() -> None:
 
 def test_a_truncated_message_is_refused_wherever_it_ends() -> None:
     data = bytes(serialize_message(_message(2)))
-    for end in range(len(data) - 8):
+    whole = data.rindex(b'\x07\0\0\0') + 4  # the last nanoseconds; rclpy's buffer is longer
+    assert len(read_trajectory(data[:whole]).points) == 2
+    for end in range(whole):
         with pytest.raises(BagError):
             read_trajectory(data[:end])

@@ -96,9 +96,9 @@ def complaint(capsys, arguments):
     assert main(arguments) == 2
     printed = capsys.readouterr()
     assert printed.out == ''
-    assert printed.err.startswith('identify: ')
-    assert printed.err.count('\n') == 1
-    return printed.err
+    lines = [line for line in printed.err.splitlines() if not line.startswith('compiling ')]
+    assert [line.partition(': ')[0] for line in lines] == ['identify']
+    return lines[0]
 
 
 def test_known_parameters_are_recovered_and_written(capsys, tmp_path, files, arm):
@@ -301,7 +301,7 @@ def test_bag_without_effort_names_the_joint(capsys, tmp_path, files):
     (['--urdf', 'nowhere.urdf'], "'nowhere.urdf' does not exist"),
     (['--config', 'nowhere.yaml'], "'nowhere.yaml'"),
     (['--set', 'history.siz=3'], 'history.siz'),
-    (['--set', 'kh=1'], "'identifier.kh' is 1: expected a floating-point number: write 1.0"),
+    (['--set', 'kh=much'], "'identifier.kh' is 'much': expected"),
     (['--output', 'no/such/folder/theta.yaml'], 'a folder that exists'),
     (['--urdf-out', 'no/such/folder/arm.urdf'], "'--urdf-out'"),
     (['--model-out', 'no/such/folder/model.yaml'], "'--model-out'")])
@@ -316,7 +316,7 @@ def test_nothing_is_overwritten_without_being_told_to(capsys, tmp_path, files):
         path.write_text('kept')
         text = complaint(capsys, [*once, option, str(path)])
         assert f"'{option}'" in text
-        assert 'expected a new file, or --overwrite' in text
+        assert 'expected a file that is not there yet: --overwrite replaces it' in text
         assert path.read_text() == 'kept'
 
 

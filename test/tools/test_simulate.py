@@ -73,7 +73,7 @@ def test_a_set_that_is_left_is_told_by_the_exit_status(config, capsys):
 
 
 @pytest.mark.parametrize(('arguments', 'expected'), [
-    (['--set', 'identifier.kt=1'], "parameter 'identifier.kt' is 1: expected a floating-point"),
+    (['--set', 'identifier.kt=much'], "parameter 'identifier.kt' is 'much': expected"),
     (['--set', 'nonsense=1.0'], "'nonsense'"),
     (['--set', 'controller.safety.upper=[1.0]'], "joint 'joint1': reference plus performance set"),
     (['--set', 'arm_driver.initial_position=[0.0, 1.0]'], "joint 'joint2': start error outside"),
