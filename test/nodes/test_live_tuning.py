@@ -68,6 +68,9 @@ NEW: dict[str, dict[str, Any]] = {
         'change.resolution': 0.05, 'history.size': 12, 'history.epsilon': 0.02,
         'history.minimum_growth': 0.1, 'history.noise': 0.01, 'history.noise_seed': 5,
         'excitation.window': 3.0, 'update_law': 'gradient', 'adaptation_term_timeout': 0.5,
+        'filter.effort': 'instant', 'change.suspicion': 4.0, 'change.settle': 2.0,
+        'change.patience': 1.0, 'change.adapt': True, 'known_contact': True,
+        'external_torque_decimation': 3,
     },
     'controller': {
         'ramp_time': 0.5, 'k1': [50.0, 60.0], 'k2': [5.0, 3.0], 'coupling': 'pseudoinverse',
@@ -84,6 +87,13 @@ NEW: dict[str, dict[str, Any]] = {
         'guarantee.mass': [0.2, 5.0], 'state_timeout': 30.0, 'monitor_decimation': 3,
         'slotine_li.gamma': [100.0], 'barrier_weight': [0.5, 0.2],
         'reference.velocity_limit': 9.0, 'reference.acceleration_limit': 90.0,
+        # Of the safety filter, which is not in use here.
+        'limits.velocity': [2.0, 3.0], 'limits.braking': [5.0], 'limits.link_radius': 0.1,
+        'limits.link_spheres': [2.0, 0.0, 0.0, 0.1, 0.05],
+        'limits.obstacles.spheres': [0.5, 0.0, 0.5, 0.1], 'limits.obstacles.margin': 0.03,
+        'limits.obstacles.capsules': [0.5, 0.0, 0.5, 0.5, 0.0, 0.9, 0.1],
+        'limits.obstacles.boxes': [0.5, 0.0, 0.5, 0.1, 0.1, 0.1],
+        'limits.obstacles.half_spaces': [0.0, 0.0, 0.1, 0.0, 0.0, 1.0],
     },
     'recorder': {},
 }
@@ -145,6 +155,8 @@ def _identifier_uses(node: IdentifierNode) -> dict[str, Any]:
         **{f'history.{name}': value for name, value in settings.history.values().items()},
         'history.size': identifier.stack.size,
         'excitation.window': settings.excitation.window, 'update_law': settings.update_law,
+        'known_contact': settings.known_contact,
+        'external_torque_decimation': node._stream.decimation,  # nothing public tells it
     }
 
 
@@ -160,6 +172,7 @@ def _controller_uses(node: ControllerNode) -> dict[str, Any]:
         'torque_limit': settings.torque_limit, 'torque_rate_limit': settings.torque_rate_limit,
         'estimate_limit': node.estimates.gate.limit,
         'slotine_li.gamma': settings.slotine_li.gamma,
+        **{f'limits.{name}': value for name, value in settings.limits.values().items()},
         'safety.lower': controller.safety.lower, 'safety.upper': controller.safety.upper,
         'performance.lower': node.output.bounds.lower,
         'performance.upper': node.output.bounds.upper,

@@ -315,7 +315,7 @@ def test_what_the_live_nodes_send_is_left_out_unless_it_is_named(graph, bag: Pat
     player = _player(graph, bag)
     assert [*player.sent][-1] == STATES  # known to others once the first state is
     assert set(player.sent) == {STATES, TERMS, '/controller/reference', '/controller/barrier',
-                                '/controller/tracking_error'}
+                                '/controller/tracking_error', '/robot_description'}
     assert player.skipped['/effort_controller/commands'].startswith('it moves an arm')
     assert player.skipped[THETA] == 'it is the answer that lockstep waits for'
     assert player.skipped['/identifier/history_rank'] == 'the node that answers sends it'

@@ -12,7 +12,7 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PointStamped
+from geometry_msgs.msg import InertiaStamped, PointStamped
 import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterEvent, SetParametersResult
@@ -40,7 +40,8 @@ from patience import PATIENCE
 
 TYPES = {'sensor_msgs/msg/JointState': JointState, 'std_msgs/msg/Int32': Int32,
          'std_msgs/msg/Float64': Float64, 'std_msgs/msg/Float64MultiArray': Float64MultiArray,
-         'diagnostic_msgs/msg/DiagnosticArray': DiagnosticArray, 'std_msgs/msg/String': String}
+         'diagnostic_msgs/msg/DiagnosticArray': DiagnosticArray, 'std_msgs/msg/String': String,
+         'geometry_msgs/msg/InertiaStamped': InertiaStamped}
 EVENTS = '/parameter_events'
 
 
@@ -97,7 +98,8 @@ def test_a_run_is_in_the_bag_bit_for_bit_and_others_can_read_it(recorded) -> Non
 
 
 # Sent when asked for, or every few seconds once there is something to say.
-SILENT = ('/controller/guarantee', '/identifier/consistent_model', '/identifier/theta_std')
+SILENT = ('/controller/guarantee', '/identifier/consistent_model', '/identifier/theta_std',
+          '/identifier/payload', '/identifier/payload_std')
 
 
 def _check_bytes(bag: Path, heard) -> None:
