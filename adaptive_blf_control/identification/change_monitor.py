@@ -110,7 +110,7 @@ class ExternalTorque(NamedTuple):
 
 def external_torque(residual: np.ndarray, scale: np.ndarray, threshold: float) -> ExternalTorque:
     """Return a residual with its bound, the square root of ``threshold`` times its scale."""
-    return ExternalTorque(residual.copy(), np.sqrt(threshold * scale))
+    return ExternalTorque(residual.copy(), np.sqrt(np.maximum(threshold * scale, 0.0)))
 
 
 @by_type
