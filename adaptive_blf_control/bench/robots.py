@@ -171,11 +171,13 @@ class _Watch:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--condition`` and ``--robot-seconds``, beside the options of `arms`."""
+    """Declare ``--condition``, ``--robot-seconds`` and ``--suspicion``, beside those of `arms`."""
     parser.add_argument('--condition', action='append', choices=tuple(CONDITIONS),
                         help='robots: which row; default: all')
     parser.add_argument('--robot-seconds', type=float, default=30.0, metavar='S',
                         help='robots: length of a run [s] (default %(default)g)')
+    parser.add_argument('--suspicion', type=float, default=0.0, metavar='X',
+                        help='robots: identifier.change.suspicion (default %(default)g: off)')
 
 
 def run(options: argparse.Namespace) -> None:
@@ -194,14 +196,14 @@ def run(options: argparse.Namespace) -> None:
     for name in options.condition or CONDITIONS:
         for arm_name in options.arm or ARMS:
             try:
-                runs = [_run(name, arm_name, seed, options.robot_seconds)
+                runs = [_run(name, arm_name, seed, options.robot_seconds, options.suspicion)
                         for seed in range(options.seeds)]
                 print(_row(CONDITIONS[name].name, arm_name, runs), flush=True)
             except BlfError as error:
                 print(f'| {CONDITIONS[name].name} | {arm_name} | refused: {error} |', flush=True)
 
 
-def _run(name: str, arm_name: str, seed: int, seconds: float) -> Run:
+def _run(name: str, arm_name: str, seed: int, seconds: float, suspicion: float) -> Run:
     condition = CONDITIONS[name]
     urdf, joints = ARMS[arm_name]
     arm = load_arm(f'package://{urdf}', joints, coulomb=condition.learned,
@@ -209,7 +211,7 @@ def _run(name: str, arm_name: str, seed: int, seconds: float) -> Run:
     payload = LOADS[arm_name] if name.startswith('load') else 0.0
     found = recipe(arm, Robot(delay=0.005, payload=payload, **condition.stated))
     changes = {'arm_driver.plant': 'mujoco', 'arm_driver.sensors.seed': seed,
-               **condition.plant(arm_name, found)}
+               'identifier.change.suspicion': suspicion, **condition.plant(arm_name, found)}
     if condition.start == 'off':
         changes['initial_estimate'] = off_by(arm, seed)
     data = apply_changes(node_data(node_settings_of(found, f'package://{urdf}')), changes)
