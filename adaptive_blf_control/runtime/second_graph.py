@@ -18,9 +18,9 @@ from adaptive_blf_control.runtime.status_report import PERIOD
 __all__ = ['refuse_beside_another']
 
 DIAGNOSTICS = '/diagnostics'
-TIMEOUT = 2.5 * PERIOD  # s in which a node that lives speaks
+TIMEOUT = 4.0 * PERIOD  # s in which a node that lives speaks
 POLL_PERIOD = 0.01  # s
-DISCOVERY = 1.5  # s after which a node knows the others on its host
+DISCOVERY = 3.0  # s after which a node knows the others on its host: 0.3 to 0.5, or 1.5 to 1.7
 # Kinds of which one at a time may speak on a topic, whatever its name. Two controllers may be
 # there, one of them inactive: they are told apart where one is activated.
 ONE_AT_A_TIME = {'arm_driver': JOINT_STATES, 'identifier': THETA_HAT}
