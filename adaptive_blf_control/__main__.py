@@ -8,7 +8,14 @@ import sys
 
 from adaptive_blf_control import __version__
 from adaptive_blf_control.command_line import quiet_when_unread
-from adaptive_blf_control.executables import BENCHES, EXECUTABLES, module_of, NODES, TOOLS
+from adaptive_blf_control.executables import (
+    BENCHES,
+    COMPOSED,
+    EXECUTABLES,
+    module_of,
+    NODES,
+    TOOLS,
+)
 
 __all__ = ['main', 'usage']
 
@@ -21,7 +28,7 @@ def usage() -> str:
         return '\n'.join(f'  {name:<12}{summary}' for name, summary in table.items())
 
     return (f'usage: {PROGRAM} EXECUTABLE [ARGUMENTS]\n\n'
-            f'nodes (take --ros-args --params-file FILE):\n{rows(NODES)}\n\n'
+            f'nodes (take --ros-args --params-file FILE):\n{rows({**NODES, **COMPOSED})}\n\n'
             f'tools (each has --help):\n{rows(TOOLS)}\n\n'
             f'benchmarks and studies (each has --help):\n{rows(BENCHES)}')
 

@@ -6,7 +6,7 @@ It imports nothing, because ``setup.py`` reads it on machines where numpy is not
 
 from __future__ import annotations
 
-__all__ = ['BENCHES', 'EXECUTABLES', 'NODES', 'TOOLS', 'console_scripts', 'module_of']
+__all__ = ['BENCHES', 'COMPOSED', 'EXECUTABLES', 'NODES', 'TOOLS', 'console_scripts', 'module_of']
 
 NODES: dict[str, str] = {
     'arm_driver': 'simulated arm: takes torque commands, publishes joint states',
@@ -15,6 +15,11 @@ NODES: dict[str, str] = {
     'recorder': 'writes every topic of the run into a rosbag2 MCAP bag',
 }
 """Nodes: name to one line of help. Module: ``adaptive_blf_control.nodes.<name>``."""
+
+COMPOSED: dict[str, str] = {
+    'arm_control': 'controller and identifier in one process: the fastest answer',
+}
+"""Several nodes in one process: name to one line of help, module as of a node."""
 
 TOOLS: dict[str, str] = {
     'demo': "the four nodes as separate processes on the paper's two-link task",
@@ -40,7 +45,8 @@ BENCHES: dict[str, str] = {
 }
 """Benchmarks and studies: name to one line of help, in ``adaptive_blf_control.bench.<name>``."""
 
-_ROOMS: dict[str, dict[str, str]] = {'nodes': NODES, 'tools': TOOLS, 'bench': BENCHES}
+_ROOMS: dict[str, dict[str, str]] = {'nodes': {**NODES, **COMPOSED}, 'tools': TOOLS,
+                                     'bench': BENCHES}
 
 EXECUTABLES: dict[str, str] = {name: summary for table in _ROOMS.values()
                                for name, summary in table.items()}

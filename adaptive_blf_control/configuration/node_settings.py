@@ -15,7 +15,7 @@ from adaptive_blf_control.parameters.settings import group, parameter, Settings
 from adaptive_blf_control.parameters.table import Table
 from adaptive_blf_control.simulation.settings import PlantSettings, WatchdogSettings
 
-__all__ = ['ControllerNodeSettings', 'DriverSettings', 'GuaranteeSettings',
+__all__ = ['ComposedSettings', 'ControllerNodeSettings', 'DriverSettings', 'GuaranteeSettings',
            'IdentifierNodeSettings', 'LifecycleSettings', 'LockstepSettings', 'LoopSettings',
            'NODE_SETTINGS',
            'RealtimeSettings', 'RecorderSettings', 'RuntimeSettings', 'TABLES']
@@ -64,6 +64,17 @@ class LifecycleSettings(RuntimeSettings):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ComposedSettings(Settings):
+    """What controller and identifier have for running in one process."""
+
+    composed_decimation: int = parameter(
+        10,
+        'In arm_control, where theta_hat and the adaptation term are handed over in memory, they '
+        'are published every this many samples; in lockstep with every one.', '', 1, 1000000,
+        live=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LockstepSettings(Settings, where='arm_driver.lockstep'):
     """The driver under ``use_sim_time``."""
 
@@ -95,7 +106,8 @@ class DriverSettings(PlantSettings, WatchdogSettings, LifecycleSettings, ArmSett
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class IdentifierNodeSettings(IdentifierSettings, RuntimeSettings, ArmSettings, where='identifier'):
+class IdentifierNodeSettings(IdentifierSettings, ComposedSettings, RuntimeSettings, ArmSettings,
+                             where='identifier'):
     """The parameters of ``identifier``."""
 
     niceness: int = parameter(
@@ -168,7 +180,7 @@ class LoopSettings(Settings, where='controller.loop'):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class ControllerNodeSettings(ControllerSettings, LifecycleSettings, ArmSettings,
+class ControllerNodeSettings(ControllerSettings, ComposedSettings, LifecycleSettings, ArmSettings,
                              where='controller'):
     """The parameters of ``controller``."""
 

@@ -42,6 +42,7 @@ class EstimateStream:
 
     Attributes:
         decimation: The external torque is among every so many samples; 0: never.
+        estimate_decimation: The estimate is among every so many samples.
     """
 
     def __init__(self, parameters: Sequence[str], joints: Sequence[str], decimation: int,
@@ -55,6 +56,7 @@ class EstimateStream:
                                          fields=('position',))
         self._history = HistoryPublication()
         self.decimation = decimation
+        self.estimate_decimation = 1
         self._samples = 0
 
     def messages(self, stamp: int, theta: np.ndarray, insertions: int,
@@ -80,8 +82,9 @@ class EstimateStream:
             torque = external()
             if torque is not None:
                 messages[EXTERNAL_TORQUE] = self._external.encode(stamp, np.concatenate(torque))
+        if self._samples % self.estimate_decimation == 0:
+            messages[THETA_HAT] = self._theta.encode(stamp, theta)
         self._samples += 1
-        messages[THETA_HAT] = self._theta.encode(stamp, theta)
         return messages
 
 

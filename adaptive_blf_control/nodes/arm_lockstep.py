@@ -22,7 +22,7 @@ from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, CLOCK, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.nodes.lockstep_answers import LockstepAnswers
-from adaptive_blf_control.runtime.endpoints import full_name
+from adaptive_blf_control.runtime.endpoints import full_name, process_of
 from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.simulation.drives import Drives
 from adaptive_blf_control.simulation.state_grid import StateGrid
@@ -150,16 +150,22 @@ class ArmLockstep:
         return due
 
     def _missing_nodes(self) -> list[str]:
-        """Return the nodes not discovered in both directions: each is discovered by itself."""
+        """Return the nodes not discovered in both directions: each is discovered by itself.
+
+        In one process (``arm_control``) one of the nodes hears the states for both.
+        """
         driver = self._driver
         hearing = {full_name(info) or ''  # '' while the name is not known yet
                    for info in driver.get_subscriptions_info_by_topic(JOINT_STATES)}
         if not driver.heard_by(len(hearing)):  # discovered, and not matched yet
             return list(self._inputs)
+        answering = {name: driver.get_publishers_info_by_topic(ANSWERS[name])
+                     for name in self._inputs}
+        processes = {process_of(info) for found in answering.values() for info in found
+                     if full_name(info) in hearing}
         return [name for name, subscription in self._inputs.items()
                 if subscription.get_publisher_count() == 0
-                or not any(full_name(info) in hearing
-                           for info in driver.get_publishers_info_by_topic(ANSWERS[name]))]
+                or not any(process_of(info) in processes for info in answering[name])]
 
     def _wait(self, missing: Callable[[], list[str]], what: str) -> None:
         driver = self._driver

@@ -9,6 +9,7 @@ goes on with the last one.
 
 from __future__ import annotations
 
+from functools import partial
 import sys
 import time
 from typing import Any
@@ -17,6 +18,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State
 import numpy as np
 from rclpy.context import Context
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -28,18 +30,16 @@ from adaptive_blf_control.control.motion import groups_of, Motion
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.ramp import RAMP_STEP
 from adaptive_blf_control.control.refusal import Refusal
-from adaptive_blf_control.control.source_gate import SourceGate
-from adaptive_blf_control.errors import BagError, BlfError
-from adaptive_blf_control.messages.joint_state_reader import JointStateReader
-from adaptive_blf_control.messages.stamp import STAMP_LIMIT
+from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.topics import JOINT_STATES, JOINT_TRAJECTORY, THETA_HAT
 from adaptive_blf_control.nodes.command_topic import CommandTopic
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
 from adaptive_blf_control.nodes.estimate_input import EstimateInput, limit_of
+from adaptive_blf_control.nodes.handover import emptied, Handover
+from adaptive_blf_control.nodes.state_input import JointSample, StateInput
 from adaptive_blf_control.nodes.trajectory_input import TrajectoryInput
 from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runtime.channels import LONGEST_WAIT
-from adaptive_blf_control.runtime.heard_topic import HeardTopic
 from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.runtime.message_age import MessageAge
 from adaptive_blf_control.runtime.process import run_node
@@ -68,16 +68,24 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         trajectories: Takes the points of a planner; from the configuration on.
         heard_at: When the last usable state arrived, monotonic [s]; None before the first.
         commands: The command topic; from the configuration on.
+        states: The joint states it believes; from the configuration on.
+        handover: What it exchanges with the identifier in the same process; None where that is
+            in a process of its own.
+        hears_states: Whether it takes joint states: it is configured.
     """
 
     commands: CommandTopic
     motion: Motion
     estimates: EstimateInput
     monitors: ControllerMonitors
+    states: StateInput
     trajectories: TrajectoryInput
 
-    def __init__(self, *, context: Context | None = None, **options: Any) -> None:
+    def __init__(self, *, context: Context | None = None, handover: Handover | None = None,
+                 **options: Any) -> None:
         """Make the node; ``autostart`` configures it, which checks all that needs no arm."""
+        self.handover = handover
+        self.hears_states = False
         self.heard_at: float | None = None
         self._looked_at = self._answered_at = 0.0
         self._age = MessageAge()
@@ -98,6 +106,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         """Check the sets (9), compile the law, make the topics."""
         settings = self.settings
         self.arm = arm_of(self, self.settings)
+        if self.handover is not None:
+            self.handover.begin_for(self.arm)
         self.estimates = EstimateInput(self, self.arm)
         trial = Controller(self.arm, settings)
         trial.warm_up(self.theta)  # compile here, not in the first answer
@@ -106,9 +116,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.get_logger().warning(warning)
         self.estimates.wanted = settings.model == 'estimated' and uses_estimate(trial.law)
         self.motion = Motion(self.arm, settings)
-        self._state_reader = JointStateReader(self.arm.joints)
-        self._states = HeardTopic(self, JOINT_STATES, SourceGate('joint state'),
-                                  lambda: self.settings.state_timeout, others_belong=True)
+        self.states = StateInput(self, self.arm.joints, lambda: self.settings.state_timeout)
         self.commands = CommandTopic(self, self.arm.n)
         self.heard_at = None
         self._looked_at = 0.0
@@ -116,23 +124,29 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self._configured = True
 
     def _make_topics(self, controller: Controller) -> None:
+        # States first: the driver takes the publishers for a sign that they are heard.
+        self._inputs = [] if self.handover is not None else self._subscribe()
         self.monitors = ControllerMonitors(self, self.arm.joints, self.arm.parameters,
-                                           controller.constraints.names)
+                                           controller.constraints.names, self.handover)
         self.trajectories = TrajectoryInput(self, self.motion)
         self._trajectory_topic = self.create_subscription(
             JointTrajectory, JOINT_TRAJECTORY, self.trajectories.offer, TRAJECTORY_QUEUE_DEPTH,
             raw=True)
-        self._inputs = []
-        if self.estimates.wanted:
-            self._inputs.append(self.topics.subscribe(
-                JointState, THETA_HAT, self.estimates.receive, wake=self.lockstep,
-                newest_only=not self.lockstep, reliable=self.lockstep))
-        self._inputs.append(self.topics.subscribe(
+        self.hears_states = True
+
+    def _subscribe(self) -> list[Subscription]:
+        """Listen to states and θ̂, which come in memory where there is a handover."""
+        estimates = [self.topics.subscribe(
+            JointState, THETA_HAT, self.estimates.receive, wake=self.lockstep,
+            newest_only=not self.lockstep, reliable=self.lockstep)
+        ] if self.estimates.wanted else []
+        return [*estimates, self.topics.subscribe(
             JointState, JOINT_STATES, self.on_joint_states, newest_only=True,
-            reliable=self.lockstep))
+            reliable=self.lockstep)]
 
     def cleanup(self) -> None:
         """Destroy the topics."""
+        self.hears_states = False
         for subscription in self._inputs:
             self.topics.unsubscribe(subscription)
         self.destroy_subscription(self._trajectory_topic)
@@ -194,30 +208,35 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.monitors.begin()  # V(0) of Theorem 2 belonged to the settings before
 
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> bool:
-        """Answer a joint state with a torque; False if it is not one of this arm's.
+        """Answer a joint state as a message; see :meth:`on_state`."""
+        self._watch_silence()
+        sample = self.states.read(data, info)
+        if isinstance(sample, Refusal):
+            self.faults.refuse(sample)
+            return False
+        return self.on_state(sample)
+
+    def on_state(self, sample: JointSample) -> bool:
+        """Answer a joint state with a torque; False if it is of another source.
 
         The newest state decides: where it cannot be answered, none is.
         """
         self._watch_silence()
-        try:
-            stamp, q, qd, torque = self._state_reader.read(data)
-        except BagError as error:
-            self.faults.drop('unusable joint state', str(error))
-            return False
-        if stamp >= STAMP_LIMIT:
-            self.faults.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
-            return False
-        second = None if self.lockstep else self._states.refuse(self._state_reader.source, info)
+        second = self.states.refuse(sample)
         if second is not None:
             self.faults.refuse(second)
             return False
+        if self.handover is not None and self.estimates.wanted:
+            for estimate in emptied(self.handover.estimates):
+                self.estimates.take(*estimate)
+        stamp, q, qd, torque, _, info = sample
         refusal = self._too_old(info) or self.motion.refuse(stamp, q, qd,
                                                             self.settings.state_timeout)
         if refusal is not None:
             self.faults.refuse(refusal)
             return True  # it is the newest of its source: an older one is not answered instead
         if not self._ready(stamp, q, qd):
-            self.topics.later(self.on_joint_states, data, info)
+            self.topics.later(partial(self.on_state, sample))
             return True
         begins = self.motion.controller is None
         controller = self.motion.controller or self._begin(stamp, q, qd)
@@ -284,7 +303,10 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self._configured and self.commands.pushes and not self.lockstep and self.heard_at:
             left = self.heard_at + self.settings.state_timeout - time.monotonic()
             timeout = min(timeout, max(left, RAMP_STEP))
-        return super().spin_data(timeout)
+        handled = super().spin_data(timeout)
+        if self.handover is not None:  # the command is out
+            self.handover.learn()
+        return handled
 
     def idle(self) -> None:
         """Watch the states and the command topic; in lockstep the driver does."""
@@ -342,7 +364,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
                 'waiting for the identifier: no estimate yet')
 
     def _second_source(self) -> str:
-        return (self._states.second_source() or self.commands.others()
+        return (self.states.heard.second_source() or self.commands.others()
                 or (self.estimates.heard.second_source() if self.estimates.wanted else ''))
 
     def status(self) -> Status:

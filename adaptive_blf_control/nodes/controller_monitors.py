@@ -12,6 +12,7 @@ from adaptive_blf_control.control.guarantee import bounded_value, guarantee, Gua
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, GUARANTEE
+from adaptive_blf_control.nodes.handover import handed_over_decimation, Handover
 from adaptive_blf_control.runtime.data_node import DataNode
 
 __all__ = ['ControllerMonitors']
@@ -30,13 +31,23 @@ class ControllerMonitors:
     """
 
     def __init__(self, node: DataNode[ControllerNodeSettings], joints: tuple[str, ...],
-                 parameters: tuple[str, ...], names: tuple[MarginName, ...]) -> None:
-        """Make the topics on ``node``; ``names`` are those of the margins."""
+                 parameters: tuple[str, ...], names: tuple[MarginName, ...],
+                 handover: Handover | None = None) -> None:
+        """Make the topics on ``node``.
+
+        Args:
+            node: Whose monitors they are.
+            joints: Names of the joints.
+            parameters: Names of the parameters.
+            names: Those of the margins.
+            handover: Where the identifier of this process takes the adaptation term from.
+        """
         self.codecs = ControllerCodecs(joints, parameters, names, node.label)
         self.margins = np.zeros(len(names))
         self.violations = 0
         self.first_violation = ''
         self._node = node
+        self._handover = handover
         self._joints = joints
         self._names = names
         self._recovery = ''
@@ -54,7 +65,11 @@ class ControllerMonitors:
         self._guarantee = None
 
     def publish_term(self, stamp: int, output: ControlOutput) -> None:
-        """Publish the adaptation term; ``stamp`` of the sample in ns."""
+        """Hand over and publish the adaptation term; ``stamp`` of the sample in ns."""
+        if self._handover is not None:
+            self._handover.terms.append((stamp, output.adaptation_term))
+            if self._stream.samples % handed_over_decimation(self._node):
+                return
         self._outputs[ADAPTATION_TERM].publish(self.codecs.adaptation_term(stamp, output))
 
     def watch(self, controller: Controller, stamp: int, output: ControlOutput,

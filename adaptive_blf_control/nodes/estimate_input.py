@@ -62,10 +62,14 @@ class EstimateInput:
             if second is not None:
                 node.faults.refuse(second)
                 return False
-        refusal = (self.gate.offer_after(stamp, theta) if node.lockstep
+        return self.take(stamp, theta)
+
+    def take(self, stamp: int, theta: np.ndarray) -> bool:
+        """Use θ̂, shape (m,), after the state of ``stamp`` [ns]; False where it is refused."""
+        refusal = (self.gate.offer_after(stamp, theta) if self._node.lockstep
                    else self.gate.offer(theta))
         if refusal is not None:
-            node.faults.refuse(refusal)
+            self._node.faults.refuse(refusal)
             return False
         self._received_at = time.monotonic()
         return True

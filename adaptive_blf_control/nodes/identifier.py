@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from functools import partial
 import sys
+import traceback
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,20 +17,19 @@ from std_srvs.srv import Trigger
 from adaptive_blf_control.configuration.build import build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.payload import build_payload
-from adaptive_blf_control.control.source_gate import SourceGate
-from adaptive_blf_control.errors import ArmError, BagError
+from adaptive_blf_control.control.refusal import Refusal
+from adaptive_blf_control.errors import ArmError
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.messages.identifier_codecs import EstimateStream, HistoryFigures
-from adaptive_blf_control.messages.joint_state_reader import JointStateReader
-from adaptive_blf_control.messages.stamp import STAMP_LIMIT
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES
 from adaptive_blf_control.nodes.estimate_saver import EstimateSaver, resumed_estimate
+from adaptive_blf_control.nodes.handover import emptied, handed_over_decimation, Handover
 from adaptive_blf_control.nodes.model_output import ModelOutput
 from adaptive_blf_control.nodes.payload_output import PayloadOutput
+from adaptive_blf_control.nodes.state_input import JointSample, StateInput
 from adaptive_blf_control.nodes.term_input import TermInput
 from adaptive_blf_control.runtime.compiling import compiling
 from adaptive_blf_control.runtime.data_node import DataNode
-from adaptive_blf_control.runtime.heard_topic import HeardTopic
 from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
 from adaptive_blf_control.runtime.status_report import Status
@@ -53,11 +54,18 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         saver: Writes the estimate file.
         model: Publishes and writes the physically consistent model.
         payload: Finds and publishes the load.
+        states: The joint states it believes.
         last_ns: Stamp of the last state [ns]; 0 before the first.
+        handover: What it exchanges with the controller in the same process; None where that is in
+            a process of its own.
+        failure: Why nothing is learned any longer, '' where it is.
     """
 
-    def __init__(self, *, context: Context | None = None, **options: Any) -> None:
+    def __init__(self, *, context: Context | None = None, handover: Handover | None = None,
+                 **options: Any) -> None:
         """Build the identifier from the parameters."""
+        self.handover = handover
+        self.failure = ''
         super().__init__('identifier', IdentifierNodeSettings, context=context, **options)
         with compiling(self.get_logger(), self.stop):
             self.arm = arm_of(self, self.settings)
@@ -70,18 +78,19 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         self.terms = TermInput(self, self.arm.parameters)
         self._zero_ns: int | None = None
         self._reset_requested = False
-        self._state_reader = JointStateReader(self.arm.joints)
-        self._heard = HeardTopic(self, JOINT_STATES, SourceGate('joint state'),
-                                 lambda: SILENCE, others_belong=True)
+        self.states = StateInput(self, self.arm.joints, lambda: SILENCE)
         self._stream = EstimateStream(self.arm.parameters, self.arm.joints,
                                       self.settings.external_torque_decimation, self.label)
         self._outputs = self.topics.declared(self.kind)
         self.last_ns = 0
         self._reported = self.identifier.theta, 0.0
-        self.topics.subscribe(JointState, ADAPTATION_TERM, self.terms.receive,
-                              wake=self.lockstep, reliable=self.lockstep)
-        self.topics.subscribe(JointState, JOINT_STATES, self.on_joint_states,
-                              reliable=self.lockstep)
+        if handover is None:
+            self.topics.subscribe(JointState, ADAPTATION_TERM, self.terms.receive,
+                                  wake=self.lockstep, reliable=self.lockstep)
+            self.topics.subscribe(JointState, JOINT_STATES, self.on_joint_states,
+                                  reliable=self.lockstep)
+        else:
+            handover.arm, handover.learn = self.arm, self.learn
         self.create_service(Trigger, '~/reset_history', self.on_reset_history)
         self.create_service(Trigger, '~/save_estimate', self.on_save_estimate)
         self.create_service(Trigger, '~/save_model', self.on_save_model)
@@ -110,21 +119,56 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             self.model.retune(settings.model_period)
 
     def on_joint_states(self, data: bytes, info: dict[str, int]) -> None:
-        """Learn from one joint state and publish θ̂."""
+        """Learn from one joint state as a message."""
+        sample = self.states.read(data, info)
+        if isinstance(sample, Refusal):
+            self.faults.refuse(sample)
+        else:
+            self.on_state(sample)
+
+    def learn(self) -> None:
+        """Learn from what the controller of this process has seen since the last time.
+
+        Where a request has the node, what has come waits for the next time: no torque waits for
+        it. A failure ends learning, and not the controller: θ̂ stays, and the diagnostics say so.
+        """
+        if not self.between_samples.acquire(blocking=self.lockstep):
+            return
         try:
-            stamp, q, qd, tau = self._state_reader.read(data)
-        except BagError as error:
-            self.faults.drop('unusable joint state', str(error))
-            return
-        if stamp >= STAMP_LIMIT:
-            self.faults.drop('unusable joint state', f'stamp {stamp} ns does not fit its field')
-            return
-        second = None if self.lockstep else self._heard.refuse(self._state_reader.source, info)
+            self.work(self._take_states)
+        except Exception as error:
+            if not self.context.ok():
+                raise
+            self._fail(error)
+        finally:
+            self.between_samples.release()
+
+    def _take_states(self) -> int:
+        if self.handover is None or self.failure:
+            return 0
+        for term in emptied(self.handover.terms):
+            self.terms.take(*term)
+        handled = 0
+        for sample in emptied(self.handover.states):
+            handled += 1
+            self.on_state(sample)
+        return handled + self.topics.handle()  # in lockstep a sample may have waited
+
+    def _fail(self, error: Exception) -> None:
+        self.failure = f'nothing is learned any longer: {type(error).__name__}: {error}'
+        self.exit_code = 2
+        self.faults.report('learning failed', self.failure)
+        self.get_logger().error(traceback.format_exc())
+
+    def on_state(self, sample: JointSample) -> None:
+        """Learn from one joint state and publish θ̂."""
+        second = self.states.refuse(sample)
         if second is not None:
             self.faults.refuse(second)
             return
+        stamp, q, qd, tau, _, info = sample
         if self.lockstep and self.terms.misses(self.last_ns, stamp):
-            self.topics.later(self.on_joint_states, data, info)
+            self.topics.later(partial(self.on_state, sample))
             return
         self.topics.drain()  # each state of a backlog needs the term that was sent before it
         if stamp < self.last_ns:
@@ -139,15 +183,21 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         t = (stamp - self._zero_ns) * 1e-9
         theta = self.identifier.update(t, q, qd, tau, self.terms.held(stamp))
         self.payload.observe(stamp, t, self.identifier)
+        if self.handover is not None:
+            self.handover.estimates.append((stamp, theta))
+            self._stream.estimate_decimation = handed_over_decimation(self)
+        self._publish(stamp, theta)
+        self.model.observe(stamp, t)
+        self.sampled(stamp)
+        self._report_changes()
+
+    def _publish(self, stamp: int, theta: np.ndarray) -> None:
         stack = self.identifier.stack
         for topic, message in self._stream.messages(
                 stamp, theta, stack.insertions, lambda: HistoryFigures(
                     stack.rank, stack.sigma_min, self.identifier.excitation),
                 lambda: self.identifier.external_torque).items():
             self._outputs[topic].publish(message)
-        self.model.observe(stamp, t)
-        self.sampled(stamp)
-        self._report_changes()
 
     def _report_changes(self) -> None:
         found = self.identifier.found
@@ -223,7 +273,9 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             'norm of theta_hat': f'{np.linalg.norm(identifier.theta):.6g}',
             **self.payload.status(),
             **{f'samples {reason}': count for reason, count in identifier.dropped.items()}}
-        second = '' if self.lockstep else (self._heard.second_source()
+        if self.failure:
+            return DiagnosticStatus.ERROR, self.failure, values
+        second = '' if self.lockstep else (self.states.heard.second_source()
                                            or self.terms.heard.second_source())
         if second:
             return DiagnosticStatus.ERROR, second, values

@@ -47,7 +47,12 @@ class TermInput:
         second = None if self._node.lockstep else self.heard.refuse(self._reader.source, info)
         if second is not None:
             self._node.faults.refuse(second)
-        elif np.isfinite(term).all():
+        else:
+            self.take(stamp, term)
+
+    def take(self, stamp: int, term: np.ndarray) -> None:
+        """Keep a term, shape (m,), of the state of ``stamp`` [ns]; drop one that is not finite."""
+        if np.isfinite(term).all():
             self.terms.append((stamp, term))
         else:
             self._node.faults.drop('non-finite adaptation term', 'the last one is kept')

@@ -15,6 +15,7 @@ from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.messages.stamp import stamp_of
 from adaptive_blf_control.runtime.channels import (
     Channel,
+    each_of,
     LONGEST_WAIT,
     new_channel,
     new_wait,
@@ -125,7 +126,7 @@ class Answers:
 
     def _take(self) -> None:
         for topic, channel in self._channels.items():
-            channel.take(partial(_note, self._heard[topic]))
+            each_of(partial(_note, self._heard[topic]))(channel.messages())
 
 
 def _note(stamps: set[int | None], data: bytes, _: dict[str, int]) -> None:

@@ -23,11 +23,13 @@ from adaptive_blf_control.runtime.rclpy_internals import (
     take_message,
 )
 
-__all__ = ['LARGEST_BATCH', 'LONGEST_WAIT', 'Channel', 'DirectChannel', 'Handler', 'PlainChannel',
-           'PlainWait', 'Wait', 'new_channel', 'new_wait']
+__all__ = ['LARGEST_BATCH', 'LONGEST_WAIT', 'Batch', 'Channel', 'DirectChannel', 'Handler',
+           'PlainChannel', 'PlainWait', 'Wait', 'each_of', 'new_channel', 'new_wait', 'newest_of']
 
 # Called with CDR and message info; False where the message could not be used.
 Handler = Callable[[bytes, dict[str, int]], bool | None]
+# Called with all messages that one wait has brought, oldest first.
+Batch = Callable[[Sequence[Message]], None]
 # A wait for data alone does not see a request to stop: it ends at least this often to look.
 LONGEST_WAIT = 0.05  # s
 LARGEST_BATCH = 1000  # messages taken at a time: a fast sender must not keep the watchdogs waiting
@@ -38,13 +40,8 @@ class Channel(Protocol):
 
     subscription: Subscription
 
-    def take(self, handler: Handler, newest_only: bool = False) -> int:
-        """Hand the waiting messages to ``handler``, oldest first, and return how many there were.
-
-        Args:
-            handler: Called with bytes and info.
-            newest_only: Call it with the last message that it can use only.
-        """
+    def messages(self) -> list[Message]:
+        """Take the waiting messages, oldest first."""
         ...
 
 
@@ -64,7 +61,7 @@ class DirectChannel:
         self.subscription = node.create_subscription(
             message_type, topic, lambda _: None, qos, callback_group=NoExecutor(), raw=True)
 
-    def take(self, handler: Handler, newest_only: bool = False) -> int:
+    def messages(self) -> list[Message]:
         """See :class:`Channel`."""
         messages: list[Message] = []
         while len(messages) < LARGEST_BATCH:
@@ -72,8 +69,7 @@ class DirectChannel:
             if message is None:
                 break
             messages.append(message)
-        _handle(messages, handler, newest_only)
-        return len(messages)
+        return messages
 
 
 class PlainChannel:
@@ -90,11 +86,9 @@ class PlainChannel:
         callback: Callable[..., None] = keep
         self.subscription = node.create_subscription(message_type, topic, callback, qos, raw=True)
 
-    def take(self, handler: Handler, newest_only: bool = False) -> int:
+    def messages(self) -> list[Message]:
         """See :class:`Channel`."""
-        messages = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        _handle(messages, handler, newest_only)
-        return len(messages)
+        return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
 
 class PlainWait:
@@ -123,11 +117,21 @@ def new_wait(direct: bool, node: Node, channels: Sequence[Channel],
     return PlainWait(serve)
 
 
-def _handle(messages: Sequence[Message], handler: Handler, newest_only: bool) -> None:
-    if not newest_only:
+def each_of(handler: Handler) -> Batch:
+    """Return what hands every message to ``handler``, oldest first."""
+    def handle(messages: Sequence[Message]) -> None:
         for message in messages:
             handler(*message)
-        return
-    for message in reversed(messages):  # others, e.g. a gripper, may send on the same topic
-        if handler(*message) is not False:
-            return
+    return handle
+
+
+def newest_of(handler: Handler) -> Batch:
+    """Return what hands over the last message only that ``handler`` can use.
+
+    Others, e.g. a gripper, may send on the same topic.
+    """
+    def handle(messages: Sequence[Message]) -> None:
+        for message in reversed(messages):
+            if handler(*message) is not False:
+                return
+    return handle

@@ -134,6 +134,11 @@ class DataNode(Node, Generic[NodeSettings]):
         return DiagnosticStatus.OK, 'running', {}
 
     @property
+    def nodes(self) -> tuple[DataNode[Any], ...]:
+        """The nodes that run where this one runs: itself."""
+        return (self,)
+
+    @property
     def up(self) -> bool:
         """Whether neither the node nor ROS has been asked to stop."""
         return not self.stop.is_set() and self.context.ok()
@@ -155,9 +160,13 @@ class DataNode(Node, Generic[NodeSettings]):
         with self.between_samples:
             wait = self.topics.ready()
         wait.wait(min(timeout, LONGEST_WAIT))
+        return self.work(self.topics.handle)
+
+    def work(self, handle: Callable[[], int]) -> int:
+        """Call ``handle``, which returns how much it did, between two samples; report if due."""
         begin = time.monotonic_ns()
         with self.between_samples:
-            handled = self.topics.handle()
+            handled = handle()
         if handled:
             self.statistics.callback.add(time.monotonic_ns() - begin)
         # Here, with the work on a sample just done, and not in a thread that would take the
@@ -184,25 +193,33 @@ class DataNode(Node, Generic[NodeSettings]):
 
     def run(self) -> int:
         """Serve data until :attr:`stop` is set or the context ends; return the exit code."""
-        if not self.lockstep:  # there it belongs to the samples, so that runs can be compared
-            self._diagnostics.begin()
         for reason in go_first(self.settings.realtime, self.settings.niceness):
             self.get_logger().warning(f'{reason}: running as usual')
-        if self.topics.direct:
-            self._requests.start()
+        self.begin(in_a_thread=self.topics.direct)
         sys.setswitchinterval(SWITCH_INTERVAL)
         gc.collect()
         gc.freeze()  # nothing made so far will be collected: no pauses for it
         try:
             self._unless_ros_ends(self.loop)
         finally:
-            try:
-                self._unless_ros_ends(self._finish)
-                self._unless_ros_ends(self._deliver)
-            finally:
-                self.stop.set()
-                self._requests.close()
+            self.end()
         return self.exit_code
+
+    def begin(self, *, in_a_thread: bool) -> None:
+        """Report once a second from now on, and answer requests ``in_a_thread`` or in the loop."""
+        if not self.lockstep:  # there it belongs to the samples, so that runs can be compared
+            self._diagnostics.begin()
+        if in_a_thread:
+            self._requests.start()
+
+    def end(self) -> None:
+        """Finish, stay until that is delivered, and answer nothing any longer."""
+        try:
+            self._unless_ros_ends(self._finish)
+            self._unless_ros_ends(self._deliver)
+        finally:
+            self.stop.set()
+            self._requests.close()
 
     def _finish(self) -> None:
         with self.between_samples:  # a ramp that is under way comes to its end first

@@ -14,7 +14,16 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from adaptive_blf_control.messages.topics import published_by
-from adaptive_blf_control.runtime.channels import Channel, Handler, new_channel, new_wait, Wait
+from adaptive_blf_control.runtime.channels import (
+    Batch,
+    Channel,
+    each_of,
+    Handler,
+    new_channel,
+    new_wait,
+    newest_of,
+    Wait,
+)
 from adaptive_blf_control.runtime.loop_statistics import LoopStatistics
 from adaptive_blf_control.runtime.message_class import message_class
 
@@ -28,9 +37,16 @@ QUEUE_DEPTH_LOCKSTEP = 1000  # the recorder is not waited for, and nothing is la
 
 class _Input(NamedTuple):
     channel: Channel
-    handler: Handler
+    handle: Batch
     newest_only: bool
     wake: bool
+
+    def take(self) -> int:
+        """Handle what waits; return how many messages that were."""
+        messages = self.channel.messages()
+        if messages:
+            self.handle(messages)
+        return len(messages)
 
 
 class DataTopics:
@@ -63,7 +79,7 @@ class DataTopics:
         self._lockstep = lockstep
         self._inputs: list[_Input] = []
         self._leaving: list[Subscription] = []
-        self._later: tuple[Handler, bytes, dict[str, int]] | None = None
+        self._later: Callable[[], object] | None = None
         self._wait: Wait | None = None
 
     def __len__(self) -> int:
@@ -118,6 +134,17 @@ class DataTopics:
             latched: Ask for what a transient local publisher sent before.
             depth: History depth.
         """
+        return self.subscribe_all(
+            message_type, topic, (newest_of if newest_only else each_of)(handler), wake=wake,
+            newest_only=newest_only, reliable=reliable, latched=latched, depth=depth)
+
+    def subscribe_all(self, message_type: type, topic: str, handle: Batch, *, wake: bool = True,
+                      newest_only: bool = False, reliable: bool = False, latched: bool = False,
+                      depth: int = QUEUE_DEPTH) -> Subscription:
+        """Subscribe to raw CDR that ``handle`` gets at once as far as it has arrived.
+
+        The other arguments are those of :meth:`subscribe`; ``newest_only`` only counts here.
+        """
         qos = QoSProfile(depth=depth)
         if latched:
             qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
@@ -126,7 +153,7 @@ class DataTopics:
         channel = new_channel(self.direct, self._node, message_type, topic, qos)
         # Those that do not wake come first: the others need what they bring.
         place = len(self._inputs) if wake else sum(not each.wake for each in self._inputs)
-        self._inputs.insert(place, _Input(channel, handler, newest_only, wake))
+        self._inputs.insert(place, _Input(channel, handle, newest_only, wake))
         self._wait = None
         return channel.subscription
 
@@ -153,30 +180,29 @@ class DataTopics:
         """Hand what has arrived to the handlers; return how many messages that were."""
         handled = 0
         for each in self._inputs:
-            taken = each.channel.take(each.handler, each.newest_only)
+            taken = each.take()
             handled += taken
             if each.newest_only and taken > 1:
                 self._statistics.superseded += taken - 1
         waiting, self._later = self._later, None
         if waiting is not None:
-            handler, data, info = waiting
-            handler(data, info)
+            waiting()
         return handled
 
     def drain(self) -> None:
         """Handle what waits on the topics that do not wake the loop; call it in a handler."""
         for each in self._inputs:
             if not each.wake:
-                each.channel.take(each.handler, each.newest_only)
+                each.take()
 
-    def later(self, handler: Handler, data: bytes, info: dict[str, int]) -> None:
-        """Hand the message to ``handler`` again after the next :meth:`handle`.
+    def later(self, again: Callable[[], object]) -> None:
+        """Call ``again``, to handle a message once more, at the end of the next :meth:`handle`.
 
         In lockstep alone: there a sample waits for what answers the one before it. In real time
         a newer one comes.
         """
         if self._lockstep:
-            self._later = handler, data, info
+            self._later = again
 
     def deliver(self, timeout: float) -> None:
         """Wait until the last messages have arrived, for at most ``timeout`` [s] in all."""

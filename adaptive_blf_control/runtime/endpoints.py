@@ -15,11 +15,12 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['NAME_TIMEOUT', 'POLL_PERIOD', 'UNNAMED', 'Endpoints', 'full_name']
+__all__ = ['NAME_TIMEOUT', 'POLL_PERIOD', 'UNNAMED', 'Endpoints', 'full_name', 'process_of']
 
 NAME_TIMEOUT = 3.0  # s after which an endpoint without a name is taken for one without ROS
 UNNAMED = 'a program without a node name'
 POLL_PERIOD = 0.01  # s between looks at the graph: discovery is no event that can be waited for
+_PARTICIPANT = 12  # bytes of a DDS GUID that name the participant; the others the endpoint
 _PLACEHOLDER = '_NODE_NAME_UNKNOWN_'  # as in every rmw implementation of ROS 2
 
 
@@ -28,6 +29,11 @@ def full_name(info: TopicEndpointInfo) -> str | None:
     if info.node_name == _PLACEHOLDER:
         return None
     return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+
+
+def process_of(info: TopicEndpointInfo) -> tuple[int, ...]:
+    """Return what the endpoints of one ROS context have in common: the DDS participant."""
+    return tuple(info.endpoint_gid[:_PARTICIPANT])
 
 
 class Endpoints:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 import math
 from pathlib import Path
 from typing import Any, TypeVar
@@ -182,11 +182,16 @@ def explain_files(args: Sequence[str], kind: str) -> None:
         node_values(load_yaml(path, '--params-file'), kind)
 
 
-def check_all_reached(node: Node, kind: str, args: Sequence[str]) -> None:
+def check_all_reached(node: Node, kinds: Collection[str], args: Sequence[str]) -> None:
     """Raise ParameterError for a parameter that was given and reached no node.
 
     ROS leaves it out without a word: a section of another namespace, a misspelt name of a node, a
     parameter of another kind of node on this one's command line.
+
+    Args:
+        node: The node.
+        kinds: Its kind, and those of the nodes beside it in the process.
+        args: The command line.
     """
     full_name = node.get_fully_qualified_name()
     for rule in _rules(args):
@@ -198,9 +203,10 @@ def check_all_reached(node: Node, kind: str, args: Sequence[str]) -> None:
             raise ParameterError(f'-p {name}', value, (
                 f'a name that reaches {full_name}: -p {own}:={value}, or a section '
                 f'/**/{node.get_name()} of a parameter file'))
-        if known_elsewhere(own, kind):
+        if all(known_elsewhere(own, kind) for kind in kinds):
             raise ParameterError(f'-p {name}', value,
-                                 f'a parameter of {kind}; another kind of node has this one')
+                                 f'a parameter of {" or ".join(sorted(kinds))}; another kind of '
+                                 'node has this one')
         _check_in_force(node, own, value)
     for path in _files(args):
         sections = load_yaml(path)

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 import signal
 import sys
 import time
+from typing import Any, Protocol
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -26,7 +27,7 @@ from adaptive_blf_control.runtime.node_parameters import (
 from adaptive_blf_control.runtime.second_graph import refuse_beside_another
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['initialise', 'run_node', 'stop_on_signals', 'warn_of_leftovers']
+__all__ = ['Runnable', 'initialise', 'run_node', 'stop_on_signals', 'warn_of_leftovers']
 
 SHARED_MEMORY = Path('/dev/shm')
 
@@ -48,7 +49,24 @@ def stop_on_signals() -> StopFlag:
     return stop
 
 
-def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -> int:
+class Runnable(Protocol):
+    """A node, or several that run in one loop."""
+
+    @property
+    def nodes(self) -> Sequence[DataNode[Any]]:
+        """The nodes; the first one speaks for all."""
+        ...
+
+    def run(self) -> int:
+        """Run until the end and return the exit code."""
+        ...
+
+    def destroy_node(self) -> None:
+        """Leave the graph."""
+        ...
+
+
+def run_node(kind: str, make: Callable[..., Runnable], args: list[str] | None) -> int:
     """Run a node as a process: signals, clear errors, clean shutdown.
 
     A signal takes effect before the next sample. While the node is being made it takes effect
@@ -70,7 +88,7 @@ def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -
     try:
         initialise(kind, args)
         node = make(stop=stop)
-        _check_alone_and_complete(node, kind, sys.argv if args is None else args)
+        _check_alone_and_complete(node, sys.argv if args is None else args)
     except (BlfError, ParameterException, RuntimeError) as error:
         if stop.signal:
             try_shutdown()
@@ -81,20 +99,23 @@ def run_node(kind: str, make: Callable[..., DataNode], args: list[str] | None) -
     try:
         return node.run()
     except BlfError as error:
-        node.get_logger().fatal(str(error))
+        node.nodes[0].get_logger().fatal(str(error))
         return 2
     finally:
         node.destroy_node()
         try_shutdown()
 
 
-def _check_alone_and_complete(node: DataNode, kind: str, args: list[str]) -> None:
-    """Raise BlfError, the node destroyed, where it is not to run."""
+def _check_alone_and_complete(runnable: Runnable, args: list[str]) -> None:
+    """Raise BlfError, the nodes destroyed, where they are not to run."""
+    kinds = {node.kind for node in runnable.nodes}
     try:
-        check_all_reached(node, kind, args)
-        refuse_beside_another(node)
+        for node in runnable.nodes:
+            check_all_reached(node, kinds, args)
+        for node in runnable.nodes:
+            refuse_beside_another(node)
     except BlfError:
-        node.destroy_node()
+        runnable.destroy_node()
         raise
 
 

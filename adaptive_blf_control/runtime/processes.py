@@ -16,9 +16,11 @@ from typing import TypeVar
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runtime.domain import own_domain
 
-__all__ = ['FAST_DISCOVERY', 'NODES', 'NodeProcesses', 'Processes', 'scenario']
+__all__ = ['COMPOSED', 'FAST_DISCOVERY', 'NODES', 'NodeProcesses', 'Processes', 'nodes_in',
+           'scenario']
 
 NODES = ('recorder', 'identifier', 'controller', 'arm_driver')
+COMPOSED = ('recorder', 'arm_control', 'arm_driver')  # the same nodes in three processes
 Self = TypeVar('Self', bound='Processes')
 END_TIMEOUT = 15.0  # s for an interrupted node to end
 MOTION_TIMEOUT = 90.0  # s until the arm has to move: the first run compiles the laws
@@ -147,11 +149,21 @@ class Processes:
         return [name for name, process in self.processes.items() if process.returncode != 0]
 
 
+def nodes_in(process: str) -> tuple[str, ...]:
+    """Return the names of the nodes in a process of this name."""
+    return ('identifier', 'controller') if process == 'arm_control' else (process,)
+
+
 class NodeProcesses(Processes):
-    """The four processes; the driver ends by itself, the recorder is interrupted last."""
+    """The four nodes; the driver ends by itself, the recorder is interrupted last.
+
+    Attributes:
+        herald: The process that prints when the motion begins.
+    """
 
     def __init__(self, config: Path, duration: float, output: Path,
-                 settings: Mapping[str, Sequence[str]] | None = None) -> None:
+                 settings: Mapping[str, Sequence[str]] | None = None, *,
+                 composed: bool = False) -> None:
         """Start recorder, identifier, controller and driver.
 
         Args:
@@ -159,21 +171,25 @@ class NodeProcesses(Processes):
             duration: How long the arm moves [s].
             output: Folder for the bag and the nodes' output; absolute.
             settings: More parameters by node, each as ``NAME:=VALUE``.
+            composed: Run identifier and controller in one process, ``arm_control``.
 
         Raises:
             BlfError: no DDS domain is free.
         """
+        processes = COMPOSED if composed else NODES
+        self.herald = 'arm_control' if composed else 'controller'
         extra = {'recorder': [f'bag:={output / "bag"}'],
                  'identifier': [f'estimate_file:={output / "theta_hat.yaml"}'],
                  'arm_driver': [f'duration:={duration}',
-                                f'wait_for_subscribers:={len(NODES) - 1}']}
+                                f'wait_for_subscribers:={len(processes) - 1}']}
         commands: dict[str, list[str]] = {}
-        for name in NODES:
-            commands[name] = ['-m', 'adaptive_blf_control', name, '--ros-args',
-                              '--params-file', str(config)]
-            for setting in [*extra.get(name, []), *(settings or {}).get(name, [])]:
-                # With the node's name: a plain -p goes to /**, which the file's own section beats.
-                commands[name] += ['-p', f'{name}:{setting}']
+        for process in processes:
+            commands[process] = ['-m', 'adaptive_blf_control', process, '--ros-args',
+                                 '--params-file', str(config)]
+            for name in nodes_in(process):
+                for setting in [*extra.get(name, []), *(settings or {}).get(name, [])]:
+                    # With the node's name: a plain -p goes to /**, which its section beats.
+                    commands[process] += ['-p', f'{name}:{setting}']
         self.duration = duration
         super().__init__(commands, output)
 
@@ -191,7 +207,7 @@ class NodeProcesses(Processes):
             bad, now = self.failed(), time.monotonic()
             if bad or now - begin > MOTION_TIMEOUT + 1.5 * self.duration:
                 return bad or ['arm_driver']
-            if moving is None and 'motion begins' in self.text('controller'):
+            if moving is None and 'motion begins' in self.text(self.herald):
                 moving = now
             look(None if moving is None else now - moving)
             with suppress(subprocess.TimeoutExpired):

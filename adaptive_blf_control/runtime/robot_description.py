@@ -37,21 +37,22 @@ def arm_of(node: DataNode, settings: ArmSettings) -> Arm:
     if not is_topic(settings):
         return build_arm(settings)
     topic = settings.urdf.removeprefix(TOPIC)
-    received: list[bytes] = []
+    received: bytes | None = None
     qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     # Polled here: a lifecycle request that configures the node occupies its executor.
     channel = DirectChannel(node, String, topic, qos)
     give_up = time.monotonic() + URDF_TIMEOUT
     while time.monotonic() < give_up and node.up:
-        if channel.take(lambda data, _: received.append(data)):
+        if messages := channel.messages():
+            received = messages[-1][0]
             break
         time.sleep(POLL_PERIOD)
     node.destroy_subscription(channel.subscription)
-    if not received and not node.up:
+    if received is None and not node.up:
         raise ArmError(f'asked to stop before a URDF arrived on topic {topic!r}')
-    if not received:
+    if received is None:
         raise ArmError(f'no URDF arrived on topic {topic!r} within {URDF_TIMEOUT:g} s')
-    return arm_from(received[-1], topic, settings)
+    return arm_from(received, topic, settings)
 
 
 def arm_from(data: bytes, topic: str, settings: ArmSettings) -> Arm:

@@ -37,12 +37,10 @@ def refuse_beside_another(node: DataNode) -> None:
     channel = DirectChannel(node, DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=100))
     heard: list[str] = []
 
-    def hear(data: bytes, _: object) -> None:
-        heard.extend(_names_beside(node, data))
-
     give_up = time.monotonic() + TIMEOUT
     while not heard and node.up and time.monotonic() < give_up:
-        channel.take(hear)
+        for data, _ in channel.messages():
+            heard.extend(_names_beside(node, data))
         time.sleep(POLL_PERIOD)
     node.destroy_subscription(channel.subscription)
     if heard:

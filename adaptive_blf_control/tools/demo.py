@@ -17,7 +17,7 @@ from adaptive_blf_control.errors import BlfError, MissingExtra
 from adaptive_blf_control.report.plot import plot_run
 from adaptive_blf_control.runs.bag_run import rates, run_of_bag
 from adaptive_blf_control.runs.summary import summarise, table
-from adaptive_blf_control.runtime.processes import NodeProcesses, NODES, scenario
+from adaptive_blf_control.runtime.processes import COMPOSED, NodeProcesses, NODES, scenario
 from adaptive_blf_control.tools.report import write_page
 
 __all__ = ['main']
@@ -30,6 +30,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--duration', type=float, default=20.0, metavar='S')
     parser.add_argument('--output', type=Path, default=None, metavar='DIR',
                         help='folder for bag and picture (default: runs/TIME)')
+    parser.add_argument('--composed', action='store_true',
+                        help='controller and identifier in one process, arm_control')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON, too')
     return parser
 
@@ -52,9 +54,10 @@ def _progress(nodes: NodeProcesses, duration: float) -> list[str]:
     return failed
 
 
-def _run(config: Path, duration: float, output: Path) -> list[str]:
+def _run(config: Path, options: argparse.Namespace, output: Path) -> list[str]:
     """Run the nodes; return those that did not end well, after printing their output."""
-    with NodeProcesses(config, duration, output) as nodes:
+    duration = options.duration
+    with NodeProcesses(config, duration, output, composed=options.composed) as nodes:
         print(f'on this host only; to look inside: ROS_DOMAIN_ID={nodes.domain}', flush=True)
         bad = _progress(nodes, duration)
         bad = list(dict.fromkeys(bad + nodes.end()))
@@ -81,10 +84,11 @@ def main(args: list[str] | None = None) -> int:
     except (BlfError, OSError) as error:
         print(f'demo: {error}', file=sys.stderr)
         return 2
-    print(f'four processes over DDS: {", ".join(NODES)}; {config}, {options.duration:g} s',
-          flush=True)
+    names = COMPOSED if options.composed else NODES
+    print(f'{len(names)} processes over DDS: {", ".join(names)}; {config}, '
+          f'{options.duration:g} s', flush=True)
     try:
-        bad = _run(config.resolve(), options.duration, output.resolve())
+        bad = _run(config.resolve(), options, output.resolve())
         return _report(output, options, bad)
     except BlfError as error:
         print(f'demo: {error}', file=sys.stderr)

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joint states as they come to a node: decoded, and those of one source only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptive_blf_control.control.refusal import Refusal
+from adaptive_blf_control.control.source_gate import SourceGate
+from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.joint_state_reader import JointStateReader
+from adaptive_blf_control.messages.stamp import STAMP_LIMIT
+from adaptive_blf_control.messages.topics import JOINT_STATES
+from adaptive_blf_control.runtime.data_node import DataNode
+from adaptive_blf_control.runtime.heard_topic import HeardTopic
+
+__all__ = ['JointSample', 'StateInput']
+
+UNUSABLE = 'unusable joint state'
+
+
+class JointSample(NamedTuple):
+    """A joint state in the order of the node's joints; arrays of shape (n,).
+
+    Attributes:
+        stamp: Of the sample [ns].
+        q: Measured positions [rad].
+        qd: Measured velocities [rad/s].
+        torque: Mean torque over the interval that ends at the stamp [N·m]; NaN where unknown.
+        source: What the message says of its publisher.
+        info: Message info of the middleware.
+    """
+
+    stamp: int
+    q: np.ndarray
+    qd: np.ndarray
+    torque: np.ndarray
+    source: bytes
+    info: dict[str, int]
+
+
+class StateInput:
+    """What a node hears on ``joint_states``.
+
+    Attributes:
+        heard: Whose states are believed.
+    """
+
+    def __init__(self, node: DataNode, joints: Sequence[str],
+                 timeout: Callable[[], float]) -> None:
+        """Take the joints, and what returns the silence after which another source may follow."""
+        self.heard = HeardTopic(node, JOINT_STATES, SourceGate('joint state'), timeout,
+                                others_belong=True)
+        self._node = node
+        self._reader = JointStateReader(joints)
+
+    def read(self, data: bytes, info: dict[str, int]) -> JointSample | Refusal:
+        """Decode a message, or return why it is none of this arm."""
+        try:
+            stamp, q, qd, torque = self._reader.read(data)
+        except BagError as error:
+            return Refusal(UNUSABLE, str(error))
+        if stamp >= STAMP_LIMIT:
+            return Refusal(UNUSABLE, f'stamp {stamp} ns does not fit its field')
+        return JointSample(stamp, q, qd, torque, self._reader.source, info)
+
+    def refuse(self, sample: JointSample) -> Refusal | None:
+        """Return why a sample is not believed, None where it is; in lockstep all are."""
+        return None if self._node.lockstep else self.heard.refuse(sample.source, sample.info)
