@@ -183,18 +183,19 @@ def test_two_runs_are_the_same_and_that_of_simulate_byte_for_byte(
     _assert_simulated(runs[0], _simulate(scene.config, tmp_path / 'simulated', 1.2))
 
 
-def test_four_processes_give_the_bytes_of_simulate_whoever_comes_last(
-        processes, scene, tmp_path) -> None:
+@pytest.mark.parametrize('names', [('controller', 'identifier'), ('arm_control',)])
+def test_processes_give_the_bytes_of_simulate_whoever_comes_last(
+        names, processes, scene, tmp_path) -> None:
     bag = tmp_path / 'bag'
-    settings = {'arm_driver': ['duration:=0.5', 'wait_for_subscribers:=3'],
-                'identifier': [f'estimate_file:={tmp_path / "theta_hat.yaml"}'],
-                'recorder': [f'bag:={bag}']}
+    settings = ['arm_driver:duration:=0.5', f'arm_driver:wait_for_subscribers:={len(names) + 1}',
+                f'identifier:estimate_file:={tmp_path / "theta_hat.yaml"}',
+                f'recorder:bag:={bag}']
     started = {name: processes.start(
         name, '--ros-args', '--params-file', str(scene.config), '-p', 'use_sim_time:=true',
-        *(word for setting in settings.get(name, []) for word in ('-p', f'{name}:{setting}')))
-        for name in ('arm_driver', 'controller', 'identifier', 'recorder')}
+        *(word for setting in settings for word in ('-p', setting)))
+        for name in ('arm_driver', *names, 'recorder')}
     assert started['arm_driver'].wait() == 0, started['arm_driver'].text
-    for name in ('controller', 'identifier', 'recorder'):
+    for name in (*names, 'recorder'):
         assert started[name].signal(signal.SIGINT) == 0, started[name].text
     _assert_simulated(_messages(read_bag(bag)),
                       _simulate(scene.config, tmp_path / 'simulated', 0.5))
