@@ -15,9 +15,11 @@ from adaptive_blf_control.bags.mcap_file import McapFile
 from adaptive_blf_control.bags.storage_files import storage_files
 from adaptive_blf_control.bench.soak_figures import account_of
 from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.command import answered_stamp
 from adaptive_blf_control.messages.diagnostics import decode_diagnostics
 from adaptive_blf_control.messages.stamp import stamp_of
-from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
+from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, THETA_HAT
+from adaptive_blf_control.runtime.processes import nodes_in
 
 __all__ = ['Loop', 'RateFigures', 'Row', 'Usage', 'median', 'of_bag', 'of_bare', 'stolen_time',
            'usage_of']
@@ -26,8 +28,10 @@ TAIL = 0.1  # s at the end that are left out: nodes that have ended answer no st
 CALLBACK = 'callback so far p50, p99, p99.9, largest [ms]'
 ROUND_TRIP = 'round trip p50, p99, p99.9, largest so far [ms]'
 IN_TIME = 'answered within their period so far [%]'
+MISSED = 'missed periods'
 # A node has served a period if a message on its topic has the stamp of the period's state.
-SHOWN_BY = {'arm_driver': JOINT_STATES, 'controller': ADAPTATION_TERM, 'identifier': THETA_HAT}
+SHOWN_BY = {'arm_driver': JOINT_STATES, 'controller': COMMANDS, 'identifier': THETA_HAT}
+STAMP_BY = {COMMANDS: answered_stamp}  # where the stamp is not the first thing in a message
 NAN = float('nan')
 
 
@@ -158,12 +162,12 @@ def of_bare(files: Mapping[str, Path], usage: Mapping[str, Usage], rate: float,
 
 def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, start_up: float,
            stolen: float = NAN) -> RateFigures:
-    """Return the figures of a run of the four nodes.
+    """Return the figures of a run of the four nodes, in four processes or in three.
 
     Args:
         bag: Folder of the bag.
         log: What the recorder printed.
-        usage: Processor time and memory by node.
+        usage: Processor time and memory by process.
         rate: Rate of the states [Hz].
         start_up: Time after the first answered state that is left out [s].
         stolen: See :class:`Loop`.
@@ -178,6 +182,8 @@ def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, start_u
     begin, end = _window(sent[sent >= answered[0]], rate, start_up, str(bag))
     rows = {name: _row(content.stamps[topic], rate, begin, end)
             for name, topic in SHOWN_BY.items()}
+    if 'identifier' not in usage:  # it publishes fewer estimates than it makes
+        rows['identifier'] = content.by_its_own_count('identifier', rate, begin, end)
     taken = np.count_nonzero((content.received >= begin) & (content.received < end))
     account = account_of(log, content.counts)
     rows['recorder'] = Row(taken / ((end - begin) * 1e-9),
@@ -185,11 +191,13 @@ def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, start_u
                            sum(a.received + a.lost for a in account))
     for name, row in rows.items():
         p50, p99, _, largest = content.figures(name, CALLBACK)
-        rows[name] = row._replace(p50=p50, p99=p99, largest=largest, **usage[name]._asdict())
+        rows[name] = row._replace(p50=p50, p99=p99, largest=largest)
+    for process, used in usage.items():
+        name = process if nodes_in(process) == (process,) else nodes_in(process)[-1]
+        rows[name] = rows[name]._replace(**used._asdict())
     met = 100.0 * (1.0 - rows['controller'].missed / rows['controller'].due)
     p50, p99, p999, largest = content.figures('arm_driver', ROUND_TRIP)
     in_time, = content.figures('arm_driver', IN_TIME, 1)
-    # A command has no stamp, so the driver may assign it to another state than the one it answers.
     in_time = min(in_time, met)
     return RateFigures(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), stolen))
 
@@ -201,12 +209,12 @@ class _Content:
         counts: Messages by topic.
         received: When each message was received, in any order [ns].
         stamps: Different stamps on each topic of `SHOWN_BY`, in order [ns].
-        diagnostics: The last diagnostics of each node.
+        diagnostics: The diagnostics of each node, with the time of their arrival [ns].
     """
 
     def __init__(self, bag: Path) -> None:
         self.counts: dict[str, int] = {}
-        self.diagnostics: dict[str, dict[str, str]] = {}
+        self.diagnostics: dict[str, list[tuple[int, dict[str, str]]]] = {}
         received, stamps = array('q'), {topic: array('q') for topic in SHOWN_BY.values()}
         for path in storage_files(bag):
             file = McapFile(path)
@@ -216,11 +224,11 @@ class _Content:
                 received.append(received_ns)
                 name = topic.lstrip('/')
                 if name in stamps:
-                    stamps[name].append(stamp_of(data) or 0)
+                    stamps[name].append(STAMP_BY.get(name, stamp_of)(data) or 0)
                 elif name == 'diagnostics':
-                    self.diagnostics.update(
-                        {status.partition(':')[0]: values
-                         for status, values in decode_diagnostics(data).items()})
+                    for status, values in decode_diagnostics(data).items():
+                        self.diagnostics.setdefault(status.partition(':')[0], []).append(
+                            (received_ns, values))
             if file.problem:
                 raise BagError(file.problem)
         self.received = np.array(received, dtype=np.int64)
@@ -229,8 +237,18 @@ class _Content:
 
     def figures(self, node: str, key: str, count: int = 4) -> tuple[float, ...]:
         """Return the last figures of ``node`` under ``key``; NaN where there are none."""
-        text = self.diagnostics.get(node, {}).get(key, '')
+        _, values = self.diagnostics.get(node, [(0, {})])[-1]
+        text = values.get(key, '')
         return tuple(map(float, text.split(', '))) if text else (NAN,) * count
+
+    def by_its_own_count(self, node: str, rate: float, begin_ns: int, end_ns: int) -> Row:
+        """Return the periods that a node says it has missed between two times."""
+        said = [int(values[MISSED]) for at, values in self.diagnostics.get(node, [])
+                if begin_ns <= at < end_ns and MISSED in values]
+        span = (end_ns - begin_ns) * 1e-9
+        due = round(span * rate)
+        missed = said[-1] - said[0] if said else NAN
+        return Row((due - missed) / span, missed, due)
 
 
 def _cores(usage: Mapping[str, Usage]) -> float:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``bench rates``: the rate that the four nodes hold, beside three nodes without control work."""
+"""``bench rates``: the rate that the nodes hold, beside three nodes without control work."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib import util
 import math
 from pathlib import Path
@@ -23,6 +24,9 @@ from adaptive_blf_control.bench.rate_figures import (
     Usage,
     usage_of,
 )
+from adaptive_blf_control.configuration.build import build_arm
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
+from adaptive_blf_control.configuration.parameter_file import load_yaml, node_settings
 from adaptive_blf_control.errors import BlfError, MissingExtra, ParameterError
 from adaptive_blf_control.runtime.loop_statistics import START_UP
 from adaptive_blf_control.runtime.processes import NodeProcesses, Processes
@@ -32,6 +36,7 @@ __all__ = ['add_options', 'run']
 RATES = (250.0, 500.0, 1000.0)  # Hz
 OURS = ('arm_driver', 'controller', 'identifier', 'recorder')
 BARE = ('listener', 'echo', 'driver')  # in the order of their start
+FOUR, COMPOSED, ECHO = 'four nodes', 'composed', 'bare echo'
 MOTION_TIMEOUT = 90.0  # s until the arm has to move; the first run compiles the laws
 POLL_PERIOD = 0.1  # s
 NOTES = """\
@@ -39,10 +44,12 @@ Left out: the first {start_up:g} s of motion, and the last 0.1 s. Missed: period
 grid without a state, without its answer or without its estimate, also where the recorder lost the
 message that shows it; for the recorder, messages of the whole run that did not reach the bag.
 Met: periods whose state was answered, even if late; in time: before the next state was due. One
-callback of the recorder handles what arrived within 10 ms. Bare echo: typed messages,
-`rclpy.spin`, no control and no recorder. CPU: % of a core. Stolen: processor time that the host
-of a virtual machine gave to others meanwhile; periods due in that time are missed. The last line
-of each rate is a ratio: below 1 the four nodes are better, in the periods above 1.
+callback of the recorder handles what arrived within 10 ms. Composed: controller and identifier in
+one process, whose processor time and memory are in the line of the controller; the identifier
+then counts its missed periods itself. Bare echo: typed messages, `rclpy.spin`, no control and no
+recorder. CPU: % of a core. Stolen: processor time that the host of a virtual machine gave to
+others meanwhile; periods due in that time are missed. The last lines of each rate are ratios:
+below 1 our nodes are better, in the periods above 1.
 """
 
 
@@ -53,6 +60,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                        help='duration of the motion at each rate (default: 30)')
     group.add_argument('--rates', type=float, nargs='+', default=list(RATES), metavar='HZ',
                        help='rates of the driver (default: 250 500 1000)')
+    group.add_argument('--composed', action='store_true',
+                       help='measure controller and identifier in one process, too')
+    group.add_argument('--scenario', default='two_link.yaml', metavar='FILE',
+                       help='what moves, a file of --config or a path (default: two_link.yaml)')
     group.add_argument('--repeats', type=int, default=1, metavar='N',
                        help='runs at each rate, alternating with the bare echo; medians are '
                             'printed')
@@ -68,12 +79,21 @@ def run(options: argparse.Namespace) -> None:
     _check(options)
     print(NOTES.format(start_up=_start_up(options.seconds)))
     for rate in options.rates:
-        ours: list[RateFigures] = []
-        bare: list[RateFigures] = []
+        measures: dict[str, Callable[[], RateFigures]] = {FOUR: partial(_ours, options, rate)}
+        if options.composed:
+            measures[COMPOSED] = partial(_ours, options, rate, composed=True)
+        measures[ECHO] = partial(_bare, options, rate)
+        runs: dict[str, list[RateFigures]] = {name: [] for name in measures}
         for _ in range(options.repeats):
-            ours.append(_ours(options, rate))
-            bare.append(_bare(options.seconds, rate))
-        print(_tables(rate, median(ours), median(bare)), flush=True)
+            for name, measure in measures.items():
+                runs[name].append(measure())
+        print(_tables(rate, {name: median(found) for name, found in runs.items()}), flush=True)
+
+
+def _scenario(options: argparse.Namespace) -> Path:
+    named = Path(options.scenario)
+    path: Path = named if named.is_file() else options.config / named
+    return path.resolve()
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -106,24 +126,26 @@ def _settings(options: argparse.Namespace, rate: float) -> dict[str, list[str]]:
     return settings
 
 
-def _ours(options: argparse.Namespace, rate: float) -> RateFigures:
+def _ours(options: argparse.Namespace, rate: float, *, composed: bool = False) -> RateFigures:
     start_up = _start_up(options.seconds)
     with tempfile.TemporaryDirectory(prefix='rates_') as folder:
         output = Path(folder)
-        with NodeProcesses((options.config / 'two_link.yaml').resolve(), options.seconds, output,
-                           _settings(options, rate)) as nodes:
-            usage, stolen = _watch(nodes, 'controller', options.seconds, start_up)
+        with NodeProcesses(_scenario(options), options.seconds, output, _settings(options, rate),
+                           composed=composed) as nodes:
+            usage, stolen = _watch(nodes, nodes.herald, options.seconds, start_up)
             _refusals(nodes)
             log = nodes.text('recorder')
         return of_bag(output / 'bag', log, usage, rate, start_up, stolen)
 
 
-def _bare(seconds: float, rate: float) -> RateFigures:
-    start_up = _start_up(seconds)
+def _bare(options: argparse.Namespace, rate: float) -> RateFigures:
+    seconds, start_up = options.seconds, _start_up(options.seconds)
+    arm = build_arm(node_settings(load_yaml(_scenario(options)), ControllerNodeSettings))
     with tempfile.TemporaryDirectory(prefix='rates_') as folder:
         files = {name: Path(folder) / f'{name}.npz' for name in BARE}
         commands = {name: ['-m', 'adaptive_blf_control.nodes.bare_echo', name, '--output',
-                           str(file), '--rate', str(rate), '--seconds', str(seconds)]
+                           str(file), '--rate', str(rate), '--seconds', str(seconds),
+                           '--joints', str(arm.n), '--parameters', str(arm.m)]
                     for name, file in files.items()}
         with Processes(commands, Path(folder)) as nodes:
             usage, stolen = _watch(nodes, 'driver', seconds, start_up)
@@ -204,21 +226,24 @@ def _refusals(nodes: Processes) -> None:
                 print(f'{name}: {line.rpartition("]: ")[2]}\n')
 
 
-def _tables(rate: float, ours: RateFigures, bare: RateFigures) -> str:
+def _tables(rate: float, runs: Mapping[str, RateFigures]) -> str:
+    bare = runs[ECHO]
     lines = [f'### {rate:g} Hz\n',
              '| process | rate [Hz] | missed | missed [%] | callback p50 [ms] | p99 | largest | '
              'CPU [%] | memory [MB] |',
              '|---|---|---|---|---|---|---|---|---|']
-    lines += [_line(name, ours.rows[name]) for name in OURS]
+    lines += [_line(name if loop == FOUR else f'{name}, {loop}', run.rows[name])
+              for loop, run in runs.items() if loop != ECHO for name in OURS]
     lines += [_line(f'bare_{name}', bare.rows[name]) for name in reversed(BARE)]
     lines += ['', '| loop | round trip p50 [ms] | p99 | p99.9 | largest | periods met [%] | '
                   'in time [%] | cores | stolen [%] |',
               '|---|---|---|---|---|---|---|---|---|']
-    for name, loop in (('four nodes', ours.loop), ('bare echo', bare.loop)):
+    for name, (_, loop) in runs.items():
         lines.append(f'| {name} | ' + ' | '.join(_text(value, 3) for value in loop[:4])
                      + f' | {_text(loop.met, 3)} | {_text(loop.in_time, 3)} | '
                      f'{_text(loop.cores, 2)} | {_text(loop.stolen, 2)} |')
-    lines.append('| four nodes / bare echo | ' + ' | '.join(_ratios(ours.loop, bare.loop)) + ' |')
+    lines += [f'| {name} / {ECHO} | ' + ' | '.join(_ratios(run.loop, bare.loop)) + ' |'
+              for name, run in runs.items() if name != ECHO]
     return '\n'.join(lines) + '\n'
 
 

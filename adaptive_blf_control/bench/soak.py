@@ -30,7 +30,13 @@ from adaptive_blf_control.bench.soak_figures import (
     latency_of,
 )
 from adaptive_blf_control.errors import BlfError, MissingExtra
-from adaptive_blf_control.runtime.processes import NodeProcesses, NODES, scenario
+from adaptive_blf_control.runtime.processes import (
+    COMPOSED,
+    NodeProcesses,
+    NODES,
+    nodes_in,
+    scenario,
+)
 
 __all__ = ['main']
 
@@ -51,6 +57,8 @@ def _parser() -> argparse.ArgumentParser:
                         help='parameter file (default: the 2-DoF task at 1 kHz)')
     parser.add_argument('--output', type=Path, default=None, metavar='DIR',
                         help='new folder for the run (default: runs/soak_TIME)')
+    parser.add_argument('--composed', action='store_true',
+                        help='controller and identifier in one process, arm_control')
     parser.add_argument('--keep', action='store_true',
                         help='keep the bag (4 GB an hour with two_link); without this it is '
                              'deleted\nat the end if every check holds')
@@ -63,9 +71,10 @@ class _Watch:
     def __init__(self, nodes: NodeProcesses, output: Path) -> None:
         self._nodes, self._output = nodes, output
         self._minutes: list[dict[str, Any]] = []
-        self.t: dict[str, list[float]] = {name: [] for name in NODES}
-        self.memory: dict[str, list[float]] = {name: [] for name in NODES}  # MB
-        self.used: dict[str, list[float]] = {name: [] for name in NODES}
+        self.names = tuple(nodes.processes)
+        self.t: dict[str, list[float]] = {name: [] for name in self.names}
+        self.memory: dict[str, list[float]] = {name: [] for name in self.names}  # MB
+        self.used: dict[str, list[float]] = {name: [] for name in self.names}
 
     def look(self, moving: float | None) -> None:
         """Take a sample; every minute print and store the figures so far."""
@@ -86,12 +95,13 @@ class _Watch:
         return (used[-1] - used[0]) / (t[-1] - t[0]) if len(t) > 1 else float('nan')
 
     def _report(self, moving: float) -> None:
-        memory = {name: round(self.memory[name][-1], 2) for name in NODES if self.memory[name]}
+        memory = {name: round(self.memory[name][-1], 2) for name in self.names
+                  if self.memory[name]}
         self._minutes.append({'t_s': round(moving, 1), 'memory_mb': memory,
-                              'cores': {name: round(self.share(name), 3) for name in NODES}})
+                              'cores': {name: round(self.share(name), 3) for name in self.names}})
         print(f'{moving / 60.0:.0f} min: ' + ', '.join(
             f'{name} {size:.1f} MB' for name, size in memory.items()) + '; together '
-            f'{sum(self.share(name) for name in NODES):.2f} cores', flush=True)
+            f'{sum(self.share(name) for name in self.names):.2f} cores', flush=True)
         self.write({})
 
     def write(self, figures: Mapping[str, Any]) -> None:
@@ -119,7 +129,7 @@ class _Figures(NamedTuple):
                  '| processor [cores] | missed periods |', '|---|---|---|---|---|---|']
         lines += [f'| {name} | {growth.first:.1f} | {growth.last:.1f} | '
                   f'{growth.percent:+.2f} % | {self.cores[name]:.2f} | '
-                  f'{self.missed.get(name, "-")} |' for name, growth in self.growths.items()]
+                  f'{self._missed(name)} |' for name, growth in self.growths.items()]
         lines += ['', '| state to answer, as sent [ms] | p50 | p99 | largest | answered |',
                   '|---|---|---|---|---|']
         lines += [f'| {name} | {part.p50:.3f} | {part.p99:.3f} | {part.largest:.3f} | '
@@ -131,6 +141,9 @@ class _Figures(NamedTuple):
         lines += [f'| {row.topic} | {row.received} | {row.written} | {row.in_bag} | '
                   f'{row.dropped} | {row.lost} |' for row in self.account]
         return '\n'.join(lines)
+
+    def _missed(self, process: str) -> str:
+        return ', '.join(str(self.missed.get(name, '-')) for name in nodes_in(process))
 
     def wrong(self) -> list[str]:
         """Return the checks that fail, one line each."""
@@ -163,8 +176,8 @@ def _figures(watch: _Watch, run: RunFigures, log: str, start_up: float) -> _Figu
     missed = {name: int(reported[name]['missed periods']) for name in NODES
               if name != 'recorder' and 'missed periods' in reported[name]}
     return _Figures(
-        {name: growth_of(watch.t[name], watch.memory[name], start_up) for name in NODES},
-        {name: watch.share(name) for name in NODES}, missed,
+        {name: growth_of(watch.t[name], watch.memory[name], start_up) for name in watch.names},
+        {name: watch.share(name) for name in watch.names}, missed,
         reported['arm_driver'].get(TRIP, 'not reported'),
         latency_of(run.sent, run.latency, start_up), account_of(log, run.counts), start_up)
 
@@ -188,9 +201,9 @@ def _run(options: argparse.Namespace) -> int:
     _check_space(output, duration)
     output.mkdir(parents=True)
     config = options.config or scenario('two_link.yaml')
-    print(f'four processes, {config}, {options.minutes:g} min, {os.cpu_count()} cores, load '
+    print(f'{len(COMPOSED if options.composed else NODES)} processes, {config}, {options.minutes:g} min, {os.cpu_count()} cores, load '
           f'{os.getloadavg()[0]:.1f}', flush=True)
-    watch, log, bad = _drive(config, duration, output)
+    watch, log, bad = _drive(config, duration, output, options.composed)
     if not (output / 'bag').exists():
         raise BlfError(f'nothing was recorded: {", ".join(bad)} did not end well')
     wrong = [f'{name} did not end well' for name in bad]
@@ -203,9 +216,11 @@ def _run(options: argparse.Namespace) -> int:
     return 1 if wrong else 0
 
 
-def _drive(config: Path, duration: float, output: Path) -> tuple[_Watch, str, list[str]]:
+def _drive(config: Path, duration: float, output: Path,
+           composed: bool) -> tuple[_Watch, str, list[str]]:
     """Run the nodes; return the samples, the recorder's output and which nodes failed."""
-    with NodeProcesses(config.resolve(), duration, output.resolve()) as nodes:
+    with NodeProcesses(config.resolve(), duration, output.resolve(),
+                       composed=composed) as nodes:
         print(f'on this host only; to look inside: ROS_DOMAIN_ID={nodes.domain}', flush=True)
         watch = _Watch(nodes, output)
         bad = nodes.until_done(watch.look, min(PERIOD, duration / 60.0))

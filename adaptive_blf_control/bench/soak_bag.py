@@ -16,9 +16,10 @@ import numpy as np
 from adaptive_blf_control.bags.mcap_file import McapFile
 from adaptive_blf_control.bags.storage_files import storage_files
 from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.messages.command import answered_stamp
 from adaptive_blf_control.messages.diagnostics import decode_diagnostics
 from adaptive_blf_control.messages.stamp import stamp_of
-from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES
+from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES
 
 __all__ = ['RunFigures', 'read_run']
 
@@ -31,8 +32,7 @@ class RunFigures(NamedTuple):
     Attributes:
         counts: Messages by topic.
         sent: Times at which the answered states were published, shape (N,) [s].
-        latency: Time from there until their adaptation term was published, shape (N,) [s]. The
-            controller publishes it right after the command, which has no stamp.
+        latency: Time from there until the command that answers them was published, shape (N,) [s].
         diagnostics: The last diagnostics of each node, by its name.
     """
 
@@ -58,7 +58,7 @@ def read_run(bag: Path) -> RunFigures:
             counts[topic] = counts.get(topic, 0) + 1
             if topic.endswith('/' + JOINT_STATES):
                 matcher.state(data, sent_ns)
-            elif topic.endswith('/' + ADAPTATION_TERM):
+            elif topic.endswith('/' + COMMANDS):
                 matcher.answer(data, sent_ns)
             elif topic == '/diagnostics':
                 for name, values in decode_diagnostics(data).items():
@@ -91,7 +91,9 @@ class _Matcher:
             del self._states[next(iter(self._states))]
 
     def answer(self, data: bytes, sent_ns: int) -> None:
-        stamp = stamp_of(data) or 0
+        stamp = answered_stamp(data)
+        if stamp is None:
+            return
         state = self._states.pop(stamp, None)
         if state is not None:
             self._add(state, sent_ns)

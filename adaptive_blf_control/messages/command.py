@@ -15,10 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.cdr_cursor import Cursor, HEADER_SIZE
 
-__all__ = ['Command', 'read_command']
+__all__ = ['Command', 'answered_stamp', 'read_command']
 
 _LABEL = re.compile(r'(.+#[0-9a-f]{8}) ([0-9]{19})')
 
@@ -35,6 +36,14 @@ class Command(NamedTuple):
     torque: np.ndarray
     source: bytes
     stamp_ns: int | None
+
+
+def answered_stamp(data: bytes) -> int | None:
+    """Return the stamp [ns] of the state that a command answers; None where it says none."""
+    try:
+        return read_command(data).stamp_ns
+    except BagError:
+        return None
 
 
 def read_command(data: bytes) -> Command:

@@ -168,11 +168,12 @@ class ArmDriver(SteppedDriver):
         elif not self.active:
             self.faults.drop('command while inactive', 'activate the driver first')
         else:
-            self._apply(torque, now, info)
+            self._apply(torque, now, info, answered_ns)
 
-    def _apply(self, torque: np.ndarray, now_ns: int, info: dict[str, int]) -> None:
+    def _apply(self, torque: np.ndarray, now_ns: int, info: dict[str, int],
+               answered_ns: int | None) -> None:
         self.aged(info)
-        self.round_trips.answered(info.get('source_timestamp', 0), time.time_ns())
+        self.round_trips.answered(answered_ns, info.get('source_timestamp', 0), time.time_ns())
         self.commands.heard_ns = now_ns
         self.catch_up(now_ns)  # a state that is due before the command does not see it
         if self.drives.command(torque, now_ns, self.grid.period_ns):
@@ -246,7 +247,7 @@ class ArmDriver(SteppedDriver):
         """Measure and publish; ``effort`` is the mean torque over the ``interval`` [s] before."""
         self._stamp_ns = stamp_ns
         data = self._codec.encode(stamp_ns, *self.plant.measure(effort, interval))
-        self.round_trips.sent(time.time_ns())
+        self.round_trips.sent(stamp_ns, time.time_ns())
         self._states.publish(data)
 
     def status(self) -> Status:

@@ -27,8 +27,6 @@ from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, THETA_H
 
 __all__ = ['NODES', 'main']
 
-JOINTS = ['joint1', 'joint2']
-PARAMETERS = ['p1', 'p2', 'p3', 'p4', 'p5']
 QUEUE_DEPTH = 10
 
 
@@ -47,6 +45,8 @@ class Driver(Node):
     def __init__(self, options: argparse.Namespace) -> None:
         """Make the node; the timer starts with :meth:`begin`."""
         super().__init__('bare_driver')
+        self._joints = [f'joint{k + 1}' for k in range(options.joints)]
+        self._rest = [0.0] * (options.joints - 1)
         self.served, self.trips = array('q'), array('q')
         self._options = options
         self._states = self.create_publisher(JointState, JOINT_STATES, QUEUE_DEPTH)
@@ -65,10 +65,10 @@ class Driver(Node):
             raise _DoneError
         state = JointState()
         state.header.stamp = self.get_clock().now().to_msg()
-        state.name = JOINTS
-        state.position = [float(len(self.served)), 0.0]
-        state.velocity = [0.0, 0.0]
-        state.effort = [0.0, 0.0]
+        state.name = self._joints
+        state.position = [float(len(self.served)), *self._rest]
+        state.velocity = [0.0, *self._rest]
+        state.effort = [0.0, *self._rest]
         self.trips.append(0)
         self.served.append(time.monotonic_ns())
         self._states.publish(state)
@@ -96,17 +96,19 @@ class Echo(Node):
 class Listener(Node):
     """Hears each state and publishes a vector with its stamp."""
 
-    def __init__(self, _: argparse.Namespace) -> None:
+    def __init__(self, options: argparse.Namespace) -> None:
         """Make the node."""
         super().__init__('bare_listener')
+        self._names = [f'p{k + 1}' for k in range(options.parameters)]
+        self._rest = [0.0] * (options.parameters - 1)
         self.served, self.trips = array('q'), array('q')
         self._estimates = self.create_publisher(JointState, THETA_HAT, QUEUE_DEPTH)
         self.create_subscription(JointState, JOINT_STATES, self._on_state, QUEUE_DEPTH)
 
     def _on_state(self, state: JointState) -> None:
         self.served.append(time.monotonic_ns())
-        self._estimates.publish(JointState(header=state.header, name=PARAMETERS,
-                                           position=[state.position[0], 0.0, 0.0, 0.0, 0.0]))
+        self._estimates.publish(JointState(header=state.header, name=self._names,
+                                           position=[state.position[0], *self._rest]))
 
 
 NODES: dict[str, type[Driver] | type[Echo] | type[Listener]] = {
@@ -119,6 +121,8 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('node', choices=tuple(NODES))
     parser.add_argument('--rate', type=float, default=1000.0, help='of the states [Hz]')
     parser.add_argument('--seconds', type=float, default=30.0, help='how long the driver runs')
+    parser.add_argument('--joints', type=int, default=2, help='of the states')
+    parser.add_argument('--parameters', type=int, default=5, help='of the vector')
     parser.add_argument('--output', type=Path, required=True, help='file for the times, .npz')
     options = parser.parse_args(args)
     rclpy.init(args=[])

@@ -24,22 +24,26 @@ class RoundTrips:
     def __init__(self) -> None:
         """Start with nothing sent."""
         self.histogram = Histogram()
-        self._sent: deque[int] = deque(maxlen=KEPT)
+        self._sent: deque[tuple[int, int]] = deque(maxlen=KEPT)  # stamp, when it went out
 
-    def sent(self, now_ns: int) -> None:
-        """Note that a state goes out."""
-        self._sent.append(now_ns)
+    def sent(self, stamp_ns: int, now_ns: int) -> None:
+        """Note that the state of a stamp goes out."""
+        self._sent.append((stamp_ns, now_ns))
 
-    def answered(self, published_ns: int, now_ns: int) -> None:
-        """Count the round trip of the newest state that this command can answer.
+    def answered(self, stamp_ns: int | None, published_ns: int, now_ns: int) -> None:
+        """Count the round trip of the state that this command answers.
 
         Args:
+            stamp_ns: Stamp of that state; None where the command does not say it. Then it is the
+                newest one that it can answer.
             published_ns: When the command was published; 0 where that is not known.
             now_ns: When it arrived.
         """
         found = 0
-        while self._sent and self._sent[0] <= published_ns - SHORTEST_ANSWER:
-            found = self._sent.popleft()
+        while self._sent and (self._sent[0][1] <= published_ns - SHORTEST_ANSWER
+                              if stamp_ns is None else self._sent[0][0] <= stamp_ns):
+            stamp, sent_ns = self._sent.popleft()
+            found = sent_ns if stamp_ns is None or stamp == stamp_ns else 0
         if found:
             self.histogram.add(now_ns - found)
 

@@ -204,8 +204,9 @@ def test_a_failure_in_learning_is_named_and_the_torque_goes_on(arm, wait_until):
         arm.step()
     np.testing.assert_array_equal(arm.both.controller.theta, theta)
     wait_until(lambda: any(
-        status.level == DiagnosticStatus.ERROR and 'ZeroDivisionError: on purpose' in status.message
-        for status in arm.statuses('identifier')), what='the diagnostics')
+        (each.level, 'ZeroDivisionError: on purpose' in each.message) == (
+            DiagnosticStatus.ERROR, True)
+        for each in arm.statuses('identifier')), what='the diagnostics')
     assert np.isfinite(arm.step()).all()
     assert arm.end() == 2
 
@@ -255,8 +256,8 @@ def test_live_parameters_and_services_of_both_work(arm, wait_until):
     before = {topic: len(arm.heard[topic]) for topic in (THETA_HAT, ADAPTATION_TERM)}
     for _ in range(5):
         arm.step()
-    for topic, count in before.items():
-        wait_until(lambda: len(arm.heard[topic]) >= count + 5, what=topic)
+    wait_until(lambda: all(len(arm.heard[topic]) >= count + 5 for topic, count in before.items()),
+               what='every estimate and term')
     assert arm.peer.call(Trigger, 'identifier/save_estimate').success
 
 
