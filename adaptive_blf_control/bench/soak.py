@@ -201,7 +201,8 @@ def _run(options: argparse.Namespace) -> int:
     _check_space(output, duration)
     output.mkdir(parents=True)
     config = options.config or scenario('two_link.yaml')
-    print(f'{len(COMPOSED if options.composed else NODES)} processes, {config}, {options.minutes:g} min, {os.cpu_count()} cores, load '
+    count = len(COMPOSED if options.composed else NODES)
+    print(f'{count} processes, {config}, {options.minutes:g} min, {os.cpu_count()} cores, load '
           f'{os.getloadavg()[0]:.1f}', flush=True)
     watch, log, bad = _drive(config, duration, output, options.composed)
     if not (output / 'bag').exists():
