@@ -18,7 +18,7 @@ from adaptive_blf_control.control.reference import Reference, ReferencePoint
 from adaptive_blf_control.control.safety_filter import Governed
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.limits.acceleration_error import Posture
-from adaptive_blf_control.limits.filter_step import filter_step, FilterParts
+from adaptive_blf_control.limits.filter_step import filter_step, FilterParts, Stop
 from adaptive_blf_control.limits.pace import Pace
 
 __all__ = ['Deflection', 'Governor']
@@ -42,6 +42,7 @@ class Deflection:
         unit, none = np.eye(n), np.zeros((n, n))
         self._parts = parts._replace(exact=Posture(unit, np.zeros(n), unit, unit, none))
         self._hardest = HARDEST * parts.limits.braking
+        self._left: Stop | None = None
         self.position, self.velocity = begin.position.copy(), begin.velocity.copy()
 
     def off(self, path: ReferencePoint) -> float:
@@ -54,7 +55,8 @@ class Deflection:
                 + STIFFNESS * (path.position - self.position))
         report = filter_step(self._parts, self.position, self.velocity,
                              np.clip(pull, -self._hardest, self._hardest), -self._hardest,
-                             self._hardest)
+                             self._hardest, self._left)
+        self._left = report.stop
         self.position = self.position + dt * self.velocity + 0.5 * dt * dt * report.acceleration
         self.velocity = self.velocity + dt * report.acceleration
         return ReferencePoint(self.position, self.velocity, report.acceleration)
@@ -83,7 +85,7 @@ class Governor:
         pace.advance(t, reference, max(nearness, 0.4 + 0.4 * wait))
         path = _paced(reference.at(pace.time), pace)
         point = path
-        if self._parts.shape[0] and self._parts.shape[1]:
+        if self._parts.pairs:
             if self._deflection is None:
                 self._deflection = Deflection(self._parts, path)
             point = self._deflection.advance(dt, path) if dt > 0.0 else path
