@@ -221,7 +221,8 @@ def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.nd
     if not certain:
         kind = SOFTENED
     stop = Stop(q, qd).after(a, period)
-    if not free:
+    # Where rows of several obstacles contradict each other the stop that is left keeps all.
+    if not free or (kind == SOFTENED and room.found.size):
         a, kind, error, stop = _backed_off(parts, posture, q, qd, a, braked, lower, upper, least,
                                            most, room)
     answer = posture.inertia @ a + posture.bias

@@ -28,12 +28,12 @@ from adaptive_blf_control.limits.filter_step import (
     SOFTENED,
     Stop,
 )
-from adaptive_blf_control.limits.governor import Governor
+from adaptive_blf_control.limits.governor import Governor, SPEED_PART
 from adaptive_blf_control.limits.limit_constraints import (
     ClearanceConstraint,
     VelocityConstraint,
 )
-from adaptive_blf_control.limits.pace import Pace, SPEED_PART
+from adaptive_blf_control.limits.pace import Pace
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 from adaptive_blf_control.limits.prior import inertia_range, prior_of
 from adaptive_blf_control.limits.scene import scene_of
