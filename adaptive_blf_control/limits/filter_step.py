@@ -33,7 +33,7 @@ from adaptive_blf_control.limits.acceleration_error import (
 from adaptive_blf_control.limits.link_spheres import LinkSpheres
 from adaptive_blf_control.limits.obstacles import Obstacles
 from adaptive_blf_control.limits.quadratic_program import solve
-from adaptive_blf_control.limits.stop_path import stop_clearances, stop_path
+from adaptive_blf_control.limits.stop_path import kept_to, stop_clearances, stop_path
 from adaptive_blf_control.limits.viability import acceleration_bounds
 
 __all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'FilterParts', 'IDLE', 'JointLimits', 'Report',
@@ -46,7 +46,6 @@ GAMMA = 0.05  # γ, part of the free way that a sample may use up
 BUFFER = 1e-4  # β, what no sample uses up: for the curvature of b, which the rows leave out [m]
 ROUNDING = 1e-9  # of a clearance [m]
 NEAREST = 8  # rows of obstacles at a time
-PULL = 0.05  # part of the way back to the stop that is left that a sample makes
 SOFT = 1e-6  # softness of a row that gives way, in units of its own curvature
 SLACK = 1e-9  # growth of the bound of the error that counts as none [rad/s²]
 
@@ -186,14 +185,13 @@ def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.nd
     lower, upper = acceleration_bounds(q, qd, *limits, period)
     room = _room(parts, q.size)
     stop = Stop(q, qd) if left is None else left
-    brake = _back_to(stop, q, qd, limits, period)
+    onwards = stop.braking(limits, period)
     if room.found.size:
-        error = _error(parts, posture, q, qd, brake)
-        brake = brake + np.clip(PULL / period ** 2 * (stop.position - q), -error, error)
+        error = _error(parts, posture, q, qd, onwards)
+        brake = kept_to(onwards, stop.position, stop.velocity, q, qd, error, period)
         _leaves(parts, q, qd, brake, error, room)
         room.before[:] = room.found
-        braked = Braked(brake, error, stop.after(stop.braking(limits, period), period),
-                        room.gradients.copy())
+        braked = Braked(brake, error, stop.after(onwards, period), room.gradients.copy())
     a = np.minimum(np.maximum(wanted, lower), upper)
     error = _error(parts, posture, q, qd, a)
     free = _leaves(parts, q, qd, a, error, room)
@@ -247,12 +245,6 @@ class Braked(NamedTuple):
     error: np.ndarray
     after: Stop
     gradients: np.ndarray
-
-
-def _back_to(stop: Stop, q: np.ndarray, qd: np.ndarray, limits: JointLimits,
-             period: float) -> np.ndarray:
-    """Return the acceleration after which the velocity is that of a stop, shape (n,) [rad/s²]."""
-    return stop.braking(limits, period) + (stop.velocity - qd) / period
 
 
 def _may_go_on(room: Room, qd: np.ndarray, limits: JointLimits, period: float) -> bool:

@@ -37,9 +37,10 @@ from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.limits.link_spheres import LinkSpheres, place_sphere
 from adaptive_blf_control.limits.obstacles import distance, Obstacles
 
-__all__ = ['stop_clearances', 'stop_path', 'StopPath']
+__all__ = ['kept_to', 'stop_clearances', 'stop_path', 'StopPath']
 
 PIECES = 6  # K
+PULL = 0.05  # κ, part of the way back to the path that a sample makes
 FAR = 0.05  # clearance of the whole path beyond which nobody looks at its pieces [m]
 
 
@@ -66,9 +67,9 @@ def stop_path(qd: np.ndarray, a: np.ndarray, error: np.ndarray, braking: np.ndar
               period: float) -> StopPath:
     """Return the path with a for one sample and then braking.
 
-    Whoever follows it corrects at each sample what the velocity is off, so that it is off by no
-    more than 2 e h: once for what the sample before left, once for a joint that its own limit
-    lets brake no later.
+    Whoever follows it (`kept_to`) corrects at each sample what the velocity is off, so that it is
+    off by no more than 2 e h: once for what the sample before left, once for the way back, or for
+    a joint that its own limit lets brake no later. A joint that stands is back within e h² / κ.
 
     Args:
         qd: Velocities now, shape (n,) [rad/s].
@@ -94,10 +95,28 @@ def stop_path(qd: np.ndarray, a: np.ndarray, error: np.ndarray, braking: np.ndar
             way = abs(end) * t - 0.5 * braking[j] * t * t
             shift[k, j] = moved + (way if end > 0.0 else -way)
             slope[k, j] = (0.5 * period + t) * period
-            spread[k, j] = 2.0 * error[j] * period * (period + t) + jolt
+            spread[k, j] = error[j] * period * (2.0 * (period + t) + period / PULL) + jolt
     for k in range(1, PIECES + 1):
         time[k] = period + k * step
     return StopPath(shift, slope, spread, bend, time)
+
+
+def kept_to(a: np.ndarray, place: np.ndarray, speed: np.ndarray, q: np.ndarray, qd: np.ndarray,
+            error: np.ndarray, period: float) -> np.ndarray:
+    """Return the acceleration that leads back to a path, shape (n,) [rad/s²].
+
+    Args:
+        a: Of the path, shape (n,) [rad/s²].
+        place: Where the joints are on it, shape (n,) [rad].
+        speed: Their velocities on it, shape (n,) [rad/s].
+        q: Where they are, shape (n,) [rad].
+        qd: Their velocities, shape (n,) [rad/s].
+        error: e, how far an acceleration may be from the one that is asked for, shape (n,)
+            [rad/s²].
+        period: h [s].
+    """
+    back: np.ndarray = np.clip(PULL / period ** 2 * (place - q), -error, error)
+    return a + (speed - qd) / period + back
 
 
 @jit
