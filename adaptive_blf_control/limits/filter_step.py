@@ -5,13 +5,14 @@ In the acceleration a of the model, M_c a + h_c = τ, and with e the bound of |a
 
     min ½ (a − a_w)ᵀ M_c (a − a_w)   subject to
     a̲ + e ≤ a ≤ a̅ − e     velocity, and position that braking keeps inside (`viability`)
-    b(a) ≥ (1 − γ) b(a_b)   what a stop leaves free of each obstacle (`stop_box`), linearised
+    b(a) ≥ b₀ − γ max(b₀ − β, 0)   b what the stop after a leaves free of an obstacle (`stop_path`),
+                           linearised, and b₀ that of the stop that is left
     τ̲ ≤ M_c a + h_c ≤ τ̅    the torque box, always
 
 What is wanted passes bit for bit where it keeps every row by itself. Where there is no such a, the
-rows but for the torque box give way, as little as they have to (SOFTENED). Where the solution does
-not leave every sphere free until all joints stand, it goes back towards braking of all joints, and
-to that where nothing less does (BRAKING): braking keeps them in the box of postures that was free.
+rows but for the torque box give way, as little as they have to (SOFTENED). Where the stop after the
+solution is not free, it goes back towards the stop that the sample before has left, which is, and
+to that where nothing less does (BRAKING).
 """
 
 from __future__ import annotations
@@ -32,17 +33,18 @@ from adaptive_blf_control.limits.acceleration_error import (
 from adaptive_blf_control.limits.link_spheres import LinkSpheres
 from adaptive_blf_control.limits.obstacles import Obstacles
 from adaptive_blf_control.limits.quadratic_program import solve
-from adaptive_blf_control.limits.stop_box import clearances, stop_box
+from adaptive_blf_control.limits.stop_path import kept_to, stop_clearances, stop_path
 from adaptive_blf_control.limits.viability import acceleration_bounds
 
 __all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'FilterParts', 'IDLE', 'JointLimits', 'Report',
-           'Scene', 'SOFTENED']
+           'Scene', 'SOFTENED', 'Stop']
 
 IDLE, ACTIVE, BRAKING, SOFTENED = 0, 1, 2, 3
 ROUNDS = 4  # solutions, each with the bound of the error of the one before
 PARTS = (0.7, 0.4, 0.2, 0.1, 0.05, 0.0)  # of the way from braking to a solution
-WIDER = 1.5  # times the error at braking: the one that braking is solved with
-GAMMA = 0.05  # part of the free way that a sample may use up
+GAMMA = 0.05  # γ, part of the free way that a sample may use up
+BUFFER = 1e-4  # β, what no sample uses up: for the curvature of b, which the rows leave out [m]
+ROUNDING = 1e-9  # of a clearance [m]
 NEAREST = 8  # rows of obstacles at a time
 SOFT = 1e-6  # softness of a row that gives way, in units of its own curvature
 SLACK = 1e-9  # growth of the bound of the error that counts as none [rad/s²]
@@ -71,11 +73,14 @@ class Scene(NamedTuple):
         chain: Kinematics of the arm.
         spheres: On its links.
         obstacles: In the base's frame.
+        pairs: Which may come close: a sphere, and an obstacle or −1 less another sphere,
+            shape (p, 2).
     """
 
     chain: Chain
     spheres: LinkSpheres
     obstacles: Obstacles
+    pairs: np.ndarray
 
 
 class FilterParts(NamedTuple):
@@ -84,7 +89,7 @@ class FilterParts(NamedTuple):
     Attributes:
         model: Handle of the arm with the set of its parameters, see `Model`.
         scene: Handle of spheres and obstacles, see `Scene`.
-        shape: Number of spheres and of obstacles.
+        pairs: Number of pairs that may come close.
         limits: Of the joints.
         period: Longest time that a torque is held [s].
         exact: Matrices of a motion whose acceleration is exactly what it is told, in place of
@@ -93,20 +98,41 @@ class FilterParts(NamedTuple):
 
     model: Any
     scene: Any
-    shape: tuple[int, int]
+    pairs: int
     limits: JointLimits
     period: float
     exact: Posture | None = None
 
 
-class Room(NamedTuple):
-    """What a stop leaves free of k spheres and l obstacles, see `clearances`.
+class Stop(NamedTuple):
+    """Where the joints are on the stop that the sample before has left.
 
     Attributes:
-        found: Least clearance until all joints stand, shape (k, l) [m].
-        before: The same where every joint brakes at once, shape (k, l) [m].
-        now: Clearance now, shape (k, l) [m].
-        gradients: Change of ``found`` with the acceleration, shape (k, l, n) [m·s²/rad].
+        position: At the begin of this sample, shape (n,) [rad].
+        velocity: Likewise, shape (n,) [rad/s].
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+
+    def braking(self, limits: JointLimits, period: float) -> np.ndarray:
+        """Return the acceleration of this sample on it, shape (n,) [rad/s²]."""
+        return np.minimum(np.maximum(-self.velocity / period, -limits.braking), limits.braking)
+
+    def after(self, a: np.ndarray, period: float) -> Stop:
+        """Return where the joints are after a sample with ``a``, shape (n,) [rad/s²]."""
+        return Stop(self.position + period * (self.velocity + 0.5 * period * a),
+                    self.velocity + period * a)
+
+
+class Room(NamedTuple):
+    """What a stop leaves free of the p pairs that may come close, see `stop_clearances`.
+
+    Attributes:
+        found: Least clearance until all joints stand, shape (p,) [m].
+        before: The same on the stop that is left, shape (p,) [m].
+        now: Clearance now, shape (p,) [m].
+        gradients: Change of ``found`` with the acceleration, shape (p, n) [m·s²/rad].
     """
 
     found: np.ndarray
@@ -127,6 +153,7 @@ class Report(NamedTuple):
             nowhere negative the limits of the joints can be kept.
         clearance: Smallest distance of a sphere from an obstacle now [m]; inf without.
         stop_clearance: A bound of it from below until all joints stand [m]; inf without.
+        stop: What the next sample may fall back on.
     """
 
     torque: np.ndarray
@@ -136,10 +163,11 @@ class Report(NamedTuple):
     reserve: np.ndarray
     clearance: float
     stop_clearance: float
+    stop: Stop
 
 
 def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
-                least: np.ndarray, most: np.ndarray) -> Report:
+                least: np.ndarray, most: np.ndarray, left: Stop | None = None) -> Report:
     """Answer a sample.
 
     Args:
@@ -149,78 +177,111 @@ def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.nd
         torque: Wanted, shape (n,) [N·m].
         least: τ̲, shape (n,) [N·m].
         most: τ̅, shape (n,) [N·m].
+        left: The stop that the sample before has left; None where there was none.
     """
     limits, period = parts.limits, parts.period
     posture = parts.exact or posture_of(parts.model, q, qd)
     wanted = posture.compliance @ (torque - posture.bias)
     lower, upper = acceleration_bounds(q, qd, *limits, period)
     room = _room(parts, q.size)
-    brake = np.minimum(np.maximum(-qd / period, -limits.braking), limits.braking)
+    stop = Stop(q, qd) if left is None else left
+    onwards = stop.braking(limits, period)
     if room.found.size:
-        error = _error(parts, posture, q, qd, brake)
+        error = _error(parts, posture, q, qd, onwards)
+        brake = kept_to(onwards, stop.position, stop.velocity, q, qd, error, period)
         _leaves(parts, q, qd, brake, error, room)
         room.before[:] = room.found
+        braked = Braked(brake, error, stop.after(onwards, period), room.gradients.copy())
     a = np.minimum(np.maximum(wanted, lower), upper)
     error = _error(parts, posture, q, qd, a)
     free = _leaves(parts, q, qd, a, error, room)
     if (_passes(wanted, lower, upper, error) and _passes(torque, least, most, np.zeros_like(q))
             and _uses_its_part(room.found, room.before)):
-        return _report(posture, torque, IDLE, wanted, error, limits, least, most, room, free)
+        return _report(posture, torque, IDLE, wanted, error, limits, least, most, room, free,
+                       Stop(q, qd).after(wanted, period))
     if room.found.size:  # braking keeps the rows of obstacles: there they are linearised first
         a = brake
-        _leaves(parts, q, qd, a, error, room)
+        room.found[:], room.gradients[:] = room.before, braked.gradients
     kind, rounds = ACTIVE, 0
     while True:
         rounds += 1
         a, kind = solved(posture, wanted, *narrowed(lower, upper, error), least, most, a,
                          room, NEAREST)
         needed = _error(parts, posture, q, qd, a)
-        free = _leaves(parts, q, qd, a, needed, room)
+        _leaves(parts, q, qd, a, needed, room)
         growth = np.maximum(needed - error, 0.0)
         certain = not (growth > SLACK).any()
         # With twice the growth: what follows from the larger error is then within it.
         error = error + 2.0 * growth
-        if rounds == ROUNDS or (certain and free >= 0.0):
+        free = _may_go_on(room, qd, limits, period)
+        if rounds == ROUNDS or (certain and free):
             break
     if not certain:
         kind = SOFTENED
-    if free < 0.0:
-        a, kind, error, free = _backed_off(parts, posture, q, qd, wanted, a, brake, lower, upper,
-                                           least, most, room)
+    stop = Stop(q, qd).after(a, period)
+    # Where rows of several obstacles contradict each other the stop that is left keeps all.
+    if not free or (kind == SOFTENED and room.found.size):
+        a, kind, error, stop = _backed_off(parts, posture, q, qd, a, braked, lower, upper, least,
+                                           most, room)
     answer = posture.inertia @ a + posture.bias
     if not np.isfinite(answer).all():  # from what is not a number; then no torque but what must be
-        answer, kind = np.zeros_like(q), SOFTENED
+        answer, kind, stop = np.zeros_like(q), SOFTENED, Stop(q, np.zeros_like(q))
     answer = np.minimum(np.maximum(answer, least), most)
-    return _report(posture, answer, kind, a, error, limits, least, most, room, free)
+    return _report(posture, answer, kind, a, error, limits, least, most, room,
+                   float(room.found.min(initial=np.inf)), stop)
+
+
+class Braked(NamedTuple):
+    """The stop that the sample before has left.
+
+    Attributes:
+        a: Acceleration that keeps it, shape (n,) [rad/s²].
+        error: Bound of how far the arm's may be from that, shape (n,) [rad/s²].
+        after: Where the joints are on it after this sample.
+        gradients: As `Room.gradients`.
+    """
+
+    a: np.ndarray
+    error: np.ndarray
+    after: Stop
+    gradients: np.ndarray
+
+
+def _may_go_on(room: Room, qd: np.ndarray, limits: JointLimits, period: float) -> bool:
+    """Return whether all of a stop is free.
+
+    An arm that stands closer than that already may go where it does not come closer still.
+    """
+    if (np.abs(qd) <= 2.0 * period * limits.braking).all():
+        return bool((room.found >= np.minimum(room.before - ROUNDING, 0.0)).all())
+    return bool((room.found >= 0.0).all())
 
 
 def _backed_off(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndarray,
-                wanted: np.ndarray, a: np.ndarray, brake: np.ndarray, lower: np.ndarray,
-                upper: np.ndarray, least: np.ndarray, most: np.ndarray, room: Room,
-                ) -> tuple[np.ndarray, int, np.ndarray, float]:
-    """Return what is as far from braking of all joints towards ``a`` as leaves a stop free.
-
-    What a stop leaves free is concave in a, so that a part of the way always does where braking
-    leaves something.
-    """
-    error = WIDER * _error(parts, posture, q, qd, brake)
-    braked, solution = solved(posture, wanted, *_braking_bounds(qd, brake, error, parts.period),
-                              least, most, brake, room, 0)
-    for part in PARTS:
-        tried = braked + part * (a - braked)
+                a: np.ndarray, braked: Braked, lower: np.ndarray, upper: np.ndarray,
+                least: np.ndarray, most: np.ndarray, room: Room,
+                ) -> tuple[np.ndarray, int, np.ndarray, Stop]:
+    """Return what is as far from the stop that is left towards ``a`` as leaves a stop free."""
+    period = parts.period
+    low, high = narrowed(lower, upper, braked.error)
+    brake = np.minimum(np.maximum(braked.a, low), high)
+    tight, solution = np.full_like(q, SLACK), ACTIVE
+    if not _passes(posture.inertia @ brake + posture.bias, least, most, np.zeros_like(q)):
+        brake, solution = solved(posture, brake, brake - tight, brake + tight, least, most, brake,
+                                 room, 0)
+    for part in PARTS[:-1]:
+        tried = brake + part * (a - brake)
         needed = _error(parts, posture, q, qd, tried)
-        free = _leaves(parts, q, qd, tried, needed, room)
-        if part == 0.0 or (free >= 0.0 and _passes(tried, lower, upper, needed)):
-            break
-    kind = BRAKING if part == 0.0 else ACTIVE
-    if solution == SOFTENED or (part == 0.0 and (needed > error + SLACK).any()):
-        kind = SOFTENED
-    return tried, kind, needed, free
+        _leaves(parts, q, qd, tried, needed, room)
+        if _may_go_on(room, qd, parts.limits, period) and _passes(tried, lower, upper, needed):
+            return tried, solution, needed, Stop(q, qd).after(tried, period)
+    _leaves(parts, q, qd, brake, braked.error, room)
+    return (brake, BRAKING if solution == ACTIVE else SOFTENED, braked.error, braked.after)
 
 
 def _room(parts: FilterParts, n: int) -> Room:
-    shape = parts.shape
-    return Room(np.empty(shape), np.zeros(shape), np.empty(shape), np.empty((*shape, n)))
+    count = parts.pairs
+    return Room(np.empty(count), np.zeros(count), np.empty(count), np.empty((count, n)))
 
 
 def _error(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndarray,
@@ -238,21 +299,19 @@ def _leaves(parts: FilterParts, q: np.ndarray, qd: np.ndarray, a: np.ndarray, er
     """Write what a stop after a leaves free, and its change with a; return the least [m]."""
     if not room.found.size:
         return np.inf
-    braking, period = parts.limits.braking, parts.period
-    low, high, slope = stop_box(qd, a, error, braking, period)
-    standstill = period + float(((np.abs(qd) + period * (np.abs(a) + error)) / braking).max())
-    clear(parts.scene, q, low, high, standstill, room.found, room.now, room.gradients)
-    np.multiply(room.gradients, slope, out=room.gradients)
+    clear(parts.scene, q, qd, a, error, parts.limits.braking, parts.period, room.found, room.now,
+          room.gradients)
     return float(room.found.min())
 
 
 def _report(posture: Posture, torque: np.ndarray, kind: int, a: np.ndarray, error: np.ndarray,
             limits: JointLimits, least: np.ndarray, most: np.ndarray, room: Room,
-            free: float) -> Report:
+            free: float, stop: Stop) -> Report:
     bias = posture.bias
     reserve = (np.minimum(most - bias, bias - least)
                - np.abs(posture.inertia) @ (limits.braking + error))
-    return Report(torque, kind, a, error, reserve, float(room.now.min(initial=np.inf)), free)
+    return Report(torque, kind, a, error, reserve, float(room.now.min(initial=np.inf)), free,
+                  stop)
 
 
 def narrowed(lower: np.ndarray, upper: np.ndarray,
@@ -261,15 +320,6 @@ def narrowed(lower: np.ndarray, upper: np.ndarray,
     low, high = lower + error, upper - error
     middle, crossed = 0.5 * (low + high), low > high
     return np.where(crossed, middle, low), np.where(crossed, middle, high)
-
-
-def _braking_bounds(qd: np.ndarray, brake: np.ndarray, error: np.ndarray,
-                    period: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds within which every joint brakes, and if that allows it does not turn."""
-    forth, stop = qd > 0.0, -qd / period
-    low = np.where(forth, np.minimum(stop + error, brake - error), brake + error)
-    high = np.where(forth, brake - error, np.maximum(stop - error, brake + error))
-    return low, high
 
 
 @jit
@@ -288,12 +338,14 @@ def error_of(model: Handle, posture: Posture, q: np.ndarray, qd: np.ndarray, a: 
 
 
 @jit
-def clear(scene: Handle, q: np.ndarray, low: np.ndarray, high: np.ndarray, standstill: float,
-          found: np.ndarray, now: np.ndarray, gradients: np.ndarray) -> None:
-    """Write `clearances`."""
+def clear(scene: Handle, q: np.ndarray, qd: np.ndarray, a: np.ndarray, error: np.ndarray,
+          braking: np.ndarray, period: float, found: np.ndarray, now: np.ndarray,
+          gradients: np.ndarray) -> None:
+    """Write `stop_clearances` of the `stop_path` after a."""
     parts = scene.value
-    clearances(parts.chain, parts.spheres, parts.obstacles, q, low, high, standstill, found, now,
-               gradients)
+    path = stop_path(qd, a, error, braking, period)
+    stop_clearances(parts.chain, parts.spheres, parts.obstacles, parts.pairs, q, path, found, now,
+                    gradients)
 
 
 @jit
@@ -305,12 +357,17 @@ def _passes(values: np.ndarray, low: np.ndarray, high: np.ndarray, margin: np.nd
 
 
 @jit
+def _least_of(before: float) -> float:
+    """Return how free a stop has to be where the one that is left has ``before`` [m]."""
+    return before - GAMMA * max(before - BUFFER, 0.0)
+
+
+@jit
 def _uses_its_part(found: np.ndarray, before: np.ndarray) -> bool:
-    """Return whether a sample leaves 1 − γ of the way that is free before each obstacle."""
-    for s in range(found.shape[0]):
-        for k in range(found.shape[1]):
-            if found[s, k] < max((1.0 - GAMMA) * before[s, k], 0.0):
-                return False
+    """Return whether a sample uses up no more of the free way than it may."""
+    for p in range(found.size):
+        if found[p] < max(_least_of(before[p]), 0.0):
+            return False
     return True
 
 
@@ -339,25 +396,24 @@ def _rows(inertia: np.ndarray, bias: np.ndarray, lower: np.ndarray, upper: np.nd
 def _obstacle_row(a: np.ndarray, found: np.ndarray, before: np.ndarray, gradients: np.ndarray,
                   past: float) -> tuple[np.ndarray, float, float]:
     """Return the row of the pair that is nearest but for those up to ``past``, and its way."""
-    s, k = -1, -1
-    for i in range(found.shape[0]):
-        for j in range(found.shape[1]):
-            if found[i, j] > past and (s < 0 or found[i, j] < found[s, k]):
-                s, k = i, j
+    nearest = -1
+    for p in range(found.size):
+        if found[p] > past and (nearest < 0 or found[p] < found[nearest]):
+            nearest = p
     row = np.zeros(a.size)
     row[0] = 1.0
-    if s < 0:
+    if nearest < 0:
         return row, -1e30, past
-    bound, square = max((1.0 - GAMMA) * before[s, k], 0.0) - found[s, k], 0.0
+    bound, square = _least_of(before[nearest]) - found[nearest], 0.0
     for j in range(a.size):
-        square += gradients[s, k, j] * gradients[s, k, j]
-        bound += gradients[s, k, j] * a[j]
+        square += gradients[nearest, j] * gradients[nearest, j]
+        bound += gradients[nearest, j] * a[j]
     if square <= 0.0:
-        return row, -1e30, found[s, k]
+        return row, -1e30, found[nearest]
     scale = 1.0 / np.sqrt(square)
     for j in range(a.size):
-        row[j] = gradients[s, k, j] * scale
-    return row, bound * scale, found[s, k]
+        row[j] = gradients[nearest, j] * scale
+    return row, bound * scale, found[nearest]
 
 
 @jit

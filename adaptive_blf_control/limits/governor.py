@@ -18,14 +18,17 @@ from adaptive_blf_control.control.reference import Reference, ReferencePoint
 from adaptive_blf_control.control.safety_filter import Governed
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.limits.acceleration_error import Posture
-from adaptive_blf_control.limits.filter_step import filter_step, FilterParts
-from adaptive_blf_control.limits.pace import Pace
+from adaptive_blf_control.limits.filter_step import filter_step, FilterParts, Stop
+from adaptive_blf_control.limits.pace import NEAR, NEARER, Pace
 
-__all__ = ['Deflection', 'Governor']
+__all__ = ['Deflection', 'Governor', 'SPEED_PART']
 
 STIFFNESS, DAMPING = 100.0, 20.0  # k_p [1/s²], k_d [1/s]
-HARDEST = 4.0  # largest acceleration of the reference in units of the braking
+HARDEST = 4.0  # how far its acceleration may be from the path's, in units of the braking
 FAR, FARTHER = 0.3, 0.6  # distances from the path between which it waits [rad]
+COMING = 1.0  # velocity towards the path from which on it waits for all it may [rad/s]
+LEAST = 0.6  # of its rate that the path keeps while it waits
+SPEED_PART = 0.95  # of the largest velocity; more than the path has, so that it catches up
 
 
 class Deflection:
@@ -42,19 +45,30 @@ class Deflection:
         unit, none = np.eye(n), np.zeros((n, n))
         self._parts = parts._replace(exact=Posture(unit, np.zeros(n), unit, unit, none))
         self._hardest = HARDEST * parts.limits.braking
+        self._left: Stop | None = None
         self.position, self.velocity = begin.position.copy(), begin.velocity.copy()
 
-    def off(self, path: ReferencePoint) -> float:
-        """Return how far it is from the path [rad]."""
-        return float(np.abs(path.position - self.position).max())
+    def awaited(self, path: ReferencePoint) -> float:
+        """Return how much the path is to wait for it, from 0 to 1.
+
+        A path that waits while nothing comes nearer would wait for ever: what is in the way now
+        is not further on.
+        """
+        way = path.position - self.position
+        joint = int(np.argmax(np.abs(way)))
+        off, coming = abs(way[joint]), np.sign(way[joint]) * self.velocity[joint]
+        wait = np.clip((off - FAR) / (FARTHER - FAR), 0.0, 1.0 - LEAST)
+        return float(wait * np.clip(coming / COMING, 0.0, 1.0))
 
     def advance(self, dt: float, path: ReferencePoint) -> ReferencePoint:
         """Go on for a sample after which the path is at ``path``; return where it is then."""
         pull = (path.acceleration + DAMPING * (path.velocity - self.velocity)
                 + STIFFNESS * (path.position - self.position))
+        least = np.minimum(path.acceleration, 0.0) - self._hardest
+        most = np.maximum(path.acceleration, 0.0) + self._hardest
         report = filter_step(self._parts, self.position, self.velocity,
-                             np.clip(pull, -self._hardest, self._hardest), -self._hardest,
-                             self._hardest)
+                             np.clip(pull, least, most), least, most, self._left)
+        self._left = report.stop
         self.position = self.position + dt * self.velocity + 0.5 * dt * dt * report.acceleration
         self.velocity = self.velocity + dt * report.acceleration
         return ReferencePoint(self.position, self.velocity, report.acceleration)
@@ -69,6 +83,12 @@ class Governor:
         self._parts = parts
         self._deflection: Deflection | None = None
         self._last: _Last | None = None
+        self._off = 0.0
+
+    @property
+    def off(self) -> float:
+        """How far the reference was from its path at the last sample [rad]."""
+        return self._off
 
     def governed(self, t: float, q: np.ndarray, reference: Reference) -> Governed:
         """Return the reference at ``t`` [s], the arm being at q, shape (n,) [rad]."""
@@ -78,15 +98,17 @@ class Governor:
         nearness = 0.0 if last is None or last.bounds is None else _nearness(
             q - last.governed.point.position, last.bounds)
         dt = 0.0 if last is None else t - last.t
-        off = 0.0 if self._deflection is None else self._deflection.off(reference.at(pace.time))
-        wait = (off - FAR) / (FARTHER - FAR)  # the path waits for a reference that goes round
-        pace.advance(t, reference, max(nearness, 0.4 + 0.4 * wait))
+        wait = 0.0
+        if self._deflection is not None:
+            wait = self._deflection.awaited(reference.at(pace.time))
+        pace.advance(t, reference, max(nearness, NEAR + (NEARER - NEAR) * wait))
         path = _paced(reference.at(pace.time), pace)
         point = path
-        if self._parts.shape[0] and self._parts.shape[1]:
+        if self._parts.pairs:
             if self._deflection is None:
                 self._deflection = Deflection(self._parts, path)
             point = self._deflection.advance(dt, path) if dt > 0.0 else path
+        self._off = float(np.abs(point.position - path.position).max())
         result = Governed(point, pace.time, pace.rate)
         self._last = _Last(t, result, None)
         return result

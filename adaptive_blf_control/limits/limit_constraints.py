@@ -49,7 +49,7 @@ class ClearanceConstraint:
 
     def bounded(self, state: MotionState) -> Bounded:
         """Return the distance, at most `FARTHEST`, bounded from below by zero."""
-        chain, spheres, obstacles = self._scene
+        chain, spheres, obstacles, _ = self._scene
         least, normal = FARTHEST, np.empty(3)
         points = sphere_centres(chain, spheres, np.ascontiguousarray(state.q))
         for point, radius in zip(points, spheres.radius):

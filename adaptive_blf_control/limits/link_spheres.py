@@ -11,7 +11,7 @@ from adaptive_blf_control.arms.chain import Chain, placements
 from adaptive_blf_control.arms.spatial import cross, motion_product
 from adaptive_blf_control.compiled import jit
 
-__all__ = ['LinkSpheres', 'sphere_centres', 'sphere_motion']
+__all__ = ['LinkSpheres', 'place_sphere', 'sphere_centres', 'sphere_motion']
 
 
 class LinkSpheres(NamedTuple):
@@ -34,7 +34,7 @@ def sphere_centres(chain: Chain, spheres: LinkSpheres, q: np.ndarray) -> np.ndar
     frames, _ = placements(chain, q)
     centres = np.empty((spheres.body.size, 3))
     for s in range(spheres.body.size):
-        _place(centres[s], frames[spheres.body[s]], spheres.centre[s])
+        place_sphere(centres[s], frames[spheres.body[s]], spheres.centre[s])
     return centres
 
 
@@ -65,7 +65,7 @@ def sphere_motion(chain: Chain, spheres: LinkSpheres, q: np.ndarray, qd: np.ndar
     velocities, drifts = np.empty((count, 3)), np.empty((count, 3))
     for s in range(count):
         body = spheres.body[s]
-        _place(centres[s], frames[body], spheres.centre[s])
+        place_sphere(centres[s], frames[body], spheres.centre[s])
         _at_point(velocities[s], twists[body], centres[s])
         _at_point(drifts[s], rates[body], centres[s])
         turning = cross((twists[body, 3], twists[body, 4], twists[body, 5]),
@@ -82,7 +82,7 @@ def sphere_motion(chain: Chain, spheres: LinkSpheres, q: np.ndarray, qd: np.ndar
 
 
 @jit
-def _place(out: np.ndarray, frame: np.ndarray, local: np.ndarray) -> None:
+def place_sphere(out: np.ndarray, frame: np.ndarray, local: np.ndarray) -> None:
     for r in range(3):
         out[r] = (frame[r, 0] * local[0] + frame[r, 1] * local[1] + frame[r, 2] * local[2]
                   + frame[r, 3])

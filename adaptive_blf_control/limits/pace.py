@@ -21,7 +21,7 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.reference import Reference
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 
-__all__ = ['Pace', 'SPEED_PART']
+__all__ = ['NEAR', 'NEARER', 'Pace']
 
 AHEAD = 40  # points of the path that are looked at
 STEP = 0.02  # between them [s]

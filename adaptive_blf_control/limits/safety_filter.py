@@ -26,13 +26,14 @@ from adaptive_blf_control.limits.filter_step import (
     Report,
     Scene,
     SOFTENED,
+    Stop,
 )
-from adaptive_blf_control.limits.governor import Governor
+from adaptive_blf_control.limits.governor import Governor, SPEED_PART
 from adaptive_blf_control.limits.limit_constraints import (
     ClearanceConstraint,
     VelocityConstraint,
 )
-from adaptive_blf_control.limits.pace import Pace, SPEED_PART
+from adaptive_blf_control.limits.pace import Pace
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 from adaptive_blf_control.limits.prior import inertia_range, prior_of
 from adaptive_blf_control.limits.scene import scene_of
@@ -96,8 +97,7 @@ class LimitsFilter:
         if scene.spheres.radius.size:
             self.constraints = (*self.constraints, ClearanceConstraint(scene))
         self._parts = FilterParts(
-            self._model, handle(scene),
-            (scene.spheres.body.size, scene.obstacles.radius.size), self.limits, limits.period)
+            self._model, handle(scene), len(scene.pairs), self.limits, limits.period)
         self.governor: Governor | None = None
         if limits.govern:
             self.governor = self._governor(settings, scene)
@@ -184,10 +184,14 @@ class LimitsFilter:
         if parts.period < held <= LONGEST:
             parts = parts._replace(period=held)
         report = self.report = filter_step(parts, sample.q, sample.qd, sample.torque,
-                                     sample.least, sample.most)
+                                           sample.least, sample.most, self._left(held))
         self.counts = [count + (kind == report.kind) for kind, count in enumerate(self.counts)]
         self._t, self._state = sample.t, (sample.q.copy(), sample.qd.copy())
         return sample.torque if report.kind == IDLE else report.torque
+
+    def _left(self, held: float) -> Stop | None:
+        """Return the stop that the sample before has left; None after a gap."""
+        return None if self.report is None or not 0.0 < held <= LONGEST else self.report.stop
 
 
 def check_state(arm: Arm, limits: JointLimits, q: np.ndarray, qd: np.ndarray) -> None:

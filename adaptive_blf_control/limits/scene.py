@@ -65,16 +65,22 @@ def scene_of(arm: Arm, settings: LimitSettings) -> Scene:
         if obstacles.radius.size:
             raise ParameterError('controller.limits.obstacles', settings.obstacles.values(),
                                  f'an arm from a URDF: {type(arm).__name__} has no geometry')
-        return Scene(_no_chain(arm.n), none, obstacles)
+        return Scene(_no_chain(arm.n), none, obstacles, np.zeros((0, 2), dtype=np.int64))
     rows = np.array(rows_of('controller.limits.link_spheres', settings.link_spheres, 5))
     if not rows.size:
-        return Scene(chain, link_spheres_along(chain, settings.link_radius), obstacles)
+        return _scene(chain, link_spheres_along(chain, settings.link_radius), obstacles)
     joints = rows[:, 0]
     if not np.isin(joints, np.arange(1, arm.n + 1)).all() or not (rows[:, 4] > 0.0).all():
         raise ParameterError('controller.limits.link_spheres', rows.tolist(),
                              f'joints from 1 to {arm.n} and radii > 0 m')
     body = np.array([1 + int(np.flatnonzero(chain.place == joint - 1)[0]) for joint in joints])
-    return Scene(chain, LinkSpheres(body, rows[:, 1:4].copy(), rows[:, 4].copy()), obstacles)
+    return _scene(chain, LinkSpheres(body, rows[:, 1:4].copy(), rows[:, 4].copy()), obstacles)
+
+
+def _scene(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles) -> Scene:
+    count, most = spheres.body.size, obstacles.radius.size
+    pairs = [(s, k) for s in range(count) for k in range(most)]
+    return Scene(chain, spheres, obstacles, np.array(pairs, dtype=np.int64).reshape(-1, 2))
 
 
 def _no_chain(n: int) -> Chain:
