@@ -10,6 +10,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from functools import partial
+import json
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +25,7 @@ from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.runs.simulation import simulate
 from adaptive_blf_control.runs.start_check import loop_warnings
 from adaptive_blf_control.runs.torque_error import PredictedTorque
+from adaptive_blf_control.runs.torque_use import oscillation_text
 from adaptive_blf_control.simulation.sample import Sample
 from adaptive_blf_control.tuning.node_values import node_settings_of
 from adaptive_blf_control.tuning.recipe import Recipe, recipe
@@ -53,6 +56,7 @@ class Condition(NamedTuple):
         plant: Changes of the plant, from name and recipe.
         learned: Whether dry friction and rotor inertia are learned.
         start: ``nominal``, ``zero``, or ``off``: every link by 25 %.
+        seconds: Length of a run that answers it [s].
     """
 
     name: str
@@ -60,6 +64,17 @@ class Condition(NamedTuple):
     plant: Callable[[str, Recipe], Changes]
     learned: bool = False
     start: str = 'nominal'
+    seconds: float = 20.0
+
+
+class Case(NamedTuple):
+    """A run: row, arm, seed, length [s] and suspicion; None: as ``configure`` has it."""
+
+    condition: str
+    arm: str
+    seed: int
+    seconds: float
+    suspicion: float | None
 
 
 class Run(NamedTuple):
@@ -68,6 +83,8 @@ class Run(NamedTuple):
     Attributes:
         outside: Samples outside a set.
         away: Those that are not within contact or a second after it.
+        left: Time of the first of them [s]; NaN: there is none.
+        part: Largest |e1| over its bound.
         pred: Errors of the predicted torque over all joints and of the worst one: at the end,
             and where the row asks for them before and after an event.
         noticed: Times from an event to its alarm [s]; NaN: none.
@@ -75,16 +92,20 @@ class Run(NamedTuple):
         early: Alarms before the first event.
         found: Of `Identifier.found`.
         speed: Times real time.
+        word: Of a joint that oscillates, or a run that ended early.
     """
 
     outside: int
     away: int
+    left: float
+    part: float
     pred: dict[str, tuple[float, float]]
     noticed: tuple[float, ...]
     frozen: float
     early: int
     found: dict[str, int]
     speed: float
+    word: str
 
 
 def _nothing(name: str, found: Recipe) -> Changes:
@@ -139,11 +160,12 @@ CONDITIONS = {
                               start='zero'),
     'sensors': Condition('sensors, URDF 25 % off', SENSORS, _late, start='off'),
     'real': Condition('+ rotors, dry friction, gain', SENSORS, _real, learned=True),
-    'load': Condition('sensors + load', SENSORS, _loaded),
+    'load': Condition('sensors + load', SENSORS, _loaded, seconds=OFF + AGAIN + 1.0),
     'load-real': Condition('+ rotors, dry friction, gain, load', SENSORS, _loaded_real,
-                           learned=True),
-    'wall': Condition('sensors + wall', SENSORS, _wall),
-    'wall-wide': Condition('sensors + wall, --width 0.3', {**SENSORS, 'width': 0.3}, _wall),
+                           learned=True, seconds=OFF + AGAIN + 1.0),
+    'wall': Condition('sensors + wall', SENSORS, _wall, seconds=15.0),
+    'wall-wide': Condition('sensors + wall, --width 0.3', {**SENSORS, 'width': 0.3}, _wall,
+                           seconds=15.0),
     'weak': Condition('torque limits at 60 %', SENSORS, _weak),
     '500hz': Condition('500 Hz, instantaneous effort', {'rate': 500.0}, _instant),
     'tilted': Condition('base tilted 30°', SENSORS, _tilted),
@@ -174,10 +196,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare ``--condition``, ``--robot-seconds`` and ``--suspicion``, beside those of `arms`."""
     parser.add_argument('--condition', action='append', choices=tuple(CONDITIONS),
                         help='robots: which row; default: all')
-    parser.add_argument('--robot-seconds', type=float, default=30.0, metavar='S',
-                        help='robots: length of a run [s] (default %(default)g)')
-    parser.add_argument('--suspicion', type=float, default=0.0, metavar='X',
-                        help='robots: identifier.change.suspicion (default %(default)g: off)')
+    parser.add_argument('--robot-seconds', type=float, default=None, metavar='S',
+                        help='robots: length of a run [s]; default: what answers the row')
+    parser.add_argument('--suspicion', type=float, default=None, metavar='X',
+                        help='robots: identifier.change.suspicion; default: as configure has it')
+    parser.add_argument('--results', type=Path, default=None, metavar='FILE',
+                        help='robots: append each run to this file, one JSON object a line, and '
+                             'take over those that it has')
 
 
 def run(options: argparse.Namespace) -> None:
@@ -186,24 +211,42 @@ def run(options: argparse.Namespace) -> None:
     Raises:
         ParameterError: a length or a number of runs that cannot be.
     """
-    if options.seeds < 1 or not options.robot_seconds > 0.0:
-        raise ParameterError('--seeds, --robot-seconds', (options.seeds, options.robot_seconds),
+    seconds = options.robot_seconds
+    if options.seeds < 1 or not (seconds is None or seconds > 0.0):
+        raise ParameterError('--seeds, --robot-seconds', (options.seeds, seconds),
                              'at least 1, and a time > 0 s')
-    print('| condition | arm | samples outside | of them away from a contact | pred at the end '
-          '[%] | events: noticed after [ms] | pred after them [%] | alarms before | found | '
-          'x real time |')
-    print('|---|---|---|---|---|---|---|---|---|---|')
+    print('| condition | arm | runs | samples outside | of them away from a contact | first [s] | '
+          'largest \\|e1\\| of its bound [%] | pred at the end [%] | events: noticed after [ms] | '
+          'pred after them [%] | alarms before | found | x real time | |')
+    print('|' + '---|' * 14)
     for name in options.condition or CONDITIONS:
         for arm_name in options.arm or ARMS:
+            cases = [Case(name, arm_name, seed, seconds or CONDITIONS[name].seconds,
+                          options.suspicion) for seed in range(options.seeds)]
             try:
-                runs = [_run(name, arm_name, seed, options.robot_seconds, options.suspicion)
-                        for seed in range(options.seeds)]
+                runs = [_recorded(case, options.results) for case in cases]
                 print(_row(CONDITIONS[name].name, arm_name, runs), flush=True)
             except BlfError as error:
                 print(f'| {CONDITIONS[name].name} | {arm_name} | refused: {error} |', flush=True)
 
 
-def _run(name: str, arm_name: str, seed: int, seconds: float, suspicion: float) -> Run:
+def _recorded(case: Case, results: Path | None) -> Run:
+    """Return a run, from a file of earlier ones where it is in there."""
+    if results is None:
+        return _run(case)
+    if results.exists():
+        for line in results.read_text(encoding='utf-8').splitlines():
+            known = json.loads(line)
+            if known['case'] == list(case):
+                return Run(**known['run'])
+    done = _run(case)
+    with results.open('a', encoding='utf-8') as file:
+        file.write(json.dumps({'case': case, 'run': done._asdict()}) + '\n')
+    return done
+
+
+def _run(case: Case) -> Run:
+    name, arm_name, seed, seconds, suspicion = case
     condition = CONDITIONS[name]
     urdf, joints = ARMS[arm_name]
     arm = load_arm(f'package://{urdf}', joints, coulomb=condition.learned,
@@ -211,7 +254,9 @@ def _run(name: str, arm_name: str, seed: int, seconds: float, suspicion: float) 
     payload = LOADS[arm_name] if name.startswith('load') else 0.0
     found = recipe(arm, Robot(delay=0.005, payload=payload, **condition.stated))
     changes = {'arm_driver.plant': 'mujoco', 'arm_driver.sensors.seed': seed,
-               'identifier.change.suspicion': suspicion, **condition.plant(arm_name, found)}
+               **condition.plant(arm_name, found)}
+    if suspicion is not None:
+        changes['identifier.change.suspicion'] = suspicion
     if condition.start == 'off':
         changes['initial_estimate'] = off_by(arm, seed)
     data = apply_changes(node_data(node_settings_of(found, f'package://{urdf}')), changes)
@@ -248,12 +293,16 @@ def _judged(name: str, done: Any, watch: _Watch, arm: UrdfArm) -> Run:
     away = out.copy()
     for begin, end in touched:
         away &= ~((t >= begin) & (t <= end + 1.0))
+    bound = np.minimum(-inside[0].lower, inside[0].upper)
+    word = f'ended: {done.failure}' if done.failure else oscillation_text(done.figures)
     return Run(int(done.figures['set_violations']), int(away.sum()),
+               float(t[out][0]) if out.any() else np.nan,
+               float((np.abs(done.e1) / bound).max()),
                {key: pred(at) for key, at in asked.items()},
                tuple(_first(watch.alarms, event) for event in events),
                _frozen(watch, t, touched), sum(a < min(events, default=np.inf)
                                                for a in watch.alarms),
-               loop.identifier.found, float(done.figures['real_time_factor']))
+               loop.identifier.found, float(done.figures['real_time_factor']), word)
 
 
 def _events(name: str, plant: Any) -> tuple[float, ...]:
@@ -285,7 +334,10 @@ def _row(condition: str, arm_name: str, runs: list[Run]) -> str:
     after = [f'{key} {pair(key)}' for key in runs[0].pred if key != 'end']
     totals = {key: [run.found[key] for run in runs] for key in runs[0].found}
     found = ', '.join(f'{key} {max(values)}' for key, values in totals.items() if any(values))
-    return (f'| {condition} | {arm_name} | {max(run.outside for run in runs)} | '
-            f'{max(run.away for run in runs)} | {pair("end")} | {", ".join(events)} | '
-            f'{"; ".join(after)} | {max(run.early for run in runs)} | {found} | '
-            f'{min(run.speed for run in runs):.1f} |')
+    first = min((run.left for run in runs if np.isfinite(run.left)), default=None)
+    words = '; '.join(dict.fromkeys(filter(None, (run.word for run in runs))))
+    return (f'| {condition} | {arm_name} | {len(runs)} | {max(run.outside for run in runs)} | '
+            f'{max(run.away for run in runs)} | {"" if first is None else f"{first:.2f}"} | '
+            f'{100.0 * max(run.part for run in runs):.2g} | {pair("end")} | '
+            f'{", ".join(events)} | {"; ".join(after)} | {max(run.early for run in runs)} | '
+            f'{found} | {min(run.speed for run in runs):.1f} | {words} |')

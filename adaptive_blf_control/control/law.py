@@ -14,6 +14,7 @@ from adaptive_blf_control.control.barrier import (
     barrier_gradient,
     bound_towards,
     Each,
+    INTERIOR,
     interior,
 )
 
@@ -66,7 +67,8 @@ def pseudoinverse_coupling(e1: np.ndarray, e2: np.ndarray, b: np.ndarray,
 
 @jit
 def torque(x: np.ndarray, theta: np.ndarray, k2: np.ndarray, e1: np.ndarray, e2: np.ndarray,
-           b: np.ndarray, weight: np.ndarray, smooth: bool) -> np.ndarray:
+           b: np.ndarray, weight: np.ndarray, smooth: bool,
+           reach: float = INTERIOR) -> np.ndarray:
     """Equation (38), and (34) with θ* in place of θ̂: τ = X θ̂ − k2 e2 − coupling, (n,) [N·m].
 
     Args:
@@ -78,16 +80,17 @@ def torque(x: np.ndarray, theta: np.ndarray, k2: np.ndarray, e1: np.ndarray, e2:
         b: Active bound (11), shape (n,) [rad].
         weight: Weights of the barrier, shape (n,) [J].
         smooth: Coupling per joint (True) or by the paper's pseudoinverse (False).
+        reach: Part of the bound beyond which the coupling is what it is there.
     """
     wanted = np.empty_like(e2)
-    write_torque(wanted, x, theta, k2, e1, e2, b, weight, smooth)
+    write_torque(wanted, x, theta, k2, e1, e2, b, weight, smooth, reach)
     return wanted
 
 
 @jit
 def write_torque(wanted: np.ndarray, x: np.ndarray, theta: np.ndarray, k2: np.ndarray,
                  e1: np.ndarray, e2: np.ndarray, b: np.ndarray, weight: np.ndarray,
-                 smooth: bool) -> None:
+                 smooth: bool, reach: float) -> None:
     """Write `torque` into ``wanted``, shape (n,) [N·m]."""
     for i in range(wanted.size):
         modelled = 0.0
@@ -95,9 +98,11 @@ def write_torque(wanted: np.ndarray, x: np.ndarray, theta: np.ndarray, k2: np.nd
             modelled += x[i, j] * theta[j]
         wanted[i] = modelled - k2[i] * e2[i]
         if smooth:
-            wanted[i] -= per_joint_coupling(e1[i], e2[i], b[i], weight[i])
+            near = min(max(e1[i], -reach * b[i]), reach * b[i])
+            wanted[i] -= per_joint_coupling(near, e2[i], b[i], weight[i])
     if not smooth:
-        wanted -= pseudoinverse_coupling(e1, e2, b, weight)
+        near_all = np.maximum(np.minimum(e1, reach * b), -reach * b)
+        wanted -= pseudoinverse_coupling(near_all, e2, b, weight)
 
 
 @jit

@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from adaptive_blf_control.control.barrier import INTERIOR
 from adaptive_blf_control.control.limit_settings import LimitSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.plugin import is_plugin
@@ -147,6 +148,10 @@ class ControllerSettings(Settings, where='controller'):
         'per_joint',
         'How the barrier acts on the torque: per_joint (smooth) or the pseudoinverse of the '
         'paper.', choices=COUPLINGS, live=True)
+    coupling_reach: float = parameter(
+        INTERIOR, 'Part of a performance bound up to which that torque grows. Below 1 a joint that '
+        'a contact held near its bound comes to rest again in a loop with delay; Theorem 2 '
+        'then holds for errors below it.', '', 0.0, INTERIOR, exclusive=True, live=True)
     torque_limit: np.ndarray = parameter(
         [100.0], 'Largest commanded torque.',
         'N*m', 0.0, exclusive=True, length='joints', live=True)

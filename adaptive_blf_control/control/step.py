@@ -37,12 +37,14 @@ class AblfGains(NamedTuple):
         k2: On e2 [N·m·s/rad].
         weight: Of the barrier [J].
         smooth: Whether the barrier acts joint by joint; else by the paper's pseudoinverse.
+        reach: Part of the bound beyond which the coupling is what it is there.
     """
 
     k1: np.ndarray
     k2: np.ndarray
     weight: np.ndarray
     smooth: bool
+    reach: float
 
 
 class Memory(NamedTuple):
@@ -144,7 +146,8 @@ def controller_step(controller: ControllerArrays, answer: Answer, t: float, q: n
             upper_rate[i], k1[i])
     x = law_regressor(controller.arm, q, qd, alpha, alpha_dot)
     wanted, torque, last, term = answer.wanted, answer.torque, memory.torque, answer.term
-    write_torque(wanted, x, theta, gains.k2, e1, e2, bound, gains.weight, gains.smooth)
+    write_torque(wanted, x, theta, gains.k2, e1, e2, bound, gains.weight, gains.smooth,
+                 gains.reach)
     dt = FIRST_INTERVAL if np.isnan(memory.time[0]) else t - memory.time[0]
     limit, rate_limit = controller.torque_limit, controller.torque_rate_limit
     for i in range(q.size):

@@ -15,6 +15,7 @@ from adaptive_blf_control.runs.recording import Recording, Series
 __all__ = ['FRAMES', 'Animation', 'animate', 'skeleton']
 
 FRAMES = 300
+STEP = 0.05  # s between two marks of the tip
 Points = Callable[[np.ndarray], np.ndarray]
 
 
@@ -27,6 +28,8 @@ class Animation(NamedTuple):
         references: For each bag the points of the reference posture, likewise.
         planar: Whether every point has z = 0.
         notes: How an arm is drawn where its geometry is not known.
+        disturbed: For each bag the tip while an external torque was beyond its bound, (K, 3) [m],
+            or None.
     """
 
     t: np.ndarray
@@ -34,6 +37,7 @@ class Animation(NamedTuple):
     references: list[np.ndarray | None]
     planar: bool
     notes: list[str]
+    disturbed: list[np.ndarray | None]
 
 
 def skeleton(recording: Recording) -> tuple[Points, str | None]:
@@ -62,18 +66,31 @@ def animate(recordings: Sequence[Recording], frames: int = FRAMES) -> Animation 
     arms: list[np.ndarray | None] = []
     references: list[np.ndarray | None] = []
     notes = []
+    disturbed: list[np.ndarray | None] = []
     for recording in recordings:
         if not _usable(recording.q):
             arms.append(None)
             references.append(None)
+            disturbed.append(None)
             continue
         points, note = skeleton(recording)
         notes += [note] if note else []
         arms.append(_frames(recording.q, t, points))
         references.append(_frames(recording.reference, t, points))
+        disturbed.append(_tips(recording, points))
     drawn = [a for a in arms if a is not None]
     planar = all(float(np.abs(a[..., 2]).max()) < 1e-9 for a in drawn)
-    return Animation(t, arms, references, planar, notes)
+    return Animation(t, arms, references, planar, notes, disturbed)
+
+
+def _tips(recording: Recording, points: Points) -> np.ndarray | None:
+    spans = recording.disturbed
+    if not spans:
+        return None
+    times = np.concatenate([np.arange(begin, end + 1e-9, STEP) for begin, end in spans])
+    times = times[::-(-times.size // FRAMES)]
+    frames = _frames(recording.q, times, points)
+    return None if frames is None else frames[:, -1]
 
 
 def _usable(series: Series | None) -> bool:

@@ -22,6 +22,7 @@ BAG_COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9',
                '#6B4C1E', '#3A6B35', '#A31621', '#4B4E6D', '#B8A600')
 INK = '#222222'
 BINS = 60
+SPANS = 100  # shaded intervals, the longest ones
 BUDGET = 300_000  # points on a page, so that many bags of many parameters stay below 10 MB
 DECADES = 15  # below are rounding errors
 
@@ -70,6 +71,7 @@ class Panel:
         zoom: y-range of the curves alone, where the bands are far wider; else None.
         time: x is the time of the run.
         filters: Names of curves that a menu shows alone.
+        spans: Intervals of time in which something acts from outside [s].
     """
 
     key: str
@@ -82,6 +84,7 @@ class Panel:
     zoom: tuple[float, float] | None = None
     time: bool = True
     filters: tuple[str, ...] = ()
+    spans: tuple[tuple[float, float], ...] = ()
 
     def log_range(self) -> tuple[float, float]:
         """Return the y-range of a logarithmic axis: at most ``DECADES`` below the largest."""
@@ -136,6 +139,11 @@ def sections(recordings: Sequence[Recording],
                 maker.estimate_errors(), 2),
         Section('history', 'History stack', 'Full rank makes θ̂ converge (Assumption 2), σ_min '
                 'sets how fast.', maker.history(), 2),
+        Section('external', 'External torque', 'Measured minus predicted torque behind the '
+                'filters; dotted: up to there it means nothing. Where a joint is beyond, the plots '
+                'over time are shaded in red and the tip is marked: a contact, a push, or an arm '
+                'that is no longer the one that was recorded.',
+                maker.per_joint(maker.external), maker.columns),
         Section('payload', 'Load', 'Mass at `payload.frame`, as found beside the model of the '
                 'arm without it, with two standard deviations; 0 while there is none.',
                 maker.payload(), 1),
@@ -146,7 +154,11 @@ def sections(recordings: Sequence[Recording],
         Section('timing', 'Timing', 'Sample interval from the stamps, delay from the times of '
                 'reception.', maker.timing(), 2),
     ]
-    return [section for section in found if section.panels]
+    spans = recordings[0].disturbed if len(recordings) == 1 else ()
+    spans = tuple(sorted(spans, key=lambda span: span[0] - span[1])[:SPANS])
+    return [replace(section, panels=tuple(
+        replace(panel, spans=spans) if panel.time else panel for panel in section.panels))
+        for section in found if section.panels]
 
 
 class _Maker:
@@ -246,6 +258,23 @@ class _Maker:
         bands = tuple(Band(-limit, limit, 'torque_limit') for limit in sorted(limits))
         return Panel(f'torque_{joint}', joint, 'τ [N·m]', tuple(curves), bands=bands,
                      zoom=_zoom(curves, bands))
+
+    def external(self, joint: str) -> Panel:
+        curves: list[Curve] = []
+        for b, r, i in self._with(joint):
+            known = r.external
+            if known is None or not np.isfinite(known.values).any():
+                continue
+            n = len(r.joints)
+            bound = np.where(np.isfinite(known.values[:, n + i]), known.values[:, n + i], np.nan)
+            curves.append(self._curve(known, i, self._label(b, 'measured − predicted'),
+                                      self.colours[b], b, width=1.2))
+            for side in (1.0, -1.0):
+                curves.append(replace(
+                    self._curve(Series(known.t, side * bound[:, None]), 0,
+                                self._label(b, 'bound'), INK if self.one else self.colours[b], b,
+                                dash='dot', width=1.0), legend=side > 0.0))
+        return Panel(f'external_{joint}', joint, 'τ [N·m]', tuple(curves))
 
     def _names(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(n for r in self.recordings for n in r.theta_names))

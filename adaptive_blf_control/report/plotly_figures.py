@@ -19,6 +19,7 @@ FONT = 'system-ui, -apple-system, "Segoe UI", "Liberation Sans", "DejaVu Sans", 
 GRID = '#E3E7EC'
 BAND = 'rgba(46, 139, 87, 0.12)'
 BAND_EDGE = 'rgba(46, 139, 87, 0.75)'
+SPAN = 'rgba(214, 39, 40, 0.13)'
 
 
 def _plotly() -> Any:
@@ -56,6 +57,9 @@ def panel_figure(panel: Panel, height: int, legend_right: bool,
         {'type': 'rect', 'xref': 'paper', 'x0': 0, 'x1': 1, 'y0': band.lower, 'y1': band.upper,
          'fillcolor': BAND, 'line': {'width': 1, 'color': BAND_EDGE}, 'layer': 'below'}
         for band in panel.bands]
+    layout['shapes'] += [
+        {'type': 'rect', 'yref': 'paper', 'y0': 0, 'y1': 1, 'x0': begin, 'x1': end,
+         'fillcolor': SPAN, 'line': {'width': 0}, 'layer': 'below'} for begin, end in panel.spans]
     if panel.time:  # the last shape is the cursor that follows the slider
         layout['shapes'].append({
             'type': 'line', 'yref': 'paper', 'y0': 0, 'y1': 1, 'x0': 0, 'x1': 0, 'opacity': 0.0,
@@ -169,6 +173,9 @@ def animation_figure(animation: Animation, names: Sequence[str],
                 label = what if len(names) == 1 else f'{names[b]}: {what}'
                 traces.append({**_skeleton(points[0], label, colours[b], dash, animation.planar),
                                'meta': {'bag': b}})
+    # Behind the skeletons: the frames are those of the first traces.
+    traces += [{**_marks(points, 'acted on from outside', animation.planar), 'meta': {'bag': b}}
+               for b, points in enumerate(animation.disturbed) if points is not None]
     layout = _layout(400, legend_right=False)
     layout['showlegend'] = len(names) == 1
     layout['hovermode'] = 'closest'
@@ -205,6 +212,14 @@ def _skeleton(points: np.ndarray, name: str, colour: str, dash: str,
                        'line': {'color': colour, 'width': 2 if planar else 0}},
             'hovertemplate': '%{x:.3f}, %{y:.3f} m<extra></extra>' if planar else
                              '%{x:.3f}, %{y:.3f}, %{z:.3f} m<extra></extra>'}
+
+
+def _marks(points: np.ndarray, name: str, planar: bool) -> dict[str, Any]:
+    """Return where the tip was while something acted on it, (K, 3)."""
+    axes = dict(zip('xy' if planar else 'xyz', points.T.tolist()))
+    return {'type': 'scatter' if planar else 'scatter3d', 'mode': 'markers', **axes, 'name': name,
+            'marker': {'size': 9 if planar else 4, 'color': '#D62728', 'symbol': 'x'},
+            'hovertemplate': f'{name}<extra></extra>'}
 
 
 def _extent(animation: Animation) -> tuple[np.ndarray, np.ndarray]:

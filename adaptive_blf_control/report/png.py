@@ -43,6 +43,8 @@ def _draw(axes: Any, panel: Panel) -> None:
     for i, band in enumerate(panel.bands):
         axes.axhspan(band.lower, band.upper, color='seagreen', alpha=0.13,
                      label=band.label if i == 0 else None)
+    for begin, end in panel.spans:
+        axes.axvspan(begin, end, color='tab:red', alpha=0.13, lw=0)
     _lines(axes, panel)
     if panel.zoom is not None:  # the error is far smaller than its bound: show both
         inset = axes.inset_axes((0.42, 0.60, 0.55, 0.34))

@@ -23,6 +23,7 @@ from adaptive_blf_control.messages.diagnostics import drop_counters
 from adaptive_blf_control.messages.topics import (
     BARRIER,
     COMMANDS,
+    EXTERNAL_TORQUE,
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
@@ -44,6 +45,7 @@ from adaptive_blf_control.runs.summary import Run, state_along
 __all__ = ['Recording', 'Series', 'read_recording']
 
 T = TypeVar('T')
+TOGETHER = 0.1  # s: external torques closer to one another are one interval
 
 
 class Series(NamedTuple):
@@ -99,6 +101,8 @@ class Recording:
         lyapunov: V as published, (N,).
         payload: Mass of the load and its standard deviation [kg], (N, 2); None where none was
             looked for.
+        external: What is measured beyond what the recorded pairs predict, and its bound [N·m],
+            (N, 2n); None where nobody tells it.
         answered: States and errors matched by stamp.
         run: The run as `summarise` wants it; None where the bag lacks something it needs.
         states: joint_states as read, for timing.
@@ -129,12 +133,26 @@ class Recording:
     sigma_min: Series | None = None
     lyapunov: Series | None = None
     payload: Series | None = None
+    external: Series | None = None
     answered: Answered | None = None
     run: Run | None = None
     states: JointSeries | None = None
     errors: JointSeries | None = None
     commands_ns: np.ndarray | None = None
     drops: list[dict[str, str | int]] = field(default_factory=list)
+
+    @property
+    def disturbed(self) -> tuple[tuple[float, float], ...]:
+        """Intervals in which an external torque is beyond its bound, (begin, end) [s]."""
+        if self.external is None:
+            return ()
+        n = len(self.joints)
+        size, bound = np.abs(self.external.values[:, :n]), self.external.values[:, n:]
+        found: list[tuple[float, float]] = []
+        for t in self.external.t[(size > bound).any(axis=1)].tolist():
+            begin = found.pop()[0] if found and t - found[-1][1] <= TOGETHER else t
+            found.append((begin, t))
+        return tuple(found)
 
     @property
     def margins(self) -> tuple[Margins, ...]:
@@ -306,6 +324,7 @@ def _topics(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...],
     data.update(_barrier(reader, clock))
     if load := reader.attempt('load', lambda: payload_masses(reader.bag)):
         data['payload'] = Series(clock.of_stamp(load[0]), load[1])
+    data.update(_external(reader, clock, joints))
     commands = reader.doubles(COMMANDS, 'commands')
     if commands is not None:
         data['commands_ns'] = commands[0]
@@ -315,6 +334,19 @@ def _topics(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...],
             commands[1].shape[1] == len(joints):
         data['torque'] = Series(clock.of_log(commands[0]), commands[1])
     return data
+
+
+def _external(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...]) -> dict[str, Any]:
+    names = (*joints, *(f'{joint}.bound' for joint in joints))
+    try:
+        topic = topic_named(reader.bag, EXTERNAL_TORQUE)
+    except BagError:  # not published, as by identifiers of before that topic
+        return {}
+    if not reader.bag.topics[topic].count:
+        return {}
+    found = reader.attempt('external torque', lambda: reader.bag.joint_states(topic, names))
+    return {} if found is None else {
+        'external': Series(clock.of_stamp(found.stamp_ns), found.position)}
 
 
 def _barrier(reader: _Tolerant, clock: _Clock) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.control.barrier import INTERIOR
 from adaptive_blf_control.control.guarantee import (
     Departure,
     Guarantee,
@@ -70,6 +71,9 @@ def why_not(loop: ClosedLoop) -> str | None:
         return 'theta* of the plant is not known'
     if not isinstance(loop.controller.law, AblfLaw):
         return 'is not about this law'
+    if loop.controller.settings.coupling_reach < INTERIOR:
+        return ('is not about this law: its coupling stops growing at '
+                f'{loop.controller.settings.coupling_reach:.0%} of the bounds (coupling_reach)')
     if unexpressed_by(plant, parameters) is not None:
         return 'is not about this plant: no theta expresses all of its torque'
     disturbed = _disturbances(plant)

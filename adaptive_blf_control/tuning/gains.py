@@ -15,6 +15,13 @@ critically; with the delay 45° of phase remain. In parts:
   steep, it stays within the budget: c_i = b_i² k2_i Λ/16;
 * the adaptation, Λ²/8: see `adaptation`.
 
+Beyond half the bound the barrier is stiffer than that, and from 0.7 of it stiffer than such a loop
+can damp: where a contact has held a joint there, it is thrown from bound to bound and never comes
+to rest. With a delay its torque therefore stops growing at ``REACH`` of the bound. Then it is
+nowhere more than a spring of g/e1 = 13 times the stiffness at e1 = 0, 0.8 Λ², which with the
+adaptation and p leaves 13° of phase: by its describing function, at most the largest g/e1, no
+oscillation of any size sustains itself. At ``REACH`` the torque is 11 c/b.
+
 Viscous friction F that the arm has and θ̂ knows allows more damping. Its compensation is late, too:
 M ė2 = −F q̇ + F̂ q̇(t − D) − K2 e2(t − D). With K2 = K + βF, 0 < β ≤ 1, there is a vector x on the
 stability limit whose m = x*Mx, f = x*Fx and k = x*Kx make
@@ -36,13 +43,14 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.tuning.inertia import ReferenceStates, SeenInertia
 from adaptive_blf_control.tuning.loop_delay import LoopDelay
 
-__all__ = ['ADAPTATION', 'FRICTION', 'GAIN_MARGIN', 'Gains', 'adaptation_stiffness',
+__all__ = ['ADAPTATION', 'FRICTION', 'GAIN_MARGIN', 'Gains', 'REACH', 'adaptation_stiffness',
            'barrier_weight', 'law_gains', 'total_rate']
 
 GAIN_MARGIN = 3.0
 OUTER = 0.1  # p/λ
 BARRIER, ADAPTATION = 1.0 / 16.0, 1.0 / 8.0  # parts of Λ²
 FRICTION = 0.5  # β
+REACH = 0.85  # part of a bound up to which the barrier pushes back harder, with a delay
 
 
 class Gains(NamedTuple):

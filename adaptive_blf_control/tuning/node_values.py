@@ -16,7 +16,8 @@ from adaptive_blf_control.configuration.node_settings import (
     RecorderSettings,
     RuntimeSettings,
 )
-from adaptive_blf_control.tuning.gains import total_rate
+from adaptive_blf_control.control.barrier import INTERIOR
+from adaptive_blf_control.tuning.gains import REACH, total_rate
 from adaptive_blf_control.tuning.recipe import Recipe
 
 __all__ = ['node_settings_of', 'reasons_of']
@@ -83,6 +84,7 @@ def _controller(recipe: Recipe) -> dict[str, Any]:
         'estimate_limit': _significant(_estimate_limit(recipe)),
         'k1': _significant(gains.k1), 'k2': _significant(gains.k2),
         'barrier_weight': _significant(gains.barrier_weight),
+        'coupling_reach': REACH if _late(recipe) else INTERIOR,
         'torque_limit': recipe.torque_limit,
         'torque_rate_limit': _significant(2.0 * total_rate(robot.loop) * recipe.torque_limit),
         'safety.lower': motion.safety_lower, 'safety.upper': motion.safety_upper,
@@ -116,12 +118,25 @@ def reasons_of(recipe: Recipe) -> Mapping[str, str]:
                          f'k1 a third of the {delay.largest_rate:.4g} 1/s at which a loop with '
                          f'{ms} of delay oscillates, and half the viscous friction.',
         'controller.barrier_weight': 'A stiffness that k2 can damp with that delay.',
+        'controller.coupling_reach': _reach_reason(recipe),
         'controller.estimate_limit': f'{LARGEST:g} times the largest of its kind in the URDF.',
         'controller.safety.lower': 'Inside the position limits by 2 % of the range.',
         'controller.performance.lower': f'At most 5 % of the range, {robot.width:g} rad.',
         'controller.torque_limit': 'Of the drives. For the first motion of a real arm: less.',
         'controller.torque_rate_limit': 'What the gains can ask for, twice.',
     }
+
+
+def _late(recipe: Recipe) -> bool:
+    """Return whether its loop has a delay beside that of the held torque."""
+    return recipe.robot.delay > 0.0 or recipe.robot.velocity_lag > 0.0
+
+
+def _reach_reason(recipe: Recipe) -> str:
+    if not _late(recipe):
+        return 'As in the paper: this loop has no delay.'
+    return ('Stiffer than there the barrier is more than a loop with this delay can damp: after '
+            'a contact a joint would be thrown from bound to bound.')
 
 
 def _filter_reason(recipe: Recipe) -> str:

@@ -172,6 +172,28 @@ def test_two_bags_are_overlaid_and_each_can_be_hidden(overlay: Path, browse: Bro
     assert re.search(r'id="verdict1">\s*<h2><span class="badge">Sets left', visit.html)
 
 
+def test_what_acts_from_outside_is_shaded_in_time_and_marked_at_the_tip(
+        make_bag: MakeBag, tmp_path: Path, browse: Browse) -> None:
+    bag = make_bag(tmp_path / 'pushed', pushed=(0.5, 0.8))
+    assert main([str(bag), '-o', str(tmp_path / 'page.html')]) == 0
+    visit = browse(tmp_path / 'page.html', """
+        const marks = document.getElementById('arm').data.filter(
+            (trace) => trace.name === 'acted on from outside');
+        const shaded = [...document.querySelectorAll('.js-plotly-plot')].filter(
+            (plot) => plot.id.startsWith('errors') || plot.id.startsWith('external')).map(
+            (plot) => plot.layout.shapes.filter((shape) => shape.type === 'rect' &&
+                shape.yref === 'paper').map((shape) => [shape.x0, shape.x1]));
+        return {marks: marks.map((trace) => [[...trace.x], [...trace.y]]), shaded};""")
+    assert visit.console == []
+    assert visit.result['shaded'] == 4 * [[[pytest.approx(0.5), pytest.approx(0.8)]]]
+    [tip] = np.array(visit.result['marks'])
+    t = np.arange(0.5, 0.8001, 0.05)
+    e1 = 0.05 * np.exp(-2.0 * t)
+    expected = [TwoLinkArm().link_points((np.sin(a) + b) * np.array([1.0, 0.5]))[-1, :2]
+                for a, b in zip(t, e1)]
+    np.testing.assert_allclose(tip.T, expected, atol=2e-3)
+
+
 def test_page_asks_no_other_file_or_host(page: Path) -> None:
     html = page.read_text(encoding='utf-8')
     tags = re.findall(r'<(?:script|link|img|iframe)\b[^>]*>', re.sub(

@@ -21,6 +21,7 @@ from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import (
     BARRIER,
     COMMANDS,
+    EXTERNAL_TORQUE,
     HISTORY_RANK,
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
@@ -50,11 +51,13 @@ def run_parameters(arm: str, n: int) -> dict[str, Any]:
 
 def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: float = 0.05,
              parameters: bool = True, topics: Collection[str] = tuple(RECORDED),
-             skip: Collection[int] = (), first_estimate: float = 0.0) -> Path:
+             skip: Collection[int] = (), first_estimate: float = 0.0,
+             pushed: tuple[float, float] | None = None) -> Path:
     """Write a run: q follows sin t with an error that decays from ``error`` within 0.5 s.
 
     θ̂ approaches θ* as 2⁻ᵗ·θ* would, ten times as fast. States whose number is in ``skip`` are
-    missing on every topic; estimates start at ``first_estimate`` [s].
+    missing on every topic; estimates start at ``first_estimate`` [s]. In the interval ``pushed`` [s]
+    5 N·m act on the first joint from outside, of which 1 N·m means nothing.
     """
     data = run_parameters(arm, 2 if arm == 'two_link' else 3)
     model = build_arm(node_settings(data, ControllerNodeSettings))
@@ -64,6 +67,9 @@ def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: fl
               REFERENCE: JointStateCodec(model.joints),
               TRACKING_ERROR: JointStateCodec(model.joints, fields=('position', 'velocity')),
               THETA_HAT: JointStateCodec(model.parameters, fields=('position',)),
+              EXTERNAL_TORQUE: JointStateCodec(
+                  (*model.joints, *(f'{joint}.bound' for joint in model.joints)),
+                  fields=('position',)),
               BARRIER: JointStateCodec(
                   margin_names([MarginName(joint, what) for what in ('safety', 'performance')
                                  for joint in model.joints]), fields=('position',))}
@@ -86,6 +92,11 @@ def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: fl
             BARRIER: codecs[BARRIER].encode(stamp, np.concatenate(
                 [1.5 - np.abs(q), PERFORMANCE - np.abs(e1), [np.sum(e1 ** 2)]])),
             COMMANDS: torque.encode(tau)}
+        if pushed is not None and k % 10 == 0:
+            outside = np.zeros(model.n)
+            outside[0] = 5.0 if pushed[0] <= t <= pushed[1] else 0.0
+            messages[EXTERNAL_TORQUE] = codecs[EXTERNAL_TORQUE].encode(
+                stamp, np.concatenate([outside, np.ones(model.n)]))
         if k % 100 == 0:
             messages[HISTORY_RANK] = encode_int32(min(k // 100, model.m))
             messages[HISTORY_SIGMA_MIN] = encode_float64(1e-3 * k)

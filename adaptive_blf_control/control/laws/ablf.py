@@ -16,7 +16,7 @@ def ablf_gains(settings: ControllerSettings) -> AblfGains:
     """Return the gains of (38) from settings with arrays of full length."""
     # Copies that may be written to: the law is compiled for those.
     return AblfGains(settings.k1.copy(), settings.k2.copy(), settings.barrier_weight.copy(),
-                     settings.coupling == 'per_joint')
+                     settings.coupling == 'per_joint', float(settings.coupling_reach))
 
 
 class AblfLaw:
@@ -38,5 +38,5 @@ class AblfLaw:
             sample.q, sample.qd, point.position, point.velocity, point.acceleration,
             bounds.lower, bounds.upper, bounds.lower_rate, bounds.upper_rate, gains.k1)
         x = self._arm.X(sample.q, sample.qd, alpha, alpha_dot)
-        return LawAnswer(torque(x, sample.theta, gains.k2, e1, e2, b, gains.weight, gains.smooth),
-                         e2, x)
+        return LawAnswer(torque(x, sample.theta, gains.k2, e1, e2, b, gains.weight, gains.smooth,
+                                gains.reach), e2, x)
