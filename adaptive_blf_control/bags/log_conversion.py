@@ -27,17 +27,11 @@ class Conversion(NamedTuple):
     gain: Mapping[str, float]
     effort_delay: float
 
-    def angles(self, values: np.ndarray) -> np.ndarray:
-        """Return positions [rad] or velocities [rad/s], shape (N, n)."""
-        return np.deg2rad(values) if self.degrees else values
-
-    def efforts(self, values: np.ndarray, joints: tuple[str, ...]) -> np.ndarray:
-        """Return torques, shape (N, n) [N·m]; ParameterError for a gain of no joint."""
+    def gains(self, joints: tuple[str, ...]) -> np.ndarray:
+        """Return what efforts are multiplied by, (n,); ParameterError for a gain of no joint."""
         if unknown := [joint for joint in self.gain if joint not in joints]:
             raise ParameterError('gain', unknown[0], f'one of the joints {", ".join(joints)}')
-        if not self.gain:
-            return values
-        return values * np.array([self.gain.get(joint, 1.0) for joint in joints])
+        return np.array([self.gain.get(joint, 1.0) for joint in joints])
 
 
 def conversion(degrees: Any, gain: Any, effort_delay: Any) -> Conversion:

@@ -19,7 +19,7 @@ from adaptive_blf_control.bags.log_clock import log_clock
 from adaptive_blf_control.bags.log_conversion import Conversion, conversion
 from adaptive_blf_control.bags.raw_log import RawLog
 from adaptive_blf_control.bags.reader import read_bag
-from adaptive_blf_control.bags.row_store import BLOCK_ROWS, keep_rows
+from adaptive_blf_control.bags.row_store import keep_rows, new_table, row_blocks
 from adaptive_blf_control.errors import BagError, LogError, ParameterError, UnknownParameter
 from adaptive_blf_control.spelling import option
 
@@ -143,8 +143,9 @@ def _finished(source: str, raw: RawLog, joints: Sequence[str] | None) -> Measure
     """Leave out the rows that cannot be used."""
     table, n = raw.table, raw.n
     names = raw.joints or _column_names(source, n, joints)
-    finite = np.concatenate([np.isfinite(table[i:i + BLOCK_ROWS]).all(axis=1)
-                             for i in range(0, len(table), BLOCK_ROWS)] or [np.empty(0, bool)])
+    finite = np.empty(len(table), bool)
+    for some in row_blocks(table):
+        finite[some] = np.isfinite(table[some]).all(axis=1)
     clock = log_clock(raw.clock, finite, raw.per_second)
     found, kept = len(table), int(clock.keep.sum())
     if kept < MINIMUM_ROWS:
@@ -219,26 +220,50 @@ def _renamed(source: str, arrays: Mapping[str, Any],
 
 
 def _converted(log: MeasuredLog, by: Conversion, source: Log) -> MeasuredLog:
-    log = log._replace(q=by.angles(log.q), qd=by.angles(log.qd),
-                       tau=by.efforts(log.tau, log.joints))
+    gains = by.gains(log.joints)
+    if by.degrees:
+        log = log._replace(q=_scaled(log.q, np.pi / 180.0), qd=_scaled(log.qd, np.pi / 180.0))
+    if by.gain:
+        log = log._replace(tau=_scaled(log.tau, gains))
     return _shifted(log, by.effort_delay, source) if by.effort_delay else log
+
+
+def _scaled(values: np.ndarray, by: float | np.ndarray) -> np.ndarray:
+    """Return values times a factor, block by block: they may not fit the memory."""
+    result = new_table(*values.shape)
+    for some in row_blocks(result, values):
+        np.multiply(values[some], by, out=result[some])
+    return result
 
 
 def _shifted(log: MeasuredLog, delay: float, source: Log) -> MeasuredLog:
     """Return a log whose effort at t is the one that was recorded at t + delay."""
     later = log.t + delay
-    there = (later >= log.t[0]) & (later <= log.t[-1])
-    if there.sum() < MINIMUM_ROWS:
+    inside = (later >= log.t[0]) & (later <= log.t[-1])
+    count, first = int(inside.sum()), int(inside.argmax())
+    if count < MINIMUM_ROWS:
         name = os.fspath(source) if isinstance(source, (str, os.PathLike)) else 'log'
         raise LogError(f'{name}: {option("effort_delay", f"{delay:g}")} s leaves nothing of '
                        f'{log.t[-1] - log.t[0]:.3g} s')
-    tau = np.column_stack([np.interp(later[there], log.t, column) for column in log.tau.T])
-    first = int(there.argmax())
+    there = slice(first, first + count)  # times rise, so it is one stretch
     t = log.t[there]
-    return log._replace(t=t - t[0], q=log.q[there], qd=log.qd[there], tau=tau,
-                        dropped=log.dropped + int((~there).sum()),
+    return log._replace(t=t - t[0], q=log.q[there], qd=log.qd[there],
+                        tau=_interpolated(later[there], log.t, log.tau),
+                        dropped=log.dropped + len(log.t) - count,
                         breaks=tuple(row - first for row in log.breaks
-                                     if 0 < row - first < len(t)))
+                                     if 0 < row - first < count))
+
+
+def _interpolated(times: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return values (N, n) at ``t`` (N,) interpolated to ``times`` (K,); both rise."""
+    result = new_table(len(times), values.shape[1])
+    for some in row_blocks(result, values):
+        wanted = times[some]
+        low = max(int(np.searchsorted(t, wanted[0], 'right')) - 1, 0)
+        near = slice(low, int(np.searchsorted(t, wanted[-1])) + 1)
+        for column, joint in zip(result[some].T, values[near].T, strict=True):
+            column[:] = np.interp(wanted, t[near], joint)
+    return result
 
 
 def _column_names(source: str, n: int, joints: Sequence[str] | None) -> tuple[str, ...]:

@@ -36,6 +36,7 @@ _U16, _U32, _U64 = struct.Struct('<H'), struct.Struct('<I'), struct.Struct('<Q')
 LATEST = 2**63 - 1  # ns
 LARGEST_CHANNELS = 20_000
 LARGEST_CHUNK = 1 << 28  # bytes; writers end a chunk at some megabytes
+_RELEASED = 1 << 26  # bytes after which what was read of a file leaves the memory
 
 _Buffer = bytes | mmap.mmap
 
@@ -150,8 +151,11 @@ class McapFile:
         yield from self._follow(content, len(MAGIC))
 
     def _follow(self, content: _Buffer, position: int) -> Iterator[tuple[int, int, int, bytes]]:
-        end = len(content)
+        end, released = len(content), 0
         while True:
+            if position - released > _RELEASED and isinstance(content, mmap.mmap):
+                content.madvise(mmap.MADV_DONTNEED)
+                released = position
             if position + _HEAD.size > end:
                 raise _BreakError(f'ends at byte {end} without footer: the file is truncated')
             opcode, length = _HEAD.unpack_from(content, position)

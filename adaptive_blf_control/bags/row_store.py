@@ -3,17 +3,68 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+import mmap
+import os
 import tempfile
-from typing import IO
+from typing import Any, IO
 
 import numpy as np
 
 from adaptive_blf_control.errors import BagError
 
-__all__ = ['BLOCK_ROWS', 'RowStore', 'keep_rows']
+__all__ = ['BLOCK_ROWS', 'RowStore', 'keep_rows', 'new_table', 'release', 'row_blocks']
 
 BLOCK_ROWS = 4096
 LIMIT = 1 << 27  # bytes kept in memory
+_RELEASED = 32  # blocks after which those that were passed leave the memory
+
+
+class _Map(mmap.mmap):
+    """The map of a temporary file of this module; it is shared: the file has what is written."""
+
+
+def _mapped(file: IO[bytes], rows: int, width: int) -> np.ndarray:
+    return np.ndarray((rows, width), np.float64, buffer=_Map(file.fileno(), 8 * rows * width))
+
+
+def _no_room(exc: OSError) -> BagError:
+    return BagError(f'{tempfile.gettempdir()}: no room for the rows of a large log: '
+                    f'{exc.strerror}')
+
+
+def new_table(rows: int, width: int, limit: int = LIMIT) -> np.ndarray:
+    """Return a table to be filled, shape (rows, width), beyond ``limit`` bytes as of `RowStore`.
+
+    Raises:
+        BagError: the disk is full.
+    """
+    if 8 * rows * width <= limit:
+        return np.empty((rows, width))
+    try:
+        with tempfile.TemporaryFile() as file:  # the map keeps its content
+            os.posix_fallocate(file.fileno(), 0, 8 * rows * width)
+            return _mapped(file, rows, width)
+    except OSError as exc:
+        raise _no_room(exc) from exc
+
+
+def release(values: np.ndarray) -> None:
+    """Let the rows of a table that is mapped leave the memory; read again, they come back."""
+    owner: Any = values
+    while isinstance(owner, np.ndarray):
+        owner = owner.base
+    if isinstance(owner, _Map):
+        owner.madvise(mmap.MADV_DONTNEED)
+
+
+def row_blocks(values: np.ndarray, *others: np.ndarray) -> Iterator[slice]:
+    """Yield one block of rows of tables after the other; those passed leave the memory."""
+    for number, start in enumerate(range(0, len(values), BLOCK_ROWS), 1):
+        yield slice(start, start + BLOCK_ROWS)
+        if number % _RELEASED == 0 or start + BLOCK_ROWS >= len(values):
+            for each in (values, *others):
+                release(each)
 
 
 class RowStore:
@@ -58,8 +109,7 @@ class RowStore:
                 self._written += len(block)
             self._file.flush()
         except OSError as exc:
-            raise BagError(f'{tempfile.gettempdir()}: no room for the rows of a large log: '
-                           f'{exc.strerror}') from exc
+            raise _no_room(exc) from exc
         self._blocks.clear()
         self._used = 0
 
@@ -68,8 +118,7 @@ class RowStore:
         if self._file is None:
             return np.concatenate([*self._blocks, self._block[:self._used]])
         self._spill()
-        mapped = np.memmap(self._file, np.float64, 'r+', shape=(self._written, self._width))
-        return np.asarray(mapped)
+        return _mapped(self._file, self._written, self._width)
 
 
 def keep_rows(table: np.ndarray, keep: np.ndarray) -> np.ndarray:
@@ -77,8 +126,8 @@ def keep_rows(table: np.ndarray, keep: np.ndarray) -> np.ndarray:
     if keep.all():
         return table
     end = 0
-    for start in range(0, len(table), BLOCK_ROWS):
-        block = table[start:start + BLOCK_ROWS][keep[start:start + BLOCK_ROWS]]
+    for some in row_blocks(table):
+        block = table[some][keep[some]]
         table[end:end + len(block)] = block
         end += len(block)
     return table[:end]

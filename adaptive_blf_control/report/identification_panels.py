@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from adaptive_blf_control.bags.row_store import row_blocks
 from adaptive_blf_control.report.panels import BAG_COLOURS, Curve, INK, Panel, Section
 from adaptive_blf_control.runs.identification import Identification
 from adaptive_blf_control.runs.log_pass import Prediction
@@ -50,7 +51,15 @@ def identification_sections(result: Identification) -> list[Section]:
 def _some(prediction: Prediction) -> Prediction:
     """Return evenly spaced rows: a long test is not taken into memory."""
     step = -(-prediction.t.size // ROWS) or 1
-    return Prediction(*(np.asarray(part[::step]) for part in prediction))
+    if step == 1:
+        return prediction
+    rows = np.arange(0, prediction.t.size, step)
+    chosen = Prediction(*(np.empty((len(rows), *part.shape[1:])) for part in prediction))
+    for some in row_blocks(*prediction):
+        first, end = np.searchsorted(rows, [some.start, some.stop])
+        for part, whole in zip(chosen, prediction, strict=True):
+            part[first:end] = whole[rows[first:end]]
+    return chosen
 
 
 def _lagged(prediction: Prediction, lag: float) -> tuple[np.ndarray, np.ndarray]:

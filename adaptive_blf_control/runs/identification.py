@@ -249,7 +249,8 @@ def identify(log: Log, urdf: UrdfSource | None = None,
     seconds = time.perf_counter() - begin
     figures = figures_of(sections, identifier, result)
     figures |= model_figures(identifier, result, consistent, seconds)
-    figures |= {'checks': checks_of(reader.findings), 'notes': list(reader.notes),
+    figures |= {'source': source, 'checks': checks_of(reader.findings),
+                'notes': list(reader.notes),
                 'verdicts': listed(reader.findings, identifier.arm.joints)}
     problems = [section.log.problem for section in sections if section.log.problem]
     return Identification(identifier, figures, result.prediction, judged, source,

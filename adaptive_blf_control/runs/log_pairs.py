@@ -9,6 +9,7 @@ import itertools
 import numpy as np
 
 from adaptive_blf_control.bags.logs import Log, MeasuredLog
+from adaptive_blf_control.bags.row_store import row_blocks
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.errors import LogError
@@ -61,13 +62,13 @@ class LogPairs:
         log, count = self.read(source), 0
         ends = [0, *log.breaks, len(log.t)]
         for begin, end in itertools.pairwise(ends):
-            some = slice(begin, end)
             self.identifier.restart()
-            t = log.t[some]
-            for block in self.identifier.learn_in_blocks(
-                    t, log.q[some], log.qd[some], log.tau[some], np.zeros(len(t), bool), BLOCK):
-                usable = block.usable
-                count += int(usable.sum())
-                yield t[block.samples][usable], block.rows[usable]
+            stretch = log.t[begin:end], log.q[begin:end], log.qd[begin:end], log.tau[begin:end]
+            for some in row_blocks(*stretch[1:]):
+                t, q, qd, tau = (part[some] for part in stretch)
+                for block in self.identifier.learn_in_blocks(t, q, qd, tau, False, BLOCK):
+                    usable = block.usable
+                    count += int(usable.sum())
+                    yield t[block.samples][usable], block.rows[usable]
         if not count:
             raise LogError(f'{name_of(source)}: no sample can be used: the filters never settle')

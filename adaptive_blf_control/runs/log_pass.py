@@ -13,7 +13,7 @@ import numpy as np
 
 from adaptive_blf_control.arrays import checked_number
 from adaptive_blf_control.bags.logs import MeasuredLog
-from adaptive_blf_control.bags.row_store import RowStore
+from adaptive_blf_control.bags.row_store import row_blocks, RowStore
 from adaptive_blf_control.errors import LogError, ParameterError
 from adaptive_blf_control.identification.identifier import Identifier, LearnedBlock
 from adaptive_blf_control.identification.pair_times import PairTimes
@@ -251,9 +251,11 @@ class _Pass:
         for begin, end in itertools.pairwise((0, *breaks, until)):
             if begin in breaks:
                 self._identifier.restart()
-            some = slice(begin, end)
-            self._take((t[some], log.q[some], log.qd[some], log.tau[some]), learned[some],
-                       tested[some])
+            stretch = slice(begin, end)
+            q, qd, tau = log.q[stretch], log.qd[stretch], log.tau[stretch]
+            for some in row_blocks(q, qd, tau):  # the whole log may not fit the memory
+                self._take((t[stretch][some], q[some], qd[some], tau[some]),
+                           learned[stretch][some], tested[stretch][some])
         self._begin = float(t[-1]) if until else 0.0
         self._begin += 10.0 * max(self._identifier.settings.filter.gap, 1.0)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from adaptive_blf_control.bags.row_store import release
 from adaptive_blf_control.identification.confidence import (
     confidence,
     DETERMINED,
@@ -17,7 +18,7 @@ from adaptive_blf_control.identification.confidence import (
 )
 from adaptive_blf_control.identification.consistent_model import ConsistentModel
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.runs.log_pass import LogPass
+from adaptive_blf_control.runs.log_pass import LogPass, Prediction
 from adaptive_blf_control.runs.model_check import positive_postures, POSTURES
 
 __all__ = ['KINDS', 'model_figures', 'model_lines', 'parameter_table']
@@ -54,8 +55,7 @@ def model_figures(identifier: Identifier, result: LogPass, consistent: Consisten
             'theta': consistent.estimate}
     if judged is None:
         return figures
-    prediction = result.prediction
-    inside = np.abs(prediction.measured - prediction.predicted) <= prediction.half_width
+    inside, half_width = _intervals(result.prediction)
     told = confidence(identifier.arm, identifier.theta, judged, stack.regressors[:stack.count])
     unsure = [name for name, word in zip(arm.parameters, told, strict=True) if word != DETERMINED]
     figures |= {
@@ -67,10 +67,23 @@ def model_figures(identifier: Identifier, result: LogPass, consistent: Consisten
         'condition': judged.condition if math.isfinite(judged.condition) else None,
         'residual': judged.residual.tolist(),
         'unexplained': judged.unexplained.tolist(),
-        'test_coverage': inside.mean(axis=0).tolist() if test.count else [None] * arm.n,
-        'test_half_width': (np.median(prediction.half_width, axis=0).tolist() if test.count
-                            else [None] * arm.n)}
+        'test_coverage': inside if test.count else [None] * arm.n,
+        'test_half_width': half_width if test.count else [None] * arm.n}
     return figures
+
+
+def _intervals(prediction: Prediction) -> tuple[list[float], list[float]]:
+    """Return the part of the torques inside their intervals and the median half width, by joint.
+
+    Joint by joint: all of them may not fit the memory.
+    """
+    inside, half_width = [], []
+    for measured, predicted, half in zip(
+            prediction.measured.T, prediction.predicted.T, prediction.half_width.T, strict=True):
+        inside.append(float(np.mean(np.abs(measured - predicted) <= half)))
+        half_width.append(float(np.median(half)))
+        release(prediction.measured)
+    return inside, half_width
 
 
 def model_lines(figures: dict[str, Any]) -> list[str]:

@@ -14,7 +14,8 @@ import sys
 from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.command_line import joint_names, seconds
 from adaptive_blf_control.configuration.written_file import written_file
-from adaptive_blf_control.errors import BlfError, ParameterError
+from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.tools.output_files import check_writable, write_output
 from adaptive_blf_control.tuning.node_values import node_settings_of, reasons_of
 from adaptive_blf_control.tuning.recipe import recipe
 from adaptive_blf_control.tuning.recipe_text import recipe_text
@@ -79,7 +80,7 @@ def main(args: list[str] | None = None) -> int:
     """Run the command; 0 if all went well, 2 on bad input."""
     options = _parser().parse_args(args)
     try:
-        _check_output(options.output, options.overwrite)
+        check_writable({'--output': options.output}, options.overwrite)
         robot = Robot(torque_limit=_several(options.torque_limit),
                       centre=_several(options.centre),
                       **{name: getattr(options, name) for name in _OF_ROBOT})
@@ -88,7 +89,7 @@ def main(args: list[str] | None = None) -> int:
         text = written_file(node_settings_of(found, _address(options.urdf)),
                             _title(sys.argv[1:] if args is None else args), reasons_of(found))
         if options.output is not None:
-            _write(options.output, text)
+            write_output('--output', options.output, text)
     except BlfError as error:
         print(f'configure: {error}', file=sys.stderr)
         return 2
@@ -112,20 +113,6 @@ def _title(args: list[str]) -> str:
     return (f'configure {" ".join(args)}\n'
             'Every parameter of every node; docs/configure.md says how the values follow.\n'
             'Keys /**/NODE match the node under any namespace.')
-
-
-def _check_output(output: Path | None, overwrite: bool) -> None:
-    if output is not None and output.exists() and not overwrite:
-        raise ParameterError('--output', str(output),
-                             'a file that does not exist yet, or --overwrite')
-
-
-def _write(output: Path, text: str) -> None:
-    try:
-        output.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise ParameterError('--output', str(output),
-                             f'a file that can be written ({error.strerror})') from None
 
 
 if __name__ == '__main__':

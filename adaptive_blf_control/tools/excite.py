@@ -15,7 +15,7 @@ import sys
 from typing import Any
 
 from adaptive_blf_control.arms.load import load_arm
-from adaptive_blf_control.command_line import seconds
+from adaptive_blf_control.command_line import joint_names, seconds
 from adaptive_blf_control.compilation_notice import CompilationNotice
 from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.experiment.design import best_motion
@@ -28,11 +28,13 @@ from adaptive_blf_control.experiment.written_motion import (
     reference_parameters,
 )
 from adaptive_blf_control.runs.identification import REAL_ROBOT
+from adaptive_blf_control.tools.output_files import check_writable, write_output
 
 __all__ = ['main']
 
 _OF_STATEMENT = ('duration', 'rate', 'amplitude', 'speed', 'mass_error', 'payload', 'collisions',
                  'distance', 'floor')
+_FILES = ('output', 'trajectory', 'reference')
 _PER_JOINT = ('centre', 'acceleration', 'torque_limit', 'noise')
 
 
@@ -42,7 +44,8 @@ def _parser() -> argparse.ArgumentParser:
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('urdf', help='path or package://package/path of the URDF')
     parser.add_argument('--joints', nargs='+', metavar='JOINT',
-                        help='joints to move, the others are locked; default: all')
+                        help='joints to move, separated by spaces or commas, the others are '
+                        'locked; default: all')
     parser.add_argument('--duration', type=seconds, default=usual.duration, metavar='S',
                         help='period of the motion [s] (default %(default)g)')
     parser.add_argument('--rate', type=float, default=usual.rate, metavar='HZ',
@@ -115,43 +118,25 @@ def _stated(options: argparse.Namespace) -> Statement:
                      **{name: getattr(options, name) for name in _OF_STATEMENT})
 
 
-def _check_files(options: argparse.Namespace) -> None:
-    for name in ('output', 'trajectory', 'reference'):
-        path = getattr(options, name)
-        if path is None:
-            continue
-        if not path.parent.is_dir():  # known before the work, not after
-            raise ParameterError(f'--{name}', str(path), 'a file in a folder that exists')
-        if path.exists() and not options.overwrite:
-            raise ParameterError(f'--{name}', str(path), 'a new file, or --overwrite')
-
-
-def _write(option: str, path: Path | None, text: Callable[[], str]) -> None:
-    if path is None:
-        return
-    try:
-        path.write_text(text(), encoding='utf-8')
-    except OSError as error:
-        raise ParameterError(option, str(path), f'a file that can be written '
-                             f'({error.strerror})') from None
-
-
 def _excite(options: argparse.Namespace) -> str:
-    _check_files(options)
+    check_writable({f'--{name}': getattr(options, name) for name in _FILES}, options.overwrite)
     stated, friction = _stated(options), REAL_ROBOT['friction']
     if not options.correlation >= 0.0:
         raise ParameterError('--correlation', options.correlation, 'a time >= 0 s')
-    arm = load_arm(options.urdf, options.joints, **friction)
+    arm = load_arm(options.urdf, joint_names(options.joints), **friction)
     task, assumed = task_of(arm, stated)
     for text in assumed:
         print(f'excite: note: {text}', file=sys.stderr)
     design = best_motion(task, seed=options.seed, report=_say if sys.stderr.isatty() else None)
     expected = expectation(task, design, stated.rate, options.correlation)
     motion = design.motion
-    _write('--output', options.output,
-           lambda: '\n'.join(csv_lines(arm, motion, stated.rate)) + '\n')
-    _write('--trajectory', options.trajectory, lambda: joint_trajectory(arm, motion, options.lead))
-    _write('--reference', options.reference, lambda: reference_parameters(arm, motion))
+    texts: dict[str, Callable[[], str]] = {
+        'output': lambda: '\n'.join(csv_lines(arm, motion, stated.rate)) + '\n',
+        'trajectory': lambda: joint_trajectory(arm, motion, options.lead),
+        'reference': lambda: reference_parameters(arm, motion)}
+    for name in _FILES:
+        if (path := getattr(options, name)) is not None:
+            write_output(f'--{name}', path, texts[name]())
     return motion_text(task, design, expected, stated.rate, options.correlation)
 
 
@@ -172,7 +157,7 @@ def main(args: list[str] | None = None) -> int:
     if sys.stderr.isatty():
         sys.stderr.write('\r\x1b[K')
     print(text)
-    for name in ('output', 'trajectory', 'reference'):
+    for name in _FILES:
         if getattr(options, name) is not None:
             print(f'{name:<12}{getattr(options, name)}')
     return 0

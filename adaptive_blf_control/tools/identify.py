@@ -8,7 +8,6 @@ after the other. Before and after the training span, θ̂ is frozen and the samp
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 import copy
 import json
 from pathlib import Path
@@ -45,6 +44,7 @@ from adaptive_blf_control.tools.identify_load import (
     show_load,
 )
 from adaptive_blf_control.tools.log_arguments import add_log_arguments, log_options
+from adaptive_blf_control.tools.output_files import check_writable, write_output
 from adaptive_blf_control.tools.progress_bar import ProgressBar
 
 __all__ = ['main']
@@ -129,16 +129,11 @@ def _settings(options: argparse.Namespace) -> IdentifierNodeSettings:
 def _identify(options: argparse.Namespace) -> dict[str, Any]:
     settings = _settings(options)
     output = options.output or Path(settings.estimate_file or 'theta_hat.yaml')
-    for name, path in (('--output', output), ('--model-out', options.model_out),
-                       ('--urdf-out', options.urdf_out), ('--html', options.html),
-                       ('--png', options.png)):
-        if path is not None and not path.parent.is_dir():  # known before the work, not after
-            raise ParameterError(name, str(path), 'a file in a folder that exists')
-        if path is not None and path.exists() and not options.overwrite:
-            raise ParameterError(name, str(path), 'a file that is not there yet: --overwrite '
-                                 'replaces it' + (', --output FILE names another'
-                                                  if path is output else ''))
-    if options.urdf_out is not None and str(options.urdf_out) == options.urdf:
+    check_writable({'--output': output, '--model-out': options.model_out,
+                    '--urdf-out': options.urdf_out, '--html': options.html,
+                    '--png': options.png}, options.overwrite)
+    if options.urdf_out is not None and options.urdf_out.resolve() == Path(
+            options.urdf or settings.urdf).resolve():
         raise ParameterError('--urdf-out', str(options.urdf_out), 'another file than --urdf')
     try:
         with ProgressBar('sample') as progress:
@@ -155,12 +150,12 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
         print(f'identify: {finding.level}: {finding}', file=sys.stderr)
     figures = {**result.figures, 'output': str(output)}
     snapshot = result.identifier.snapshot()
-    _write('--output', output, lambda path: write_estimate(path, snapshot, std=result.std))
+    write_output('--output', output, lambda path: write_estimate(path, snapshot, std=result.std))
     if options.model_out is not None:
         model = result.consistent
         consistent = snapshot._replace(theta=model.theta)
-        _write('--model-out', options.model_out,
-               lambda path: write_estimate(path, consistent, std=model.std))
+        write_output('--model-out', options.model_out,
+                     lambda path: write_estimate(path, consistent, std=model.std))
         figures['model_output'] = str(options.model_out)
     if options.urdf_out is not None:
         figures |= _write_urdf(result.urdf(), options.urdf_out)
@@ -170,16 +165,15 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
 
 def _write_pages(result: Identification, options: argparse.Namespace) -> None:
     if options.html is not None:
-        text = identification_page(result)
-        _write('--html', options.html, lambda path: path.write_text(text, encoding='utf-8'))
+        write_output('--html', options.html, identification_page(result))
     if options.png is not None:
-        _write('--png', options.png,
-               lambda path: write_png(path, identification_sections(result)))
+        write_output('--png', options.png,
+                     lambda path: write_png(path, identification_sections(result)))
 
 
 def _write_urdf(exported: ExportedUrdf, path: Path) -> dict[str, Any]:
     """Write the URDF and say what of the model is not in it."""
-    _write('--urdf-out', path, lambda path: path.write_text(exported.xml, encoding='utf-8'))
+    write_output('--urdf-out', path, exported.xml)
     lost = sorted({name.partition('_')[0] for name, value in exported.missing.items() if value})
     if lost:
         print(f'identify: {path}: a URDF has no place for {", ".join(lost)} (rotor inertia, '
@@ -191,14 +185,6 @@ def _write_urdf(exported: ExportedUrdf, path: Path) -> dict[str, Any]:
               file=sys.stderr)
     return {'urdf_output': str(path), 'urdf_missing': exported.missing,
             'urdf_scaled': exported.scaled}
-
-
-def _write(option: str, path: Path, write: Callable[[Path], Any]) -> None:
-    try:
-        write(path)
-    except OSError as error:
-        raise ParameterError(option, str(path), f'a file that can be written '
-                             f'({error.strerror})') from None
 
 
 def main(args: list[str] | None = None) -> int:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from html import escape
 import json
 from pathlib import Path
 import re
@@ -22,20 +21,11 @@ from adaptive_blf_control.report.identification_page import identification_page
 from adaptive_blf_control.report.identification_panels import identification_sections
 from adaptive_blf_control.report.png import write_png
 from adaptive_blf_control.runs.identification import Identification, identify
+from planar_arm import planar_urdf
 
 Browse = Callable[[Path, str], Any]
 JOINTS = ['shoulder', '</script><!--<script>']
-URDF = f"""<robot name="planar"><link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.2 0.03 0"/><mass value="2.5"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.03"/></inertial></link>
-  <link name="fore"><inertial><origin xyz="0.15 0 0"/><mass value="1.2"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
-  <joint name="{JOINTS[0]}" type="revolute"><parent link="base"/><child link="upper"/>
-    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
-  <joint name="{escape(JOINTS[1])}" type="revolute"><parent link="upper"/><child link="fore"/>
-    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
-</robot>"""
+URDF = planar_urdf(*JOINTS)
 
 
 @pytest.fixture(scope='module')

@@ -19,20 +19,9 @@ from adaptive_blf_control.identification.given_parameters import read_estimate
 from adaptive_blf_control.identification.torque_filter import TorqueFilter
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.tools.identify import main
+from planar_arm import planar_urdf
 
-URDF = """<robot name="planar">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.2 0.03 0"/><mass value="2.5"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.03"/></inertial></link>
-  <link name="fore"><inertial><origin xyz="0.15 0 0"/><mass value="1.2"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
-  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
-    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
-  <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>
-    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
-</robot>
-"""
+URDF = planar_urdf()
 CONFIG = """/**/identifier:
   ros__parameters:
     arm: urdf
