@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import os
 import time
 from typing import TypeVar
 
@@ -14,7 +15,8 @@ __all__ = ['PATIENCE', 'wait_until']
 Value = TypeVar('Value')
 # Only what hangs takes this long. A machine with ten other jobs, or one that compiles everything
 # for the first time, is slow and not wrong.
-PATIENCE = 180.0  # s
+# Runs that expect to wait in vain, as those of test/mutation, ask for less.
+PATIENCE = float(os.environ.get('ADAPTIVE_BLF_CONTROL_PATIENCE', '180'))  # s
 POLL = 0.002  # s between looks
 
 
