@@ -25,12 +25,14 @@ import argparse
 import ast
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+import multiprocessing
 import os
 from pathlib import Path
 import queue
 import re
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
 import threading
@@ -44,7 +46,6 @@ FOLDER = Path(__file__).with_name('mutants')
 PACKAGE = 'adaptive_blf_control'
 ENOUGH = 0.95
 LONGEST = 240.0  # s for the tests of a mutant; a law that does not end is noticed, too
-PATIENCE = '15'  # s that a test waits for what a mutant may have taken away
 LEFT_OUT = ('.git', '.venv', '.hypothesis', '.pytest_cache', '.mypy_cache', '.ruff_cache', 'build',
             'install', 'log')
 FAILED, NOTHING_RAN = 1, 5  # of pytest
@@ -88,12 +89,18 @@ class Mutant(NamedTuple):
         changed = self.mutant.replace('\n', f'\n{indent}')
         result = source[:found[0].start()] + indent + changed + source[found[0].end():]
         try:
-            ast.parse(result)
+            same = _program(result) == _program(source)
         except SyntaxError as error:
             raise WrongList(f'{self}: not Python with its mutant: {error}') from error
-        if ast.dump(ast.parse(result)) == ast.dump(ast.parse(source)):
+        if same:
             raise WrongList(f'{self}: its mutant is the same program')
         return result
+
+
+@lru_cache(maxsize=8)
+def _program(source: str) -> str:
+    """Return what two sources have in common that are the same program; SyntaxError for none."""
+    return ast.dump(ast.parse(source))
 
 
 def _pattern(text: str) -> re.Pattern[str]:
@@ -154,6 +161,31 @@ def _check_test(mutant: Mutant, folder: Path, test: str) -> None:
         raise WrongList(f'{mutant}: test/{name} has no test {function}')
 
 
+# Each run of pytest is a copy of one process that has imported what does not change.
+_WAITING = multiprocessing.get_context('forkserver')
+_WAITING.set_forkserver_preload([
+    'pytest', '_pytest.assertion.rewrite', '_pytest.python', 'numpy', 'numba', 'scipy.linalg',
+    'yaml', 'hypothesis', 'pinocchio', 'rclpy.node', 'rclpy.lifecycle', 'mcap.writer'])
+
+
+def _run_pytest(root: str, log: str, arguments: list[str], environment: dict[str, str]) -> None:
+    """Run pytest in the present process, in a session of its own, and end it."""
+    os.setsid()
+    os.chdir(root)
+    os.environ.update(environment)
+    if 'numba' in sys.modules:
+        sys.modules['numba'].config.reload_config()
+    sys.path[:] = [root, *(place for place in sys.path if place not in ('', str(REPOSITORY)))]
+    with open(log, 'wb') as stream:
+        os.dup2(stream.fileno(), 1)
+        os.dup2(stream.fileno(), 2)
+    import pytest
+    status = int(pytest.main(arguments))
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)  # what a broken node has left behind does not hold it up
+
+
 class Copy:
     """A copy of the repository in which one mutant at a time is tried."""
 
@@ -173,25 +205,24 @@ class Copy:
         self._time += 1
         os.utime(path, (self._time, self._time))
 
-    def run(self, tests: Sequence[str], compiled: bool, *options: str,
+    def run(self, tests: Sequence[str], compiled: bool, *,
             longest: float = LONGEST) -> tuple[int, str]:
         """Return pytest's status and output; FAILED where it did not end in time [s]."""
-        environment = {**os.environ, 'PYTHONPATH': str(self.root), 'TMPDIR': str(self._folder),
-                       'ADAPTIVE_BLF_CONTROL_PATIENCE': PATIENCE}
-        if not compiled:
-            environment['NUMBA_DISABLE_JIT'] = '1'
-        command = [sys.executable, '-m', 'pytest', '-q', '-x', '-p', 'no:cacheprovider',
-                   '-p', 'no:xdist', '--tb=short', *options, *(f'test/{test}' for test in tests)]
-        process = subprocess.Popen(
-            command, cwd=self.root, env=environment, stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True)
-        try:
-            output, _ = process.communicate(timeout=longest)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, 9)
-            output, _ = process.communicate()
-            return FAILED, f'{output}\nnot over within {longest:g} s'
-        return process.returncode, output
+        log = self._folder / 'output.txt'
+        command = ['-q', '-x', '-p', 'no:cacheprovider', '-p', 'no:xdist', '--tb=short',
+                   *(f'test/{test}' for test in tests)]
+        environment = {'PYTHONPATH': str(self.root), 'TMPDIR': str(self._folder),
+                       'ADAPTIVE_BLF_CONTROL_MEANT_TO_FAIL': '1',
+                       'NUMBA_DISABLE_JIT': '0' if compiled else '1'}
+        process = _WAITING.Process(target=_run_pytest, args=(
+            str(self.root), str(log), command, environment))
+        process.start()
+        process.join(longest)
+        if process.exitcode is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.join()
+            return FAILED, f'not over within {longest:g} s'
+        return process.exitcode, log.read_text(encoding='utf-8', errors='replace')
 
     def survives(self, mutant: Mutant) -> bool:
         """Try a mutant; WrongList where its tests could not be run at all."""
@@ -276,6 +307,7 @@ def main(args: Sequence[str] | None = None) -> int:
         check(mutants)
         if not mutants:
             raise WrongList(f'no mutant is named {" or ".join(options.words)}')
+        os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # no threads before a process forks
         with tempfile.TemporaryDirectory(prefix='mutants_') as folder:
             trial = Trial(Path(folder), options.jobs)
             trial.check_unchanged(mutants)
