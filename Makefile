@@ -51,10 +51,10 @@ endef
 export CHECK_PYTHON
 
 .DELETE_ON_ERROR:
-.PHONY: help env demo test bench soak attack lint clean
+.PHONY: help env demo test test-plain mutants bench soak attack lint clean
 
 help:  ## print this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 env: $(STAMP)  ## make .venv with every dependency
 	@$(if $(ROS_NOTE),echo "$(ROS_NOTE)",:)
@@ -69,6 +69,13 @@ test: env  ## run all tests; ARGS go to pytest
 	$(PY) -m pytest -n 2 -m 'not real_time' $(ARGS) || first=$$?; \
 	$(PY) -m pytest -m real_time $(ARGS) || second=$$?; \
 	case $$first-$$second in 0-0 | 0-5 | 5-0) ;; *) exit 1 ;; esac
+
+# What changes nothing but the speed without numba, and what takes too long then, is left out.
+test-plain: env  ## the laws' tests again as plain numpy, without numba; ARGS go to pytest
+	@NUMBA_DISABLE_JIT=1 $(PY) -m pytest -n 2 -m 'not real_time and not slow_plain' $(ARGS)
+
+mutants: env  ## break each law on purpose: which tests notice? ARGS: words of some mutants
+	@$(PY) test/mutation/run_mutants.py $(ARGS)
 
 bench: env  ## measure the figures of docs/benchmarks.md; ARGS go to the benchmark
 	@$(PY) -m adaptive_blf_control bench $(ARGS)
