@@ -7,6 +7,8 @@ from collections.abc import Iterable
 import difflib
 from typing import Any
 
+from adaptive_blf_control.synonyms import same_meaning
+
 __all__ = ['GIT_LFS_POINTER', 'ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra',
            'ParameterError', 'SetViolation', 'UnknownParameter', 'close_names', 'shortened']
 
@@ -71,12 +73,25 @@ class UnknownParameter(ParameterError):
 
     def __init__(self, name: str, value: object, known: Iterable[str]) -> None:
         names = sorted(known)
-        super().__init__(name, value, f'one of {", ".join(names)}')
         self.known = tuple(names)
-        close = close_names(name, names)
-        self.args = (f'parameter {name!r} is {_short(value)}: no such parameter'
-                     + (f' (did you mean {" or ".join(close)}?)' if close else '')
-                     + _listed(names, _FEW if close else _MANY),)
+        inner = _members(name, names)
+        if inner:
+            expected = f'its members by name: {{{", ".join(f"{each!r}: ..." for each in inner)}}}'
+            super().__init__(name, value, expected)
+            said = f': it is a group, expected {expected}'
+        else:
+            super().__init__(name, value, f'one of {", ".join(names)}')
+            close = close_names(name, names)
+            said = (f' (did you mean {" or ".join(close)}?)' if close else '') + _listed(
+                names, _FEW if close else _MANY)
+        self.args = (f'parameter {name!r} is {_short(value)}: no such parameter{said}',)
+
+
+def _members(name: str, known: Iterable[str]) -> list[str]:
+    """Return the names inside of a group, with or without its first part; [] of anything else."""
+    prefixes = [f'{prefix}.' for prefix in (name, name.partition('.')[2]) if prefix]
+    return list(dict.fromkeys(other.removeprefix(prefix).partition('.')[0] for other in known
+                              for prefix in prefixes if other.startswith(prefix)))
 
 
 def _listed(names: list[str], most: int) -> str:
@@ -88,15 +103,19 @@ def _listed(names: list[str], most: int) -> str:
 def close_names(name: str, known: Iterable[str]) -> list[str]:
     """Return the names that a person may have meant, the closest first, at most three.
 
+    Those that mean the same come first (see `same_meaning`), then those that look alike.
+
     Args:
         name: What was written; ``__`` counts as a dot.
         known: Dotted names, which may begin with the name of a node, as ``name`` may.
     """
+    known = list(known)
     typed = name.replace('__', '.').lower()
     scores = {other: _likeness(typed, other.lower()) for other in known}
     best = max(scores.values(), default=0.0)
-    close = [other for other, score in scores.items() if score >= max(_CLOSE, best - 0.05)]
-    return sorted(close, key=lambda other: -scores[other])[:3]
+    alike = [other for other, score in scores.items() if score >= max(_CLOSE, best - 0.05)]
+    same = same_meaning(name, known) or same_meaning(name.rpartition('.')[2], known)
+    return list(dict.fromkeys([*same, *sorted(alike, key=lambda other: -scores[other])]))[:3]
 
 
 def _likeness(name: str, other: str) -> float:

@@ -5,16 +5,17 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, TYPE_CHECKING
 
 import numpy as np
 
 from adaptive_blf_control.arms import integrator
 from adaptive_blf_control.compiled import uncompiled
 from adaptive_blf_control.errors import ArmError
+from adaptive_blf_control.parameters.guided import Guided, without_attribute
 from adaptive_blf_control.parameters.plugin import require
 
-__all__ = ['Arm', 'ForwardDynamics', 'checked_arm', 'described']
+__all__ = ['Arm', 'ForwardDynamics', 'GuidedArm', 'checked_arm', 'described']
 
 
 class ForwardDynamics(Protocol):
@@ -70,6 +71,11 @@ class Arm(Protocol):
     nominal: np.ndarray
     payload_direction: np.ndarray | None = None
 
+    if not TYPE_CHECKING:
+        def __getattr__(self, name: str) -> Any:
+            """Raise AttributeError for what is not there, with the one that is meant."""
+            raise without_attribute(self, name)
+
     @property
     def n(self) -> int:
         """Number of joints."""
@@ -118,6 +124,20 @@ class Arm(Protocol):
     def link_points(self, q: np.ndarray) -> np.ndarray:
         """Points to draw the arm through, base to tip, at joint positions q, shape (k, 3) [m]."""
         raise ArmError(f'{type(self).__name__} has no link_points: it cannot be drawn')
+
+
+class GuidedArm(Guided, instead={
+        'names': 'joints has the names of the joints, parameters those of the parameters',
+        'theta': 'nominal has the nominal parameters, in the order of parameters',
+        'inverse_dynamics': 'inverse_dynamics(arm, theta, q, qd, qdd) of the package',
+        'rnea': 'inverse_dynamics(arm, theta, q, qd, qdd) of the package',
+        'step': 'dynamics(theta).advance(q, qd, tau, dt)',
+        'advance': 'dynamics(theta).advance(q, qd, tau, dt)',
+        'simulate': 'simulate(arm) of the package, or dynamics(theta).advance(q, qd, tau, dt)',
+        'regressor': 'X(q, qd, qd, qdd) is the regressor of the torque, Y1 and Y2 need no qdd',
+        'Y': 'X(q, qd, qd, qdd) is the regressor of the torque, Y1 and Y2 need no qdd',
+        'mass_matrix': 'Y1(q, e) @ theta is its product with a vector e'}):
+    """Base of the arms of this package: a wrong attribute is refused with what is meant."""
 
 
 REQUIRED = ('joints', 'parameters', 'n', 'm', 'Y1', 'Y2', 'Y12', 'X')

@@ -22,6 +22,7 @@ import numpy as np
 
 from adaptive_blf_control.arrays import are_vectors, checked_count, checked_number, checked_vectors
 from adaptive_blf_control.compiled import borrowed, by_type, jit
+from adaptive_blf_control.parameters.guided import Guided
 
 __all__ = ['acceleration', 'advance', 'CompiledDynamics']
 
@@ -76,7 +77,11 @@ def _stage(position: np.ndarray, velocity: np.ndarray, q: np.ndarray, qd: np.nda
         velocity[i] = qd[i] + h * acceleration[i]
 
 
-class CompiledDynamics:
+class CompiledDynamics(Guided, instead={
+        'step': 'advance(q, qd, tau, dt) returns the next q and qd',
+        'q': 'no state is kept: advance(q, qd, tau, dt) returns the next q and qd',
+        'qd': 'no state is kept: advance(q, qd, tau, dt) returns the next q and qd',
+        'reset': 'no state is kept: advance(q, qd, tau, dt) returns the next q and qd'}):
     """`ForwardDynamics` of a true arm that `acceleration` knows.
 
     Attributes:

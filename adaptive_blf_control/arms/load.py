@@ -9,11 +9,13 @@ import numpy as np
 
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.arms.urdf_source import UrdfSource
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['load_arm']
 
 
+@checked_call
 def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
              viscous: bool = True, coulomb: bool = False, offset: bool = False,
              square_root: bool = False, rotor_inertia: bool = False,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import described
+from adaptive_blf_control.arms.arm import described, GuidedArm
 from adaptive_blf_control.arms.base_parameters import (
     BaseParameters,
     decompose,
@@ -36,6 +36,7 @@ from adaptive_blf_control.arms.urdf_model import (
 )
 from adaptive_blf_control.arms.urdf_source import read_urdf, UrdfSource
 from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors, dimensions
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.errors import ArmError, ParameterError
 
 __all__ = ['UrdfArm']
@@ -43,7 +44,7 @@ __all__ = ['UrdfArm']
 _STATES = 100
 
 
-class UrdfArm:
+class UrdfArm(GuidedArm):
     """A sub-chain of a URDF's joints as an `Arm`; the other joints are locked at zero.
 
     θ holds base inertial parameters, each named after the inertial parameter whose column stands
@@ -78,6 +79,7 @@ class UrdfArm:
         xml: Text of the URDF.
     """
 
+    @checked_call
     def __init__(self, source: UrdfSource, joints: Sequence[str] | None = None, *,
                  friction_viscous: bool = True, friction_coulomb: bool = False,
                  friction_offset: bool = False, friction_square_root: bool = False,

@@ -21,6 +21,7 @@ from adaptive_blf_control.configuration.node_settings import NODE_SETTINGS, Runt
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.parameters.table import (
+    bounds_of,
     declares,
     JOINT,
     Parameter,
@@ -223,21 +224,37 @@ def apply_changes(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[s
     Args:
         data: A parameter file's data; it stays as it is.
         changes: Values by ``[node.]name``, or nested as in YAML: scalars, integers and arrays
-            are taken where a list of doubles is meant, settings where a group is meant.
+            are taken where a list of doubles is meant, settings where a group is meant, and
+            ``(-1.0, 1.0)`` for ``lower`` and ``upper``.
     """
     changed = copy.deepcopy(dict(data))
     for name, value in _flat(changes):
-        _put(changed, *_change(name, value))
+        bounds = bounds_of(value) or {}
+        if bounds and all(_rows(f'{name}.{end}') for end in bounds):
+            for end, bound in bounds.items():
+                _put(changed, *_change(f'{name}.{end}', bound))
+        else:
+            _put(changed, *_change(name, value))
     return changed
 
 
 def _change(name: str, value: Any) -> tuple[str, str, Any]:
     """Return the node (``**`` for every one), the parameter and the value that are meant."""
+    rows = _rows(name)
+    return *_place(name), plain(rows[0].kind, value) if rows else value
+
+
+def _place(name: str) -> tuple[str, str]:
+    """Return the node that ``[node.]name`` is for, ``**`` for every one, and the name in it."""
     head, _, tail = name.partition('.')
-    node, key = (head, tail) if head in TABLES and tail else ('**', name)
+    return (head, tail) if head in TABLES and tail else ('**', name)
+
+
+def _rows(name: str) -> list[Parameter]:
+    """Return the declarations that ``[node.]name`` may mean."""
+    node, key = _place(name)
     tables = [TABLES[node]] if node in TABLES else list(TABLES.values())
-    rows = [row for table in tables for row in table if declares(row, key)]
-    return node, key, plain(rows[0].kind, value) if rows else value
+    return [row for table in tables for row in table if declares(row, key)]
 
 
 def _put(data: dict[str, Any], node: str, key: str, value: Any) -> None:

@@ -25,6 +25,7 @@ import numpy as np
 
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.table import (
+    bounds_of,
     broadcast,
     declares,
     JOINT,
@@ -241,8 +242,8 @@ class Settings:
                 yield from cls._flat(value)
             elif isinstance(value, Settings):
                 yield from ((f'{name}.{inner}', each) for inner, each in value.values().items())
-            elif isinstance(value, Mapping) and kind is not None:
-                yield from ((f'{name}.{inner}', each) for inner, each in kind._flat(value))
+            elif kind is not None and (given := _members(kind, value)) is not None:
+                yield from ((f'{name}.{inner}', each) for inner, each in kind._flat(given))
             else:
                 yield name, value
 
@@ -351,9 +352,22 @@ def _rows(cls: type[Settings], usual: Settings, prefix: str) -> Iterator[Paramet
 def _as_group(kind: type[Settings], value: Any, name: str) -> Settings:
     if isinstance(value, kind):
         return value
+    given = _members(kind, value)
+    if given is not None:
+        return kind.from_values(kind._by_name(given))
+    names = ', '.join(f'{item.name!r}: ...' for item in dataclasses.fields(kind))
+    raise ParameterError(name, value, f'{kind.__name__} or a mapping of its fields: {{{names}}}')
+
+
+def _members(kind: type[Settings], value: Any) -> Mapping[str, Any] | None:
+    """Return what a caller gave for a group as a mapping; None where it is none.
+
+    Bounds may be a pair with zero between: ``safety=(-1.0, 1.0)``.
+    """
     if isinstance(value, Mapping):
-        return kind.from_values(kind._by_name(value))
-    raise ParameterError(name, value, f'{kind.__name__} or a mapping of its fields')
+        return value
+    bounds = {'lower', 'upper'} == {item.name for item in dataclasses.fields(kind)}
+    return bounds_of(value) if bounds else None
 
 
 def _below(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
