@@ -76,7 +76,9 @@ class UnknownParameter(ParameterError):
         self.known = tuple(names)
         inner = _members(name, names)
         if inner:
-            expected = f'its members by name: {{{", ".join(f"{each!r}: ..." for each in inner)}}}'
+            shown = ', '.join(f'{each!r}: ...' for each in inner[:_FEW])
+            more = ', ...' * (len(inner) > _FEW)
+            expected = f'its members by name: {{{shown}{more}}}'
             super().__init__(name, value, expected)
             said = f': it is a group, expected {expected}'
         else:
@@ -88,10 +90,18 @@ class UnknownParameter(ParameterError):
 
 
 def _members(name: str, known: Iterable[str]) -> list[str]:
-    """Return the names inside of a group, with or without its first part; [] of anything else."""
-    prefixes = [f'{prefix}.' for prefix in (name, name.partition('.')[2]) if prefix]
-    return list(dict.fromkeys(other.removeprefix(prefix).partition('.')[0] for other in known
-                              for prefix in prefixes if other.startswith(prefix)))
+    """Return the names inside of a group; [] of anything else.
+
+    Either side may begin with the name of a node.
+    """
+    known = list(known)
+    for group in (name, name.partition('.')[2]):
+        for names in (known, [other.partition('.')[2] for other in known]):
+            inner = [other.removeprefix(f'{group}.').partition('.')[0] for other in names
+                     if group and other.startswith(f'{group}.')]
+            if inner:
+                return list(dict.fromkeys(inner))
+    return []
 
 
 def _listed(names: list[str], most: int) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 __all__ = ['same_meaning']
 
 # One line for each thing; of those words that a message is about, it proposes the known ones.
-_SAME = tuple(frozenset(line.split()) for line in '''
+_SAME = tuple(tuple(line.split()) for line in '''
 q positions position pos joint_positions joint_angles angles angle
 qd velocities velocity vel dq qdot q_dot joint_velocities speed
 qdd accelerations acceleration acc ddq qddot q_ddot
@@ -56,6 +56,7 @@ duration time t_end tf t_final seconds length horizon T
 period dt ts step timestep time_step sample_time rate
 rate frequency hz fs sample_rate sampling_rate dt period
 amplitude amp amplitudes
+frequency omega w frequencies
 gamma learning_rate lr adaptation_gain adaptation_gains gain
 k1 kp p_gain
 k2 kd d_gain
@@ -80,12 +81,15 @@ time_constant filter cutoff bandwidth tau_filter
 
 
 def same_meaning(name: str, known: Iterable[str]) -> list[str]:
-    """Return the known names that mean what ``name`` may mean, in their order.
+    """Return the known names that mean what ``name`` may mean, the likeliest first.
 
     Args:
         name: What was written.
         known: Dotted names; the last part of one counts.
     """
     meanings = [words for words in _SAME if name in words or name.lower() in words]
-    return [other for other in known
-            if other != name and any(other.rpartition('.')[2] in words for words in meanings)]
+    by_end: dict[str, list[str]] = {}
+    for other in known:
+        by_end.setdefault(other.rpartition('.')[2], []).append(other)
+    return [other for words in meanings for word in words for other in by_end.get(word, ())
+            if other != name]

@@ -94,6 +94,10 @@ class CompiledDynamics(Guided, instead={
         self._joints = tuple(joints)
         self._shape = (len(self._joints),)
 
+    def __repr__(self) -> str:
+        """Name the joints."""
+        return f'<{type(self).__name__} of {len(self._joints)} joints ({", ".join(self._joints)})>'
+
     def acceleration(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return q̈ = M⁻¹(τ − C q̇ − G − F q̇), shape (n,) [rad/s²].
 

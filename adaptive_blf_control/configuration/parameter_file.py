@@ -32,7 +32,7 @@ from adaptive_blf_control.parameters.table import (
 )
 
 __all__ = ['PARAMETERS_KEY', 'ROS_OWN', 'apply_changes', 'apply_settings', 'checked_sections',
-           'given_values', 'known_elsewhere', 'load_yaml', 'load_yamls', 'node_settings',
+           'declared_in', 'flattened', 'given_values', 'known_elsewhere', 'load_yaml', 'load_yamls', 'node_settings',
            'node_values']
 
 
@@ -109,12 +109,13 @@ def checked_sections(data: Any, name: str, source: object) -> dict[str, Any]:
     return dict(data)
 
 
-def _flat(mapping: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+def flattened(mapping: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield what nested mappings and settings hold, each value with its dotted name."""
     for key, value in mapping.items():
         if isinstance(value, Settings):
             value = value.values()
         if isinstance(value, Mapping):
-            yield from _flat(value, f'{prefix}{key}.')
+            yield from flattened(value, f'{prefix}{key}.')
         else:
             yield f'{prefix}{key}', value
 
@@ -134,7 +135,7 @@ def given_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
     for key, section in data.items():
         if not _applies(key, node):
             continue
-        for name, value in _flat(section['ros__parameters']):
+        for name, value in flattened(section['ros__parameters']):
             if key == '/**' and not _knows(TABLES[node], name, joints):
                 if not any(_knows(table, name, joints) for table in TABLES.values()):
                     raise UnknownParameter(name, value, _all_names(joints))
@@ -228,7 +229,7 @@ def apply_changes(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[s
             ``(-1.0, 1.0)`` for ``lower`` and ``upper``.
     """
     changed = copy.deepcopy(dict(data))
-    for name, value in _flat(changes):
+    for name, value in flattened(changes):
         bounds = bounds_of(value) or {}
         if bounds and all(_rows(f'{name}.{end}') for end in bounds):
             for end, bound in bounds.items():
@@ -251,10 +252,14 @@ def _place(name: str) -> tuple[str, str]:
 
 
 def _rows(name: str) -> list[Parameter]:
-    """Return the declarations that ``[node.]name`` may mean."""
+    return [row for _, row in declared_in(name)]
+
+
+def declared_in(name: str) -> list[tuple[str, Parameter]]:
+    """Return the declarations that ``[node.]name`` may mean, each with its node."""
     node, key = _place(name)
-    tables = [TABLES[node]] if node in TABLES else list(TABLES.values())
-    return [row for table in tables for row in table if declares(row, key)]
+    nodes = [node] if node in TABLES else list(TABLES)
+    return [(each, row) for each in nodes for row in TABLES[each] if declares(row, key)]
 
 
 def _put(data: dict[str, Any], node: str, key: str, value: Any) -> None:
@@ -262,7 +267,7 @@ def _put(data: dict[str, Any], node: str, key: str, value: Any) -> None:
     # Other sections that apply to the node may come later in the file, and later ones win.
     others = [section for name, section in data.items()
               if (node == '**' or name == node or name.endswith(f'/{node}'))
-              and key in dict(_flat(section['ros__parameters']))]
+              and key in dict(flattened(section['ros__parameters']))]
     for section in (home, *others):
         _merge(section['ros__parameters'], _nested(key, value))
 

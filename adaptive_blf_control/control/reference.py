@@ -122,6 +122,13 @@ class SumOfSinusoids:
             if dimensions(value) == 0 else checked_array(name, value, self._amplitude.shape)
             for name, value in (('reference.frequency', frequency), ('reference.phase', phase)))
 
+    def __repr__(self) -> str:
+        """Show the number of joints and sinusoids, and the range."""
+        lower, upper = self.range()
+        joints, terms = self._amplitude.shape
+        return (f'<SumOfSinusoids: {joints} joints, {terms} terms, '
+                f'{lower.round(4).tolist()} to {upper.round(4).tolist()} rad>')
+
     def at(self, t: float) -> ReferencePoint:
         """Evaluate at ``t`` [s]."""
         return ReferencePoint(

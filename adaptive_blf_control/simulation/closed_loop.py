@@ -94,6 +94,12 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
         self._known = known
         self.sample_by_sample = False
 
+    def __repr__(self) -> str:
+        """Name the parts and the rate."""
+        parts = ', '.join(type(part).__name__ for part in (
+            self.plant, self.controller, self.identifier))
+        return f'<ClosedLoop of {parts} for {self.arm!r} at {1.0 / self.period:g} Hz>'
+
     @property
     def initial_estimate(self) -> np.ndarray:
         """θ the controller starts with, shape (m,)."""
