@@ -43,7 +43,8 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
     except (TypeError, ValueError):  # rows of different lengths
         given = np.array(None)
     if given.dtype.kind not in _NUMBERS and given.size:
-        raise ParameterError(name, value, f'numbers of shape {_text(shape)}{_each(each)}')
+        whole = ': its theta' if isinstance(getattr(value, 'theta', None), np.ndarray) else ''
+        raise ParameterError(name, value, f'numbers of shape {_text(shape)}{_each(each)}{whole}')
     if given.ndim == len(shape) - 1 and shape[-1] == 1:
         given = given[..., None]
     if given.ndim != len(shape) or any(

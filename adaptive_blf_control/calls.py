@@ -11,7 +11,7 @@ from typing import Any, cast, TypeVar
 
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 
-__all__ = ['checked_call', 'without_argument']
+__all__ = ['argument_names', 'checked_call', 'without_argument']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
@@ -45,6 +45,11 @@ def checked_call(function: Function) -> Function:
     return cast(Function, checked)
 
 
+def argument_names(function: Callable[..., Any]) -> list[str]:
+    """Return the names of the arguments that a call may give."""
+    return _takable(inspect.signature(function).parameters)
+
+
 def without_argument(function: Callable[..., Any], name: str) -> ParameterError:
     """Return the error for a call without an argument that is needed after all."""
     about = _about(function).get(name, '')
@@ -70,7 +75,8 @@ def _problem(function: Callable[..., Any], arguments: tuple[Any, ...],
         inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)]
     if given > len(places):
         return ParameterError(_name(function), _Words(f'given {given} arguments in order'),
-                              f'at most {len(places)} of them: {_spelt(function)}')
+                              f'at most {len(places)} of them: {_spelt(function)}'
+                              + _first(function, places))
     for name in places[:given]:
         if name in named:
             return ParameterError(name, named[name], f'one value, not two: {_spelt(function)}')
@@ -78,6 +84,12 @@ def _problem(function: Callable[..., Any], arguments: tuple[Any, ...],
                     and name not in places[:given] and each.default is each.empty
                     and each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD)), None)
     return None if missing is None else without_argument(function, missing)
+
+
+def _first(function: Callable[..., Any], places: list[str]) -> str:
+    """Return what the first argument is: too many are given where it would hold them all."""
+    about = _about(function).get(places[0], '') if places else ''
+    return f', {places[0]}: {about}' if about else ''
 
 
 def _takable(declared: Mapping[str, inspect.Parameter]) -> list[str]:
@@ -93,7 +105,8 @@ def _name(function: Callable[..., Any]) -> str:
 
 def _spelt(function: Callable[..., Any]) -> str:
     """Return a call with the names of all arguments: ``learn(t, q, qd, tau)``."""
-    parts, star = [], False
+    parts: list[str] = []
+    star = False
     for name, each in inspect.signature(function).parameters.items():
         if name == 'self' or each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD):
             continue
@@ -109,4 +122,5 @@ def _about(function: Callable[..., Any]) -> dict[str, str]:
     section = re.search(r'^Args:\n((?:[ ]+.*\n?|\n)*)', text, re.MULTILINE)
     found = re.findall(r'^ {4}(\w+): (.*(?:\n {8}.*)*)', section[1] if section else '',
                        re.MULTILINE)
-    return {name: re.split(r'\.(?:\s|$)', ' '.join(said.split()))[0] for name, said in found}
+    end = re.compile(r'(?<!e\.g)\.(?:\s|$)')
+    return {name: end.split(' '.join(said.split()))[0] for name, said in found}

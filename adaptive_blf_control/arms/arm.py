@@ -11,9 +11,8 @@ import numpy as np
 
 from adaptive_blf_control.arms import integrator
 from adaptive_blf_control.compiled import uncompiled
-from adaptive_blf_control.errors import ArmError
-from adaptive_blf_control.parameters.guided import Guided, without_attribute
-from adaptive_blf_control.parameters.plugin import require
+from adaptive_blf_control.errors import ArmError, ParameterError, without_attribute
+from adaptive_blf_control.parameters.guided import Guided
 
 __all__ = ['Arm', 'ForwardDynamics', 'GuidedArm', 'checked_arm', 'described']
 
@@ -72,6 +71,13 @@ class Arm(Protocol):
     payload_direction: np.ndarray | None = None
 
     if not TYPE_CHECKING:
+        def __new__(cls, *_: Any, **__: Any) -> Any:
+            """Refuse to make the base itself, with what makes an arm."""
+            if cls is Arm:
+                raise ArmError('Arm is the base of arms of your own: load_arm(urdf) returns the '
+                               'arm of a URDF, TwoLinkArm() and ThreeLinkArm() those of papers')
+            return super().__new__(cls)
+
         def __getattr__(self, name: str) -> Any:
             """Raise AttributeError for what is not there, with the one that is meant."""
             raise without_attribute(self, name)
@@ -153,7 +159,13 @@ def checked_arm(name: str, arm: Any) -> Arm:
         name: What the caller calls it, for the message.
         arm: What is to be one.
     """
-    require(name, arm, arm, REQUIRED)
+    if isinstance(arm, type) or not all(hasattr(arm, each) for each in REQUIRED):
+        lacks = [each for each in REQUIRED if not hasattr(arm, each)]
+        said = (f'not the class {arm.__name__}' if isinstance(arm, type) else
+                f'{type(arm).__name__} has no {", ".join(lacks)}')
+        raise ParameterError(name, arm, f'a part with {", ".join(REQUIRED)}, such as '
+                             'TwoLinkArm(), load_arm(urdf) or an object of a class that inherits '
+                             f'from Arm: {said}')
     return arm  # type: ignore[no-any-return]
 
 

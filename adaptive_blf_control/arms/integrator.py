@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.arrays import are_vectors, checked_count, checked_number, checked_vectors
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import borrowed, by_type, jit
 from adaptive_blf_control.parameters.guided import Guided
 
@@ -109,6 +110,7 @@ class CompiledDynamics(Guided, instead={
         result: np.ndarray = acceleration(self.arm, q, qd, tau)
         return result
 
+    @checked_call
     def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
                 substeps: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """Integrate over ``dt`` [s] under a held torque with RK4 sub-steps; return new (q, q̇).

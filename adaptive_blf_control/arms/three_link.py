@@ -295,6 +295,7 @@ class ThreeLinkArm(PlanarArm):
                                                       alpha_dot=alpha_dot)
         return three_link_X(q, qd, alpha, alpha_dot)
 
+    @checked_call
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics; ArmError where M(q) would not be positive definite."""
         theta = checked_array('theta', theta, (self.m,), self.parameters)

@@ -176,6 +176,7 @@ class TwoLinkArm(PlanarArm):
                                                       alpha_dot=alpha_dot)
         return two_link_X(q, qd, alpha, alpha_dot)
 
+    @checked_call
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics; ArmError where M(q) would not be positive definite."""
         theta = checked_array('theta', theta, (self.m,), self.parameters)

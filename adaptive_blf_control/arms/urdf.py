@@ -44,7 +44,10 @@ __all__ = ['UrdfArm']
 _STATES = 100
 
 
-class UrdfArm(GuidedArm):
+class UrdfArm(GuidedArm, instead={
+        'gravity': 'load_arm(urdf, gravity=...) takes it; model.gravity has it',
+        'masses': 'inertial[:, 0] has the masses of the URDF by joint',
+        'mass': 'inertial[:, 0] has the masses of the URDF by joint'}):
     """A sub-chain of a URDF's joints as an `Arm`; the other joints are locked at zero.
 
     θ holds base inertial parameters, each named after the inertial parameter whose column stands
@@ -250,6 +253,7 @@ class UrdfArm(GuidedArm):
         """Return viscous, Coulomb, constant and square-root friction of θ in rows, (4, n)."""
         return self._friction.coefficients(self._checked(theta)[self.base_count:])
 
+    @checked_call
     def dynamics(self, theta: np.ndarray) -> UrdfDynamics:
         """Forward dynamics with the parameters ``theta``, shape (m,).
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import os
 from pathlib import Path
+import re
 from types import MappingProxyType
 from typing import Any, NamedTuple, TYPE_CHECKING
 import zipfile
@@ -26,11 +27,12 @@ from adaptive_blf_control.errors import (
     BagError,
     LogError,
     ParameterError,
-    shortened,
+    shown,
     UnknownParameter,
+    without_attribute,
 )
-from adaptive_blf_control.parameters.guided import without_attribute
-from adaptive_blf_control.spelling import option
+from adaptive_blf_control.spelling import option, setting
+from adaptive_blf_control.synonyms import same_meaning
 
 __all__ = ['Log', 'MeasuredLog', 'read_log']
 
@@ -125,6 +127,10 @@ def read_log(source: Log, *, topic: str | None = None, joints: Sequence[str] | N
     converted_by = conversion(degrees, gain, effort_delay)
     if columns is not None and not isinstance(columns, Mapping):
         raise ParameterError('columns', columns, "a mapping such as {'t': 'stamp[ms]'}")
+    for kind in columns or ():
+        if not re.fullmatch(r't|(q|qd|tau)\d*', str(kind)):
+            raise ParameterError('columns', kind, 't, q, qd or tau, each with the name of a '
+                                 "column or an array, as in {'t': 'time'}")
     log = _read(source, topic, joints, velocity, columns)
     return _converted(log, converted_by, source)
 
@@ -142,9 +148,9 @@ def _read(source: Log, topic: str | None, joints: Sequence[str] | None, velocity
     try:
         path = Path(source)  # type: ignore[arg-type]
     except TypeError:
-        raise LogError(f'log is {shortened(repr(source))}: expected a path, arrays by name such '
-                       "as {'t': ..., 'q': ..., 'qd': ..., 'tau': ...}, a data frame with named "
-                       'columns, or a MeasuredLog') from None
+        raise LogError(f'log is {shown(source)}: expected a path, arrays by name such as '
+                       "{'t': a[:, 0], 'q': a[:, 1:3], 'qd': a[:, 3:5], 'tau': a[:, 5:7]}, a data "
+                       'frame with named columns, or a MeasuredLog') from None
     if path.suffix.lower() in ('.csv', '.tsv', '.txt'):
         raw = csv_log(path, joints, velocity=velocity, columns=columns)
     elif path.suffix.lower() == '.npz':
@@ -218,7 +224,7 @@ def _of_arrays(source: str, arrays: Mapping[str, Any], joints: Sequence[str] | N
         raise LogError(f'{source}: no array {missing[0]!r}: expected t, q, qd and tau, got '
                        f'{", ".join(map(str, arrays)) or "none"}: '
                        + option('columns', f'{{{missing[0]!r}: ...}}', f'{missing[0]}=...')
-                       + ' names another')
+                       + ' names another' + _others(missing, arrays))
     try:
         t = checked_array('t', arrays['t'], (-1,))
         one = dimensions(arrays['q']) == 1  # a column for the only joint
@@ -229,13 +235,21 @@ def _of_arrays(source: str, arrays: Mapping[str, Any], joints: Sequence[str] | N
     return RawLog(None, t, 1.0, np.hstack([q, *rest]), q.shape[1], velocity, 0, (), None)
 
 
+def _others(missing: Sequence[str], arrays: Mapping[str, Any]) -> str:
+    """Return what may be meant by arrays of other names, and how to do without velocities."""
+    meant = {kind: next(iter(same_meaning(kind, map(str, arrays))), None) for kind in missing}
+    named = {kind: name for kind, name in meant.items() if name is not None}
+    if named:
+        return f', as in {option("columns", str(named), ",".join(map("=".join, named.items())))}'
+    if missing == ['qd']:
+        return f'; or {setting("filter.state_order", "4")}, which takes velocities from positions'
+    return ''
+
+
 def _renamed(source: str, arrays: Mapping[str, Any],
              columns: Mapping[str, str]) -> Mapping[str, Any]:
     """Return arrays under the names t, q, qd and tau, where they are called otherwise."""
-    for kind, name in columns.items():
-        if kind not in ('t', 'q', 'qd', 'tau'):
-            raise ParameterError('columns', kind,
-                                 't, q, qd or tau, each with the name of an array')
+    for name in columns.values():
         if name not in arrays:
             raise LogError(f'{source}: no array {name!r}: it has {", ".join(map(str, arrays))}')
     return {**arrays, **{kind: arrays[name] for kind, name in columns.items()}}

@@ -39,7 +39,10 @@ def columns_of(source: Any) -> Mapping[str, Any] | None:
     names = getattr(source, 'columns', None)
     if names is None or isinstance(source, type) or not hasattr(source, '__getitem__'):
         return None
-    return {str(name): np.asarray(source[name]) for name in names}
+    found = {str(name): np.asarray(source[name]) for name in names}
+    index = getattr(source, 'index', None)  # where pandas has what was made the index
+    name = getattr(index, 'name', None)
+    return found if name is None else {str(name): np.asarray(index), **found}
 
 
 def is_table(columns: Mapping[str, Any]) -> bool:

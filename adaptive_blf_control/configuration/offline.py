@@ -29,16 +29,22 @@ _BESIDES = {
 _INSTEAD = {'bag': ": simulate(..., bag='run') writes a bag"}
 
 
+_OF_ARM = {row.name for row in ArmSettings.table()}
+_OF_PLANT = {row.name for row in PlantSettings.table()}
+
+
 def _used(node: str) -> set[str]:
     core = {row.name for kind in _CORE[node] for row in kind.table()}
     return core | {row.name for row in TABLES[node] if row.name.startswith(_BESIDES[node])}
 
 
-def refuse_unused(changes: Mapping[str, Any]) -> None:
-    """Raise ParameterError for a change that only a node would look at.
+def refuse_unused(changes: Mapping[str, Any], *, arm: object = None, plant: object = None) -> None:
+    """Raise ParameterError for a change that nothing in the run would look at.
 
     Args:
         changes: As `apply_changes` takes them; names that nobody knows are left to it.
+        arm: The arm where it is given as an object.
+        plant: The plant, where it is given as an object that has been made.
     """
     for name, value in flattened(changes):
         nodes = declared_in(name)
@@ -46,3 +52,11 @@ def refuse_unused(changes: Mapping[str, Any]) -> None:
         if nodes and not any(row.name in _used(node) for node, row in nodes):
             raise ParameterError(name, value, f'nothing: only the node {nodes[0][0]} uses it, '
                                  f'and simulate runs no nodes{_INSTEAD.get(key, "")}')
+        names = {row.name for _, row in nodes}
+        if arm is not None and names and names <= _OF_ARM:
+            raise ParameterError(name, value, 'nothing: the arm is given as it is, by '
+                                 f'{type(arm).__name__}')
+        if plant is not None and names and names <= _OF_PLANT and {
+                node for node, _ in nodes} == {'arm_driver'}:
+            raise ParameterError(name, value, 'nothing: the plant is given as it is, by '
+                                 f'{type(plant).__name__}')

@@ -32,8 +32,8 @@ from adaptive_blf_control.parameters.table import (
 )
 
 __all__ = ['PARAMETERS_KEY', 'ROS_OWN', 'apply_changes', 'apply_settings', 'checked_sections',
-           'declared_in', 'flattened', 'given_values', 'known_elsewhere', 'load_yaml', 'load_yamls', 'node_settings',
-           'node_values']
+           'declared_in', 'flattened', 'given_values', 'known_elsewhere', 'load_yaml',
+           'load_yamls', 'node_settings', 'node_values']
 
 
 Kind = TypeVar('Kind', bound=RuntimeSettings)

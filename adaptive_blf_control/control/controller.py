@@ -62,8 +62,8 @@ from adaptive_blf_control.control.step import (
     Memory,
     new_memory,
 )
-from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.parameters.guided import Guided, without_attribute
+from adaptive_blf_control.errors import ParameterError, without_attribute
+from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.parameters.table import bounds_of
 
@@ -380,6 +380,9 @@ class Controller(Guided, settings=ControllerSettings,
             ParameterError: a value cannot be used.
         """
         joints = self.arm.joints
+        if isinstance(t, (str, Mapping, Settings)):
+            raise ParameterError('t', t, 'a time; parameters are given by name, retune(k2=50.0), '
+                                 'or as retune(settings=...)')
         groups: dict[str, Any] = {'safety': safety, 'performance': performance,
                                   'reference': reference}
         changes.update((name, value) for name, value in groups.items() if _is_group(name, value))
@@ -458,6 +461,7 @@ class Controller(Guided, settings=ControllerSettings,
         time = self._memory.time
         time[0] = max(time[0], t - longest)  # NaN stays: max takes its first argument then
 
+    @checked_call
     def update(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
                torque: np.ndarray | None = None) -> ControlOutput:
         """Compute the torque for the sample taken at ``t`` [s] since the start of the motion.

@@ -154,6 +154,10 @@ class Posture:
         held = checked_array('position', position, (-1,)).copy()
         self._point = ReferencePoint(held, np.zeros_like(held), np.zeros_like(held))
 
+    def __repr__(self) -> str:
+        """Show the posture."""
+        return f'<Posture {self._point.position.round(4).tolist()} rad>'
+
     def at(self, t: float) -> ReferencePoint:
         """Return the posture at rest."""
         return self._point
@@ -193,6 +197,11 @@ class Crossfade:
         if self._depth > DEEPEST:
             raise ParameterError('reference', f'{self._depth} changes within their blend time',
                                  f'at most {DEEPEST}: wait until the last ones are over')
+
+    def __repr__(self) -> str:
+        """Show both references and the blend time."""
+        return (f'<{type(self).__name__} from {self.before!r} to {self.after!r} over '
+                f'{self.duration:g} s>')
 
     def at(self, t: float) -> ReferencePoint:
         """Evaluate at ``t`` [s]."""

@@ -32,7 +32,7 @@ from adaptive_blf_control.identification.change_response import (
     STATES,
 )
 from adaptive_blf_control.identification.determination import undetermined
-from adaptive_blf_control.identification.given_parameters import given_parameters
+from adaptive_blf_control.identification.given_parameters import given_parameters, values_of
 from adaptive_blf_control.identification.parts import AnyHistory, named, PartMaker
 from adaptive_blf_control.identification.running_parts import RunningParts
 from adaptive_blf_control.identification.settings import IdentifierSettings
@@ -101,6 +101,8 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         'parameters': 'arm.parameters has their names, estimate their values by name',
         'joints': 'arm.joints has their names',
         'sigma_min': 'stack.sigma_min',
+        'reset': 'reset_history empties the history, restart restarts the filters; an Identifier '
+                 'that knows nothing is a new one',
         'std': 'identify(log, arm=...) tells it of a log: its result has std',
         'save': 'identify(log, arm=...).save(path) writes what initial_estimate=path reads; '
                 'estimate is a dictionary by name'}):
@@ -132,7 +134,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             history_stack: What records pairs.
             change_monitor: What finds that the arm has changed.
             changes: Settings by name: ``kt=1.0``, ``history={'size': 200}``,
-                ``**{'history.size': 200}``.
+                ``**{'history.size': 200}``; ``initial_estimate`` also by parameter name.
 
         Raises:
             ParameterError: a setting is not known, cannot be used or does not fit the arm, or a
@@ -142,6 +144,9 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         if settings is None:
             usual = IdentifierSettings()
             settings = usual.replace(**{'history.size': max(usual.history.size, 2 * arm.m)})
+        if isinstance(changes.get('initial_estimate'), Mapping):
+            changes['initial_estimate'] = values_of('initial_estimate',
+                                                    changes['initial_estimate'], arm)
         given, names = named({'update_law': update_law, 'state_filter': state_filter,
                               'history_stack': history_stack, 'change_monitor': change_monitor})
         settings = IdentifierSettings.taken(settings, {**changes, **names})
@@ -368,6 +373,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
 
     # -- samples --------------------------------------------------------------------------------
 
+    @checked_call
     def observe(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> float:
         """Filter one sample without learning from it.
 
@@ -390,6 +396,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             q, qd, tau = checked_vectors(self.arm.joints, q=q, qd=qd, tau=tau)
         return t, q, qd, tau
 
+    @checked_call
     def update(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
                adaptation_term: np.ndarray | None = None) -> np.ndarray:
         """Filter one sample, offer it to the stack and advance θ̂; arguments as :meth:`observe`.

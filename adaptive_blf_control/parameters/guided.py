@@ -7,34 +7,10 @@ from collections.abc import Mapping
 import dataclasses
 from typing import Any, ClassVar, TYPE_CHECKING
 
-from adaptive_blf_control.errors import close_names
+from adaptive_blf_control.errors import without_attribute
 from adaptive_blf_control.parameters.settings import Settings
 
-__all__ = ['Guided', 'without_attribute']
-
-
-def without_attribute(subject: object, name: str) -> AttributeError:
-    """Return the error for an attribute that an object does not have, with the one that is meant.
-
-    For a class that cannot inherit from `Guided`: it is raised by ``__getattr__``.
-
-    Args:
-        subject: The object. Its class may say in ``_instead`` what to write for some names, and
-            in ``_settings_names`` which names are settings.
-        name: What was asked for.
-    """
-    kind = type(subject)
-    if name in getattr(kind, '_settings_names', ()):
-        hint = f': settings.{name} has it, retune({name}=...) changes it'
-    elif name in getattr(kind, '_instead', {}):
-        hint = f': {kind._instead[name]}'  # type: ignore[attr-defined]
-    else:
-        public = [] if name.startswith('_') else [
-            other for other in object.__dir__(subject) if not other.startswith('_')]
-        close = close_names(name, sorted(public))
-        hint = f': did you mean {" or ".join(close)}?' if close else (
-            f': it has {", ".join(sorted(public))}' if public else '')
-    return AttributeError(f'{kind.__name__} has no attribute {name!r}{hint}')
+__all__ = ['Guided']
 
 
 class Guided:

@@ -19,11 +19,11 @@ import dataclasses
 from dataclasses import dataclass, field
 import functools
 from types import MappingProxyType
-from typing import Any, ClassVar, get_type_hints, TypeVar
+from typing import Any, ClassVar, get_type_hints, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from adaptive_blf_control.errors import ParameterError, UnknownParameter
+from adaptive_blf_control.errors import ParameterError, UnknownParameter, without_attribute
 from adaptive_blf_control.parameters.table import (
     bounds_of,
     broadcast,
@@ -94,8 +94,11 @@ class Settings:
         super().__init_subclass__(**options)
         cls._where = where
 
-    def __new__(cls, **given: Any) -> Settings:
+    def __new__(cls, *unnamed: Any, **given: Any) -> Settings:
         """Refuse names that are not declared, as every other name and value is refused."""
+        if unnamed:
+            raise ParameterError(cls.__name__, unnamed[0], 'parameters by name: '
+                                 f'{cls.__name__}({dataclasses.fields(cls)[0].name}=...)')
         own = {item.name for item in dataclasses.fields(cls)}
         for name, value in given.items():
             if name not in own:
@@ -106,6 +109,11 @@ class Settings:
     def _unknown(cls, name: str, value: Any) -> UnknownParameter:
         return UnknownParameter(f'{cls._where}.{name}'.lstrip('.'), value,
                                 [row.name for row in cls.table()])
+
+    if not TYPE_CHECKING:
+        def __getattr__(self, name: str) -> Any:
+            """Raise AttributeError for what is not there, with the one that is meant."""
+            raise without_attribute(self, name)
 
     def __post_init__(self) -> None:
         """Convert lists, integers and float32 arrays; ParameterError names what cannot be used."""

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import copy
 from dataclasses import dataclass
-import inspect
 import os
 from pathlib import Path
 import time
@@ -19,7 +18,7 @@ from adaptive_blf_control.arms.urdf_export import export_urdf, ExportedUrdf
 from adaptive_blf_control.arms.urdf_inertials import with_inertials
 from adaptive_blf_control.arms.urdf_source import read_urdf, UrdfSource
 from adaptive_blf_control.bags.logs import Log
-from adaptive_blf_control.calls import checked_call
+from adaptive_blf_control.calls import argument_names, checked_call
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
@@ -69,7 +68,8 @@ REAL_ROBOT: dict[str, Any] = {
 """The identifier's parameters where no ``--config`` is given; ``docs/benchmarks.md`` tells why."""
 
 
-_DRAWN = ('matplotlib draws the arrays: plt.plot(result.prediction.t, result.prediction.measured); '
+_NAMED = ('two_link', 'three_link')
+_DRAWN = ('matplotlib draws arrays: plt.plot(result.prediction.t, result.prediction.measured); '
           '`python -m adaptive_blf_control identify LOG --html page.html` draws all of it')
 _NOT_THERE = {
     'theta_hat': 'theta is the estimate, estimate has it by name',
@@ -86,7 +86,7 @@ _NOT_THERE = {
     **dict.fromkeys(('plot', 'show', 'draw', 'figure'), _DRAWN)}
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Identification(Guided, instead=_NOT_THERE):
     """What one pass over a log has taught; ``print`` shows the figures as a table.
 
@@ -198,10 +198,12 @@ class Identification(Guided, instead=_NOT_THERE):
         """RMSE of the filtered torque on the test span per joint, (n,) [N·m]; NaN without one."""
         return np.array(self.figures['test_rmse'], dtype=float)
 
+    @checked_call
     def predict(self, q: Any, qd: Any, qdd: Any) -> np.ndarray:
         """Return the torque of a motion under θ̂; see `Identifier.predict`."""
         return self.identifier.predict(q, qd, qdd)
 
+    @checked_call
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write θ̂ by name with its standard deviations, as YAML.
 
@@ -252,10 +254,11 @@ def identify(log: Log, urdf: UrdfSource | None = None,
     Before that the log is checked (see `check_log`): it is refused where it cannot be right.
 
     Args:
-        log: A bag, a CSV file, arrays by name (see `read_log`) or a log that was read; or a list
-            of them, all of which are learned from before any is predicted.
+        log: A bag, a CSV file, arrays by name ``{'t': t, 'q': q, 'qd': qd, 'tau': tau}``, a data
+            frame (see `read_log`) or a log that was read; or a list of them, all of which are
+            learned from before any is predicted.
         urdf: Path, ``package://...`` or XML text of the robot (see `load_arm`), all of
-            whose friction is learned.
+            whose friction is learned; or what ``arm`` takes.
         joints: Joints to identify, the others are locked; the URDF's where None. For a CSV file
             and arrays the names of their columns, in order.
         arm: In place of a URDF an arm, or ``'two_link'`` or ``'three_link'``.
@@ -316,10 +319,11 @@ class _Subject(NamedTuple):
 def _subject(urdf: Any, joints: Sequence[str] | None, arm: Arm | str | None,
              settings: IdentifierSettings | None, changes: dict[str, Any]) -> _Subject:
     """Return the arm that `identify` is asked about, and the settings with their changes."""
+    if arm is None and (urdf in _NAMED if isinstance(urdf, str) else _is_arm(urdf)):
+        urdf, arm = None, urdf
     urdf = getattr(urdf, 'xml', urdf)
     if urdf is not None and not isinstance(urdf, (str, os.PathLike)):
-        raise ParameterError('urdf', urdf, 'a path, package://... or XML text; an arm is given '
-                             'as arm=...')
+        raise ParameterError('urdf', urdf, 'a path, package://..., XML text or an arm')
     given = {'arm': arm if isinstance(arm, str) else None, 'urdf': urdf and os.fspath(urdf),
              'joints': joints}
     changes.update((name, value) for name, value in given.items() if value is not None)
@@ -331,6 +335,11 @@ def _subject(urdf: Any, joints: Sequence[str] | None, arm: Arm | str | None,
     if urdf is not None:
         raise ParameterError('urdf', urdf, 'nothing beside an arm')
     return _Subject(arm, chosen, filled)
+
+
+def _is_arm(given: Any) -> bool:
+    """Return whether an arm is given where a URDF could be; one of a URDF stands for its text."""
+    return all(hasattr(given, name) for name in ('Y1', 'parameters')) and not hasattr(given, 'xml')
 
 
 def _judged(identifier: Identifier, sections: Sequence[Section], result: LogPass, source: str,
@@ -372,15 +381,15 @@ def _changed(settings: IdentifierNodeSettings,
         return settings.replace(**changes)
     except UnknownParameter as error:
         name = error.name.removeprefix('identifier.')
-        arguments = [each for each in inspect.signature(identify).parameters
-                     if each not in ('log', 'changes')]
-        raise UnknownParameter(name, error.value, [*error.known, *arguments]) from None
+        raise UnknownParameter(name, error.value, error.known).beside(
+            argument_names(identify)) from None
 
 
 def _named_arm(settings: IdentifierNodeSettings) -> Arm:
     """Build the arm that the settings name."""
     if settings.arm == 'urdf' and (not settings.urdf or settings.urdf.startswith('topic:')):
-        raise ParameterError('urdf', settings.urdf, 'a file: name one with urdf')
+        raise ParameterError('urdf', settings.urdf, "a file: identify(log, 'robot.urdf'), or an "
+                             'arm: identify(log, arm=...)')
     return build_arm(settings)
 
 

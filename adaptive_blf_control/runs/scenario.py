@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from adaptive_blf_control.arms.arm import Arm, checked_arm, SIMULATED
 from adaptive_blf_control.arrays import checked_finite
 from adaptive_blf_control.configuration.build import build_closed_loop, OwnParts
-from adaptive_blf_control.configuration.node_settings import DriverSettings
+from adaptive_blf_control.configuration.node_settings import DriverSettings, TABLES
 from adaptive_blf_control.configuration.offline import refuse_unused
 from adaptive_blf_control.configuration.parameter_file import (
     apply_changes,
@@ -20,7 +20,9 @@ from adaptive_blf_control.configuration.parameter_file import (
     node_settings,
 )
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.given_parameters import values_of
 from adaptive_blf_control.parameters.plugin import require
+from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.runs.start_check import start_warnings
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 
@@ -72,19 +74,43 @@ def joined(scenario: Scenario, own: OwnParts, changes: Mapping[str, Any]) -> Joi
     data, arm = _data_and_arm(scenario)
     if arm is not None and own.plant is None:
         require('scenario', arm, arm, SIMULATED)
-    refuse_unused(changes)
-    data = apply_changes(data, changes)
+    refuse_unused(changes, arm=arm, plant=None if isinstance(own.plant, type) or callable(
+        own.plant) else own.plant)
+    data = apply_changes(data, _by_value(changes, arm))
     loop = build_closed_loop(data, own._replace(arm=arm))
     notes = tuple(start_warnings(data, loop))  # may refuse an unstable loop
     return Joined(loop, data, notes, arm is None and own.plant is None)
 
 
+def _by_value(changes: Mapping[str, Any], arm: Arm | None) -> dict[str, Any]:
+    """Return changes with θ̂(0) as an array where it is given by parameter name.
+
+    Raises:
+        ParameterError: a node's settings are given as something else.
+    """
+    for node in TABLES:
+        if node in changes and not isinstance(changes[node], (Mapping, Settings)):
+            raise ParameterError(node, changes[node], "parameters by name, such as {'k2': 30.0}; "
+                                 'ClosedLoop(plant, controller, identifier) joins objects')
+    values = changes.get('initial_estimate')
+    if arm is None or not isinstance(values, Mapping):
+        return dict(changes)
+    return {**changes, 'initial_estimate': values_of('initial_estimate', values, arm)}
+
+
 def _data_and_arm(scenario: Any) -> tuple[dict[str, Any], Arm | None]:
     """Return a parameter file's data, and the arm where it is given as an object."""
     if isinstance(scenario, (str, os.PathLike)):
+        if '<robot' in str(scenario) or str(scenario).lower().endswith(('.urdf', '.xacro')):
+            raise ParameterError('scenario', scenario, 'a parameter file: load_arm reads a URDF, '
+                                 'simulate(load_arm(urdf))')
         return load_yaml(Path(scenario), 'scenario'), None
     if isinstance(scenario, Mapping):
         return checked_sections(scenario, 'scenario', scenario), None
+    if not hasattr(scenario, 'Y1'):
+        raise ParameterError('scenario', scenario, 'a parameter file such as '
+                             "'config/two_link.yaml', an arm such as TwoLinkArm() or "
+                             'load_arm(urdf), or a ClosedLoop; a plant is given as plant=...')
     arm = checked_arm('scenario', scenario)
     return _of_joints(arm), arm
 

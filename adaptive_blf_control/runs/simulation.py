@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 import functools
@@ -14,19 +14,21 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.calls import checked_call
+from adaptive_blf_control.calls import argument_names, checked_call
 from adaptive_blf_control.configuration.build import OwnParts
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.laws.protocol import Law
+from adaptive_blf_control.control.reference import Reference
 from adaptive_blf_control.control.set_constraints import OwnConstraints
-from adaptive_blf_control.errors import BagError, ParameterError
+from adaptive_blf_control.errors import BagError, ParameterError, UnknownParameter
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.guided import Guided
+from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.runs.bag_observer import BagObserver
 from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee, why_not
 from adaptive_blf_control.runs.saved_arrays import save_arrays
-from adaptive_blf_control.runs.scenario import duration_of, joined, Joined, Scenario
+from adaptive_blf_control.runs.scenario import duration_of, Joined, joined, Scenario
 from adaptive_blf_control.runs.summary import Run, run_of_trace, summarise, table
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
 from adaptive_blf_control.simulation.abilities import contacts_of, unexpressed_by
@@ -38,7 +40,7 @@ from adaptive_blf_control.simulation.sensors import Sensor
 __all__ = ['Simulation', 'duration_of', 'simulate']
 
 _TABLE = 'pandas.DataFrame(run.q, index=run.t, columns=run.joints), and likewise for the others'
-_DRAWN = ("matplotlib draws the arrays: plt.plot(run.t, run.e1); simulate(..., bag='run') writes a "
+_DRAWN = ("matplotlib draws arrays: plt.plot(run.t, run.e1); simulate(..., bag='run') writes a "
           'bag, of which `python -m adaptive_blf_control report run` makes a page')
 _SAMPLE = 'simulate(..., observer=f) calls f with every sample: '
 _LYAPUNOV = f'{_SAMPLE}run.controller.lyapunov(sample.output, sample.theta_used)'
@@ -47,6 +49,7 @@ _NOT_THERE = {
     'qdd': 'no acceleration is measured or used; numpy.gradient(run.qd, run.t, axis=0) '
            'approximates it',
     'e2': f'{_SAMPLE}sample.output.e2', 'V': _LYAPUNOV, 'lyapunov': _LYAPUNOV,
+    'rmse': "figures['rms_error']", 'max_error': "figures['max_abs_error']",
     'margins': "figures['margins'] has the least of each constraint",
     'theta_star': 'arm.nominal, where the scenario says nothing else',
     'settings': 'controller.settings and identifier.settings',
@@ -56,7 +59,7 @@ _NOT_THERE = {
     **dict.fromkeys(('to_dataframe', 'dataframe', 'df', 'data', 'to_pandas'), _TABLE)}
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Simulation(Trace, Guided, instead=_NOT_THERE):
     """A run of the closed loop as arrays over N samples; ``print`` shows what it achieved.
 
@@ -124,6 +127,7 @@ class Simulation(Trace, Guided, instead=_NOT_THERE):
         """y_d, shape (N, n) [rad]."""
         return self.q - self.e1
 
+    @checked_call
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the arrays with the names of joints and parameters; ``numpy.load`` reads them.
 
@@ -199,6 +203,7 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
              law: Law | type[Law] | str | None = None,
              update_law: UpdateLaw | type[UpdateLaw] | str | None = None,
              constraints: OwnConstraints = (),
+             reference: Reference | Mapping[str, Any] | None = None,
              observer: Callable[[Sample], None] | None = None,
              bag: str | os.PathLike[str] | None = None, **changes: Any) -> Simulation:
     """Run a scenario in lockstep without ROS: the same objects that run in the nodes.
@@ -215,6 +220,8 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
         update_law: An update law, or a class of them, likewise; see `Identifier`.
         constraints: What else counts as inside, beside the scenario's: one or several; see
             `Controller`.
+        reference: What is to be followed: a `Reference`, or sinusoids by joint, such as
+            ``{'joint1': {'amplitude': 0.5, 'frequency': 1.0}}``.
         observer: Called with every sample; where all parts are ours, after each block of samples.
         bag: Folder that the run is written to as a bag, which must not exist.
         changes: Parameters of ``controller``, ``identifier`` and ``arm_driver``, by name or as
@@ -232,7 +239,13 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
         ArmError: the arm cannot be built.
         BagError: the bag cannot be written.
     """
-    ready = joined(scenario, OwnParts(None, plant, sensor, law, update_law, constraints), changes)
+    if isinstance(reference, (Mapping, Settings)):
+        changes['reference'], reference = reference, None
+    own = OwnParts(None, plant, sensor, law, update_law, constraints, reference)
+    try:
+        ready = joined(scenario, own, changes)
+    except UnknownParameter as error:  # may also be meant for an argument
+        raise error.beside(argument_names(simulate)) from None
     loop, length = ready.loop, duration_of(ready.data, duration)
     if observer is not None and not callable(observer):
         raise ParameterError('observer', observer, 'a function of a Sample')
