@@ -149,7 +149,9 @@ class _Tuning(NamedTuple):
 
 class Controller(Guided, settings=ControllerSettings,
                  instead={'output': 'update returns it', 'torque': 'update returns it',
-                          'theta': 'update is given it: the theta of an Identifier'}):
+                          'theta': 'update is given it: the theta of an Identifier',
+                          'gains': 'settings has them, retune(k2=...) changes them',
+                          'set_reference': 'retune(t, q, reference=...) changes it'}):
     """Equation (38) (or (34), when θ* is passed as θ̂) inside the sets (7) and (8).
 
     Holds the torque commanded last, so one object belongs to one motion.

@@ -31,6 +31,8 @@ __all__ = ['Joined', 'Scenario', 'duration_of', 'joined']
 Scenario = str | os.PathLike[str] | Mapping[str, Any] | Arm | ClosedLoop
 """A parameter file or its data, an arm, or a loop that was joined by hand."""
 
+_SCENARIOS = ("a parameter file such as 'config/two_link.yaml', an arm such as TwoLinkArm() or "
+              'load_arm(urdf), or a ClosedLoop; a plant is given as plant=...')
 USUAL_DURATION = 20.0  # s, where neither the caller nor the scenario says
 
 
@@ -101,16 +103,17 @@ def _by_value(changes: Mapping[str, Any], arm: Arm | None) -> dict[str, Any]:
 def _data_and_arm(scenario: Any) -> tuple[dict[str, Any], Arm | None]:
     """Return a parameter file's data, and the arm where it is given as an object."""
     if isinstance(scenario, (str, os.PathLike)):
-        if '<robot' in str(scenario) or str(scenario).lower().endswith(('.urdf', '.xacro')):
+        text = os.fspath(scenario)
+        if '<robot' in text or text.lower().endswith(('.urdf', '.xacro')):
             raise ParameterError('scenario', scenario, 'a parameter file: load_arm reads a URDF, '
                                  'simulate(load_arm(urdf))')
+        if text in ('two_link', 'three_link'):
+            raise ParameterError('scenario', scenario, _SCENARIOS)
         return load_yaml(Path(scenario), 'scenario'), None
     if isinstance(scenario, Mapping):
         return checked_sections(scenario, 'scenario', scenario), None
     if not hasattr(scenario, 'Y1'):
-        raise ParameterError('scenario', scenario, 'a parameter file such as '
-                             "'config/two_link.yaml', an arm such as TwoLinkArm() or "
-                             'load_arm(urdf), or a ClosedLoop; a plant is given as plant=...')
+        raise ParameterError('scenario', scenario, _SCENARIOS)
     arm = checked_arm('scenario', scenario)
     return _of_joints(arm), arm
 
