@@ -127,8 +127,10 @@ _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for."""
     if name not in _MODULES:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}: it offers '
-                             f'{", ".join(sorted(_MODULES))}')
+        close = importlib.import_module(f'{__name__}.errors').close_names(name, _MODULES)
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}'
+                             + (f' (did you mean {" or ".join(close)}?)' if close else '')
+                             + f': it offers {", ".join(sorted(_MODULES))}')
     value = getattr(importlib.import_module(f'{__name__}.{_MODULES[name]}'), name)
     globals()[name] = value
     if f'{__name__}.compiled' in sys.modules:  # what was imported may compile

@@ -27,7 +27,8 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
 
     Args:
         name: What the caller calls it, for the message.
-        value: A list, a scalar where one element is asked, or an array of any real type.
+        value: A list, a scalar where one element is asked, or an array of any real type; where
+            the last length is 1 that axis may be left out.
         shape: The shape that is needed; -1 stands for any length.
         each: What the elements along the last axis stand for, e.g. the joints.
 
@@ -42,9 +43,10 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
     except (TypeError, ValueError):  # rows of different lengths
         given = np.array(None)
     if given.dtype.kind not in _NUMBERS and given.size:
-        raise ParameterError(name, value, f'numbers of shape {_text(shape)}{_each(each)}')
-    if given.ndim == 0 and shape == (1,):
-        given = given.reshape(1)
+        whole = ': its theta' if isinstance(getattr(value, 'theta', None), np.ndarray) else ''
+        raise ParameterError(name, value, f'numbers of shape {_text(shape)}{_each(each)}{whole}')
+    if given.ndim == len(shape) - 1 and shape[-1] == 1:
+        given = given[..., None]
     if given.ndim != len(shape) or any(
             wanted not in (-1, length) for wanted, length in zip(shape, given.shape)):
         raise ParameterError(name, value, f'shape {_text(shape)}{_each(each)}, not '

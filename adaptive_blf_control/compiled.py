@@ -18,7 +18,7 @@ import numpy as np
 from adaptive_blf_control.machine_code import cache_folder
 
 __all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation',
-           'before_first_compilation', 'borrowed', 'by_type', 'handle', 'inlined', 'jit',
+           'before_own_compilations', 'borrowed', 'by_type', 'handle', 'inlined', 'jit',
            'jit_without_gil', 'jitable', 'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
@@ -239,8 +239,8 @@ def before_each_compilation(call: Callable[[], None]) -> AbstractContextManager[
     return nullcontext() if numba is None else _listening(call)
 
 
-def before_first_compilation(call: Callable[[], None]) -> None:
-    """Have ``call`` called once, before the first function of this package is compiled."""
+def before_own_compilations(call: Callable[[], None]) -> None:
+    """Have ``call`` called before each function of this package that is compiled from now on."""
     if numba is None:
         return
 
@@ -248,7 +248,6 @@ def before_first_compilation(call: Callable[[], None]) -> None:
         def on_start(self, event: Any) -> None:
             function = getattr(event.data.get('dispatcher'), 'py_func', None)
             if str(getattr(function, '__module__', '')).startswith('adaptive_blf_control.'):
-                numba_event.unregister('numba:compile', self)
                 call()
 
         def on_end(self, event: object) -> None:

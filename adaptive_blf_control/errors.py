@@ -7,8 +7,11 @@ from collections.abc import Iterable
 import difflib
 from typing import Any
 
+from adaptive_blf_control.synonyms import same_meaning
+
 __all__ = ['GIT_LFS_POINTER', 'ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra',
-           'ParameterError', 'SetViolation', 'UnknownParameter', 'close_names', 'shortened']
+           'ParameterError', 'SetViolation', 'UnknownParameter', 'close_names', 'shortened',
+           'shown', 'without_attribute']
 
 # How the file begins that Git leaves in place of a large one that was not fetched.
 GIT_LFS_POINTER = b'version https://git-lfs'
@@ -24,7 +27,7 @@ def shortened(text: str) -> str:
     return text if len(text) <= _LONGEST else f'{text[:_LONGEST // 2]} ... {text[-40:]}'
 
 
-def _short(value: object) -> str:
+def shown(value: object) -> str:
     """Return a value as a message shows it; of a long array or list its shape and its ends."""
     size = getattr(value, 'size', None)
     if isinstance(size, int) and size > _SHOWN and hasattr(value, 'flat'):
@@ -37,9 +40,34 @@ def _short(value: object) -> str:
 
 
 def _ends(values: Any, count: int) -> str:
-    first, second, last = (_short(getattr(values[k], 'item', lambda k=k: values[k])())
+    first, second, last = (shown(getattr(values[k], 'item', lambda k=k: values[k])())
                            for k in (0, 1, count - 1))
     return f'{first}, {second} ... {last}'
+
+
+def without_attribute(subject: object, name: str) -> AttributeError:
+    """Return the error for an attribute that an object does not have, with the one that is meant.
+
+    It is raised by ``__getattr__`` of a class.
+
+    Args:
+        subject: The object. Its class may say in ``_instead`` what to write for some names, and
+            in ``_settings_names`` which names are settings.
+        name: What was asked for.
+    """
+    kind = type(subject)
+    if name in getattr(kind, '_settings_names', ()):
+        hint = f': settings.{name} has it, retune({name}=...) changes it'
+    elif name in getattr(kind, '_instead', {}):
+        hint = f': {kind._instead[name]}'  # type: ignore[attr-defined]
+    else:
+        public = [] if name.startswith('_') else sorted(
+            other for other in object.__dir__(subject)
+            if not other.startswith('_') and not hasattr(tuple, other))
+        close = close_names(name, public)
+        hint = f': did you mean {" or ".join(close)}?' if close else (
+            f': it has {", ".join(public)}' if public else '')
+    return AttributeError(f'{kind.__name__} has no attribute {name!r}{hint}')
 
 
 class BlfError(Exception):
@@ -56,7 +84,7 @@ class ParameterError(BlfError, ValueError):
     """
 
     def __init__(self, name: str, value: object, expected: str) -> None:
-        super().__init__(f'parameter {name!r} is {_short(value)}: expected {expected}')
+        super().__init__(f'parameter {name!r} is {shown(value)}: expected {expected}')
         self.name = name
         self.value = value
         self.expected = expected
@@ -70,13 +98,42 @@ class UnknownParameter(ParameterError):
     """
 
     def __init__(self, name: str, value: object, known: Iterable[str]) -> None:
-        names = sorted(known)
-        super().__init__(name, value, f'one of {", ".join(names)}')
+        names = sorted(set(known))
         self.known = tuple(names)
-        close = close_names(name, names)
-        self.args = (f'parameter {name!r} is {_short(value)}: no such parameter'
-                     + (f' (did you mean {" or ".join(close)}?)' if close else '')
-                     + _listed(names, _FEW if close else _MANY),)
+        inner = _members(name, names)
+        if inner:
+            members = ', '.join(f'{each!r}: ...' for each in inner[:_FEW])
+            more = ', ...' * (len(inner) > _FEW)
+            expected = f'its members by name: {{{members}{more}}}'
+            super().__init__(name, value, expected)
+            said = f': it is a group, expected {expected}'
+        else:
+            super().__init__(name, value, f'one of {", ".join(names)}')
+            close = close_names(name, names)
+            beside = name.rpartition('.')[0]
+            siblings = [f'{beside.rpartition(".")[2]}.{each}' for each in _members(beside, names)]
+            said = (f' (did you mean {" or ".join(close)}?)' if close else '') + _listed(
+                siblings or names, _FEW if close else _MANY)
+        self.args = (f'parameter {name!r} is {shown(value)}: no such parameter{said}',)
+
+    def beside(self, arguments: Iterable[str]) -> UnknownParameter:
+        """Return the same where arguments of a call may be meant as well."""
+        return UnknownParameter(self.name, self.value, [*self.known, *arguments])
+
+
+def _members(name: str, known: Iterable[str]) -> list[str]:
+    """Return the names inside of a group; [] of anything else.
+
+    Either side may begin with the name of a node.
+    """
+    known = list(known)
+    for group in (name, name.partition('.')[2]):
+        for names in (known, [other.partition('.')[2] for other in known]):
+            inner = [other.removeprefix(f'{group}.').partition('.')[0] for other in names
+                     if group and other.startswith(f'{group}.')]
+            if inner:
+                return list(dict.fromkeys(inner))
+    return []
 
 
 def _listed(names: list[str], most: int) -> str:
@@ -88,15 +145,21 @@ def _listed(names: list[str], most: int) -> str:
 def close_names(name: str, known: Iterable[str]) -> list[str]:
     """Return the names that a person may have meant, the closest first, at most three.
 
+    Those that mean the same come first (see `same_meaning`), then those that look alike.
+
     Args:
         name: What was written; ``__`` counts as a dot.
         known: Dotted names, which may begin with the name of a node, as ``name`` may.
     """
+    known = list(known)
     typed = name.replace('__', '.').lower()
     scores = {other: _likeness(typed, other.lower()) for other in known}
     best = max(scores.values(), default=0.0)
-    close = [other for other, score in scores.items() if score >= max(_CLOSE, best - 0.05)]
-    return sorted(close, key=lambda other: -scores[other])[:3]
+    alike = [other for other, score in scores.items() if score >= max(_CLOSE, best - 0.05)]
+    groups = {other.rpartition('.')[0] for other in known} - {''}
+    same = [each for written in (name, name.rpartition('.')[2])
+            for each in same_meaning(written, [*known, *sorted(groups)])]
+    return list(dict.fromkeys([*same, *sorted(alike, key=lambda other: -scores[other])]))[:3]
 
 
 def _likeness(name: str, other: str) -> float:

@@ -9,7 +9,12 @@ import sys
 
 import pytest
 
-from adaptive_blf_control.compilation_notice import _announce, CompilationNotice  # private: once
+from adaptive_blf_control.compilation_notice import (
+    _Announcer,  # private: a process has one, and cannot take it back
+    BEGIN,
+    CompilationNotice,
+    PERIOD,
+)
 from patience import PATIENCE
 
 numba = pytest.importorskip('numba')
@@ -36,11 +41,19 @@ def compile_two() -> None:
     outer(1.0)
 
 
-def test_a_file_gets_one_line_for_all_that_is_compiled():
+def test_a_file_gets_one_line_for_all_that_is_compiled_at_once():
     stream = io.StringIO()
-    with CompilationNotice(stream):
+    with CompilationNotice(stream, clock=lambda: 5.0):
         compile_two()
-    assert stream.getvalue() == 'compiling for this machine, once: up to a minute\n'
+    assert stream.getvalue() == f'{BEGIN}\n'
+
+
+def test_a_file_is_told_again_what_takes_long():
+    stream, times = io.StringIO(), iter([5.0, 5.0 + 1.5 * PERIOD])
+    with CompilationNotice(stream, clock=lambda: next(times)):
+        compile_two()
+    assert stream.getvalue() == (
+        f'{BEGIN}\ncompiling: 2 functions so far, {1.5 * PERIOD:.0f} s\n')
 
 
 def test_a_terminal_shows_the_count_and_is_left_clean():
@@ -48,7 +61,7 @@ def test_a_terminal_shows_the_count_and_is_left_clean():
     with CompilationNotice(stream):
         compile_two()
     *shown, last = stream.getvalue().split('\r\x1b[K')[1:]
-    assert shown == [f'compiling for this machine, once: {n} functions' for n in (1, 2)]
+    assert shown == [f'{BEGIN}: {n} functions' for n in (1, 2)]
     assert last == ''
 
 
@@ -78,7 +91,7 @@ for number in (1.0, 1, 1j):
 
 
 @pytest.mark.parametrize(('module', 'said'), [
-    ('adaptive_blf_control.other', 'compiling for this machine, once: up to a minute\n'),
+    ('adaptive_blf_control.other', f'{BEGIN}\n'),
     ('elsewhere', '')])
 def test_a_program_is_told_once_that_the_package_compiles(module, said, tmp_path):
     function = f"numba.njit(type(own.py_func)(own.py_func.__code__, {{'__name__': {module!r}}}))"
@@ -91,8 +104,9 @@ def test_a_program_is_told_once_that_the_package_compiles(module, said, tmp_path
 
 
 def test_a_command_with_a_notice_of_its_own_says_nothing_twice(capsys):
+    announce = _Announcer()
     with CompilationNotice(io.StringIO()):
-        _announce()
+        announce()
     assert capsys.readouterr().err == ''
-    _announce()
+    announce()
     assert 'compiling' in capsys.readouterr().err

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import pickle
 
 import numpy as np
@@ -187,11 +188,63 @@ def test_a_history_too_small_for_its_rank_is_noted():
     (lambda: door.Identifier(ARM), 'theta_hat', 'theta is the estimate'),
     (lambda: door.Identifier(ARM), 'kt', r'settings\.kt has it, retune\(kt='),
     (lambda: door.Identifier(ARM), 'ranks', r'did you mean rank\?'),
+    (lambda: door.Identifier(ARM), 'fit', r'did you mean learn\?'),
+    (lambda: door.Identifier(ARM), 'parameters', r'arm\.parameters has their names'),
+    (lambda: door.Identifier(ARM), 'colour', r'it has arm, artificial_noise, .*, warm_up$'),
+    (lambda: door.Controller(ARM), 'step', r'did you mean update\?'),
+    (lambda: door.Controller(ARM), 'gains', r'retune\(k2=\.\.\.\) changes them'),
+    (lambda: door.Controller(ARM).update(0.0, [0.0] * 2, [0.0] * 2, [0.0] * 5), 'u',
+     r'did you mean torque\?'),
+    (lambda: door.IdentifierSettings(), 'gammas', r'did you mean gamma\?'),
+    (lambda: door.ClosedLoop(Lost(), door.Controller(ARM)), 'simulate', r'did you mean run\?'),
+    (lambda: door.read_log(LOG), 'dq', r'did you mean qd\?'),
+    (lambda: door.read_log(LOG), 'colour', r'it has breaks, dropped, joints'),
+    (lambda: ARM, 'names', r'joints has the names of the joints'),
+    (lambda: ARM, 'dof', r'did you mean n\?'),
+    (lambda: ARM, 'joint_names', r'did you mean joints\?'),
+    (lambda: ARM, 'regressor', r'X\(q, qd, qd, qdd\)'),
+    (lambda: ARM.dynamics(ARM.nominal), 'step', r'advance\(q, qd, tau, dt\)'),
+    (lambda: Rail(), 'dof', r'did you mean n\?'),
+    (lambda: door.simulate(ARM, 0.01), 'tau', r'did you mean torque\?'),
+    (lambda: door.simulate(ARM, 0.01), 'torques', r'did you mean torque\?'),
+    (lambda: door.simulate(ARM, 0.01), 'error', r'did you mean e1\?'),
+    (lambda: door.simulate(ARM, 0.01), 'time', r'did you mean t\?'),
+    (lambda: door.simulate(ARM, 0.01), 'safe', r'did you mean kept'),
+    (lambda: door.simulate(ARM, 0.01), 'plot', r'plt\.plot\(run\.t, run\.e1\)'),
+    (lambda: door.simulate(ARM, 0.01), 'e2', r'observer=f.*sample\.output\.e2'),
+    (lambda: door.simulate(ARM, 0.01), 'colour', r'it has arm, controller, e1, estimate'),
+    (lambda: identified(), 'rmse', r'did you mean test_rmse or train_rmse\?'),
+    (lambda: identified(), 'tau', r'prediction has t, measured, predicted'),
+    (lambda: identified(), 'to_urdf', r'did you mean urdf\?'),
+    (lambda: identified(), 'coefficients', r'did you mean theta or estimate'),
     (lambda: door.Controller(ARM), 'k2', r'settings\.k2 has it, retune\(k2='),
     (lambda: door.simulate(ARM, 0.01), 'theta', r'theta_hat has it over time')])
 def test_a_wrong_attribute_is_refused_with_what_is_meant(subject, name, hint):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
         getattr(subject(), name)
+
+
+@functools.cache
+def identified():
+    return door.identify(LOG, ARM, filter={'time_constant': 0.01})
+
+
+class Rail(door.Arm):
+    """An arm of a user's own."""
+
+    joints, parameters = ('rail',), ('mass',)
+
+    def Y1(self, q, qd):
+        """Return the momentum."""
+        return np.array([[qd[0]]])
+
+    def Y2(self, q, qd):
+        """Return nothing."""
+        return np.zeros((1, 1))
+
+    def X(self, q, qd, alpha, alpha_dot):
+        """Return the inertia."""
+        return np.array([[alpha_dot[0]]])
 
 
 @pytest.mark.parametrize(('subject', 'name'), [
@@ -288,3 +341,306 @@ class Foreign:
 
     def advance(self, dt):
         """Stand still."""
+
+
+@pytest.mark.parametrize(('call', 'message'), [
+    (lambda: door.load_arm('x', friction=True), r"'friction' is True.*did you mean viscous"),
+    (lambda: door.load_arm(), r"'urdf' is missing: expected load_arm\(urdf, joints="),
+    (lambda: door.load_arm('x', viscous=0.1), r'True or False: whether it is learned'),
+    (lambda: door.SumOfSinusoids(), r"'offset' is missing.*Centres, shape \(n,\) \[rad\]"),
+    (lambda: door.simulate(), r"'scenario' is missing"),
+    (lambda: door.Controller(), r"'arm' is missing"),
+    (lambda: door.read_bag(), r"'path' is missing"),
+    (lambda: door.inverse_dynamics(ARM, Q, QD, Q), r"'qdd' is missing"),
+    (lambda: door.Identifier(ARM).update(0.0, Q[0], dq=Q[0], tau=Q[0]),
+     r"'dq'.*did you mean qd\?"),
+    (lambda: door.Identifier(ARM).update(0.0, Q[0], Q[0]), r"'tau' is missing.*Mean torque"),
+    (lambda: door.Controller(ARM).update(0.0, Q[0], Q[0]), r"'theta' is missing"),
+    (lambda: door.Identifier(ARM).learn({'t': T}), r"'t' is .*learn\(t, q, qd, tau\)"),
+    (lambda: door.Identifier(ARM).learn('log.csv'), r'learn\(read_log\(\.\.\.\)\)'),
+    (lambda: door.Identifier(ARM).learn(T, Q, QD), r"'tau' is missing"),
+    (lambda: door.identify(T, Q, QD, Q), r'given 4 arguments in order.*log: .*arrays by name'),
+    (lambda: door.ControllerSettings(5.0), r'parameters by name: ControllerSettings\(law='),
+    (lambda: door.Controller(ARM).retune({'k2': 5.0}), r"'t' is .*retune\(k2=50\.0\)"),
+])
+def test_a_call_that_lacks_something_is_told_what_it_is(call, message):
+    with pytest.raises(door.ParameterError, match=message):
+        call()
+
+
+@pytest.mark.parametrize('name', ['theta0', 'initial', 'initial_guess'])
+def test_other_names_of_a_start_value_are_told_ours(name):
+    for call in (door.Identifier, door.simulate):
+        with pytest.raises(door.ParameterError, match='did you mean .*initial_estimate'):
+            call(ARM, **{name: [0.0] * 5})
+
+
+@pytest.mark.parametrize(('changes', 'meant'), [
+    ({'kd': 5.0}, r'controller\.k2'), ({'dt': 0.01}, r'arm_driver\.rate'),
+    ({'time': 1.0}, r'duration'), ({'T': 1.0}, r'duration'), ({'q0': Q[0]}, 'initial_position'),
+    ({'learning_rate': 1.0}, r'identifier\.gamma'), ({'max_torque': 1.0}, 'torque_limit'),
+    ({'bounds': 1.0}, r'controller\.safety')])
+def test_words_of_other_programs_are_told_ours(changes, meant):
+    with pytest.raises(door.ParameterError, match=f'did you mean .*{meant}'):
+        door.simulate(ARM, 0.01, **changes)
+
+
+@pytest.mark.parametrize(('name', 'meant'), [
+    ('load_urdf', 'load_arm'), ('read_csv', 'read_log'), ('identifyer', 'Identifier'),
+    ('Simulate', 'simulate')])
+def test_words_of_other_programs_are_told_the_names_of_the_door(name, meant):
+    with pytest.raises(AttributeError, match=rf'did you mean .*{meant}.*it offers Arm'):
+        getattr(door, name)
+
+
+def test_bounds_are_a_pair_where_that_has_one_meaning():
+    controller = door.Controller(ARM, safety=(-1, 2.0), performance=[-0.1, 0.2])
+    assert controller.safety.lower.tolist() == [-1.0, -1.0]
+    assert controller.safety.upper.tolist() == [2.0, 2.0]
+    assert controller.performance.lower.tolist() == [-0.1, -0.1]
+    assert controller.performance.upper.tolist() == [0.2, 0.2]
+    controller.retune(0.0, [0.0, 0.0], safety=(-1.5, 1.5))
+    assert controller.safety.upper.tolist() == [1.5, 1.5]
+    assert door.ControllerSettings(safety=(-1.0, 2.0)).safety.upper.tolist() == [2.0]
+    for changes in ({'safety': (-1.0, 2.0)}, {'controller': {'safety': (-1.0, 2.0)}},
+                    {'controller.safety': np.array([-1.0, 2.0])}):
+        run = door.simulate(ARM, 1e-3, **changes)
+        assert run.controller.safety.lower.tolist() == [-1.0, -1.0]
+        assert run.controller.safety.upper.tolist() == [2.0, 2.0]
+
+
+@pytest.mark.parametrize('given', [
+    (0.5, 1.0), [1.0, 1.0], (1.0, -1.0), (0.0, 1.0), (-1.0, 0.0), (-1.0, 0.0, 1.0), 1.0,
+    (True, 2.0), ([-1.0, -1.0], [1.0, 1.0]), [[-1.0, 1.0], [-1.0, 1.0]], (-1.0, float('nan'))])
+def test_bounds_that_could_mean_two_things_are_refused_with_the_spelling(given):
+    with pytest.raises(door.ParameterError, match=r"'safety' is .*{'lower': \.\.\., 'upper': "):
+        door.Controller(ARM, safety=given)
+    with pytest.raises(door.ParameterError, match='lower.*upper'):
+        door.simulate(ARM, 1e-3, controller={'safety': given})
+
+
+def test_a_group_that_is_given_a_value_is_told_its_members():
+    for call in (lambda: door.Identifier(ARM, history=50), lambda: door.simulate(ARM, history=50),
+                 lambda: door.simulate(ARM, identifier={'history': 50})):
+        with pytest.raises(door.ParameterError, match=r"history' is 50.*: {.*'size': \.\."):
+            call()
+
+
+@pytest.mark.parametrize(('changes', 'reason'), [
+    ({'recorder': {'bag': 'x'}}, r"recorder uses it.*simulate\(\.\.\., bag='run'\)"),
+    ({'executor': 'plain'}, 'runs no nodes'), ({'on_violation': 'stop'}, 'node controller'),
+    ({'controller.state_timeout': 0.1}, 'node controller'),
+    ({'gravity': [0.0, 0.0, 0.0]}, 'the arm is given'), ({'friction.coulomb': True}, 'the arm is')])
+def test_what_would_have_no_effect_on_a_run_is_refused(changes, reason):
+    with pytest.raises(door.ParameterError, match=f'expected nothing: .*{reason}'):
+        door.simulate(ARM, 0.01, **changes)
+
+
+def test_what_a_plant_that_is_given_does_not_look_at_is_refused():
+    with pytest.raises(door.ParameterError, match="'payload' is 1.*the plant is given.*Lost"):
+        door.simulate(ARM, 0.01, plant=Lost(), payload=1.0)
+    assert door.simulate(ARM, 0.01, plant=Lost(), rate=500.0, torque_limit=9.0).loop.period == 2e-3
+    assert door.simulate(ARM, 0.01, plant=Lost, payload=1.0).t.size == 11  # it may look at them
+
+
+def test_a_file_may_have_what_only_nodes_use(repository):
+    assert door.simulate(repository / 'config' / 'two_link.yaml', 0.01).kept
+
+
+def test_a_run_is_written_as_a_bag_where_one_is_asked_for(tmp_path):
+    seen = []
+    run = door.simulate(ARM, 0.02, bag=tmp_path / 'run', observer=seen.append)
+    bag = door.read_bag(tmp_path / 'run')
+    assert '/joint_states' in bag.topics
+    assert len(seen) == run.t.size == 21
+    with pytest.raises(door.BagError, match='exists already'):
+        door.simulate(ARM, 0.02, bag=tmp_path / 'run')
+    with pytest.raises(door.BagError, match='bag is 3: expected a path'):
+        door.simulate(ARM, 0.02, bag=3)
+
+
+def test_a_bag_of_objects_tells_no_true_parameters(tmp_path, repository):
+    door.simulate(ARM, 0.02, bag=tmp_path / 'object')
+    door.simulate(repository / 'config' / 'two_link.yaml', 0.02, bag=tmp_path / 'file')
+    kept = {name: (tmp_path / name / 'metadata.yaml').read_text() for name in ('object', 'file')}
+    assert '/arm_driver:' in kept['file']
+    assert '/controller:' in kept['object']
+    assert '/arm_driver:' not in kept['object']
+
+
+def test_a_run_has_what_it_was_made_of_and_is_saved(tmp_path):
+    run = door.simulate(ARM, 0.02, reference={'joint1': {'amplitude': 0.1}})
+    assert (run.joints, run.parameters) == (ARM.joints, ARM.parameters)
+    assert run.arm is ARM
+    assert run.estimate == run.identifier.estimate
+    assert run.undetermined == run.identifier.undetermined
+    assert run.controller is run.loop.controller
+    assert run.plant is run.loop.plant
+    np.testing.assert_allclose(run.reference, run.q - run.e1)
+    assert abs(run.reference).max() > 0.0
+    with np.load(run.save(tmp_path / 'run.npz')) as saved:
+        assert saved['joints'].tolist() == list(ARM.joints)
+        np.testing.assert_array_equal(saved['q'], run.q)
+        np.testing.assert_array_equal(saved['theta_hat'], run.theta_hat)
+    assert run.save(str(tmp_path / 'run.npz')).exists()  # replaced
+    assert [path.name for path in tmp_path.iterdir()] == ['run.npz']
+    for path in (tmp_path / 'run.csv', 3, tmp_path / 'none' / 'run.npz'):
+        with pytest.raises(door.ParameterError, match="'path' is"):
+            run.save(path)
+    assert run == run
+    assert run != door.simulate(ARM, 0.01)
+
+
+def test_an_identification_is_saved_as_what_an_identifier_starts_from(tmp_path):
+    result = identified()
+    assert (result.joints, result.parameters) == (ARM.joints, ARM.parameters)
+    assert result.train_rmse.tolist() == result.figures['train_rmse']
+    assert result.sigma_min == result.identifier.stack.sigma_min
+    path = result.save(tmp_path / 'theta.yaml')
+    for given in (str(path), result.theta, result.estimate):
+        other = door.Identifier(ARM, initial_estimate=given)
+        np.testing.assert_array_equal(other.theta, result.theta)
+    run = door.simulate(ARM, 1e-3, initial_estimate=result.estimate)
+    np.testing.assert_array_equal(run.theta_hat[0], result.theta)
+    (tmp_path / 'mine.yaml').write_text('a: 1\n')
+    for other in (tmp_path / 'mine.yaml', tmp_path / 'theta', 3):
+        with pytest.raises(door.ParameterError, match="'path' is"):
+            result.save(other)
+    assert (tmp_path / 'mine.yaml').read_text() == 'a: 1\n'
+    with pytest.raises(door.ParameterError, match=r'a value for each parameter.*no p2, p3'):
+        door.Identifier(ARM, initial_estimate={'p1': 1.0, 'fv_joint1': 1.0, 'fv_joint2': 1.0})
+    with pytest.raises(door.ParameterError, match=r"'p9' is none of them"):
+        door.Identifier(ARM, initial_estimate={**result.estimate, 'p9': 1.0})
+
+
+@pytest.mark.parametrize('reference', [
+    door.SumOfSinusoids([0.0, 0.0], [0.1, 0.0], 2.0),
+    {'joint1': {'amplitude': 0.1, 'frequency': 2.0}}])
+def test_a_reference_is_given_to_simulate_as_it_is_to_a_controller(reference):
+    run = door.simulate(ARM, 0.01, reference=reference)
+    assert run.controller.reference.range()[1].tolist() == [pytest.approx(0.1), 0.0]
+
+
+@pytest.mark.parametrize('reference', [len, [0.1, 0.2], 0.5, 'up', door.SumOfSinusoids])
+def test_what_is_no_reference_is_told_its_three_forms(reference):
+    for call in (door.Controller, door.simulate):
+        with pytest.raises(door.ParameterError, match=r"'reference' is .*{'joint1': {'amplitude'.*"
+                           r'a SumOfSinusoids, or an object with at\(t\)'):
+            call(ARM, reference=reference)
+
+
+def test_sinusoids_need_no_second_axis():
+    plain = door.SumOfSinusoids([0.0, 1.0], [0.1, 0.2], 2.0)
+    full = door.SumOfSinusoids([0.0, 1.0], [[0.1], [0.2]], [[2.0], [2.0]], [[0.0], [0.0]])
+    np.testing.assert_array_equal(plain.at(0.3), full.at(0.3))
+    assert repr(plain) == '<SumOfSinusoids: 2 joints, 1 terms, [-0.1, 0.8] to [0.1, 1.2] rad>'
+
+
+@pytest.mark.parametrize('thing', ['two_link', ARM.dynamics(ARM.nominal), Lost()])
+def test_what_is_no_scenario_is_told_what_is_one(thing):
+    with pytest.raises(door.ParameterError, match=r'an arm such as TwoLinkArm\(\)'):
+        door.simulate(thing)
+    with pytest.raises(door.ParameterError, match='load_arm reads a URDF'):
+        door.simulate('robot.urdf')
+
+
+@pytest.mark.parametrize('thing', ['two_link', 2, door.TwoLinkArm])
+def test_what_is_no_arm_is_told_what_makes_one(thing):
+    for call in (door.Identifier, door.Controller):
+        with pytest.raises(door.ParameterError, match=r'as TwoLinkArm\(\), load_arm\(urdf\)'):
+            call(thing)
+    with pytest.raises(door.ArmError, match=r'load_arm\(urdf\) returns'):
+        door.Arm('robot.urdf')
+
+
+def test_objects_in_place_of_settings_are_told_where_they_go():
+    for changes in ({'controller': door.Controller(ARM)}, {'identifier': door.Identifier(ARM)}):
+        with pytest.raises(door.ParameterError, match=r'ClosedLoop\(plant, controller, identifi'):
+            door.simulate(ARM, 0.01, **changes)
+
+
+def test_a_whole_object_in_place_of_its_estimate_is_told_so():
+    with pytest.raises(door.ParameterError, match=r"'theta' is <Identifier.*: its theta$"):
+        door.Controller(ARM).update(0.0, Q[0], QD[0], door.Identifier(ARM))
+
+
+class Frame:
+    """A data frame, as pandas and polars have it."""
+
+    def __init__(self, columns, index=None):
+        """Take columns by name, and what was made the index."""
+        self._data, self.columns, self.index = columns, list(columns), index
+
+    def __getitem__(self, name):
+        """Return a column."""
+        return self._data[name]
+
+
+TABLE = {'t': T, 'q1': Q[:, 0], 'q2': Q[:, 1], 'qd1': QD[:, 0], 'qd2': QD[:, 1],
+         'tau1': Q[:, 0], 'tau2': Q[:, 1]}
+
+
+@pytest.mark.parametrize('table', [
+    Frame(TABLE), TABLE, {name: column.tolist() for name, column in TABLE.items()},
+    np.rec.fromarrays(list(TABLE.values()), names=list(TABLE)), {**TABLE, 'note': T},
+    {'velocity_1': TABLE['qd1'], 'velocity_2': TABLE['qd2'], 'stamp': T,
+     **{name: TABLE[name] for name in ('q1', 'q2', 'tau1', 'tau2')}}],
+    ids=['frame', 'mapping', 'lists', 'structured', 'more columns', 'other names'])
+def test_a_table_in_memory_is_read_as_its_file_would_be(table):
+    log = door.read_log(table)
+    np.testing.assert_allclose(log.t, T)
+    np.testing.assert_array_equal(log.q, Q)
+    np.testing.assert_array_equal(log.qd, QD)
+    np.testing.assert_array_equal(log.tau, Q)
+
+
+def test_a_table_has_its_time_as_index_or_as_dates():
+    class Index(np.ndarray):
+        name = 't'
+
+    values = {name: column for name, column in TABLE.items() if name != 't'}
+    log = door.read_log(Frame(values, T.view(Index)))
+    np.testing.assert_allclose(log.t, T)
+    dates = np.datetime64('2024-05-01T12:00:00', 'ns') + (1e9 * T).astype('timedelta64[ns]')
+    np.testing.assert_allclose(door.read_log({**TABLE, 't': dates}).t, T, atol=1e-9)
+
+
+@pytest.mark.parametrize(('table', 'message'), [
+    ({**TABLE, 'q2': ['a'] * len(T)}, r"column 'q2' holds something else than numbers"),
+    ({name: TABLE[name] for name in TABLE if name != 't'}, r'missing column t: .*columns='),
+    (np.zeros((9, 7)), r"an array of shape \(9, 7\).*{'t': a\[:, 0\], 'q': a\[:, 1:3\]"),
+    ({'time': T, 'q': Q, 'dq': QD, 'tau': Q}, r"as in columns={'t': 'time', 'qd': 'dq'}"),
+    ({'t': T, 'q': Q, 'tau': Q}, r"or filter={'state_order': 4}, which takes velocities")])
+def test_a_table_that_is_no_log_is_told_what_is_missing(table, message):
+    with pytest.raises(door.LogError, match=message):
+        door.read_log(table)
+
+
+def test_a_log_of_one_joint_needs_no_second_axis():
+    log = door.read_log({'t': T, 'q': T, 'qd': T, 'tau': T})
+    assert log.q.shape == (len(T), 1)
+    rail = door.Identifier(Rail())
+    np.testing.assert_array_equal(rail.learn(T, T, T, T),
+                                  door.Identifier(Rail()).learn(T, log.q, log.qd, log.tau))
+
+
+def test_a_log_is_learned_as_a_whole():
+    first, second, third = (door.Identifier(ARM) for _ in range(3))
+    first.learn(T, Q, QD, Q)
+    np.testing.assert_array_equal(second.learn(LOG), first.theta)
+    np.testing.assert_array_equal(third.learn(door.read_log(LOG)), first.theta)
+
+
+def test_an_arm_may_stand_where_a_urdf_could():
+    for arm in (ARM, 'two_link'):
+        result = door.identify(LOG, arm, filter={'time_constant': 0.01})
+        np.testing.assert_array_equal(result.theta, identified().theta)
+
+
+def test_parts_show_what_they_are():
+    loop = door.ClosedLoop(Lost(), door.Controller(ARM))
+    assert repr(loop).startswith('<ClosedLoop of Lost, Controller, Identifier for <TwoLinkArm')
+    assert repr(ARM.dynamics(ARM.nominal)) == '<CompiledDynamics of 2 joints (joint1, joint2)>'
+    run = door.simulate(ARM, 0.01)
+    assert repr(run.plant).startswith('<SimulatedArm of <TwoLinkArm')
+    assert 'object at 0x' not in repr(run.controller.reference)

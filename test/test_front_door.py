@@ -308,7 +308,8 @@ def test_a_log_of_arrays_is_read_from_a_mapping_or_a_file(tmp_path):
 @pytest.mark.parametrize(('log', 'message'), [
     ({}, r"no array 't'"), ({'t': [0.0], 'q': [[0.0]], 'qd': [[0.0]]}, r"no array 'tau'"),
     ({'t': [0.0, 1.0], 'q': [[0.0]], 'qd': [[0.0]], 'tau': [[0.0]]}, r"'q'.*\(2, N\).*\(1, 1\)"),
-    ({'t': [0.0, 1.0], 'q': [[0.0]] * 2, 'qd': [0.0, 0.0], 'tau': [[0.0]] * 2}, r"'qd'.*\(2, 1\)"),
+    ({'t': [0.0, 1.0], 'q': [[0.0, 0.0]] * 2, 'qd': [0.0, 0.0], 'tau': [[0.0, 0.0]] * 2},
+     r"'qd'.*\(2, 2\)"),
     ({'t': [0.0, 0.0], 'q': [[0.0]] * 2, 'qd': [[0.0]] * 2, 'tau': [[0.0]] * 2}, '1 usable rows')])
 def test_arrays_that_are_no_log_are_named(log, message):
     with pytest.raises(door.LogError, match=message):

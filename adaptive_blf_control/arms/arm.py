@@ -5,16 +5,16 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, TYPE_CHECKING
 
 import numpy as np
 
 from adaptive_blf_control.arms import integrator
 from adaptive_blf_control.compiled import uncompiled
-from adaptive_blf_control.errors import ArmError
-from adaptive_blf_control.parameters.plugin import require
+from adaptive_blf_control.errors import ArmError, ParameterError, without_attribute
+from adaptive_blf_control.parameters.guided import Guided
 
-__all__ = ['Arm', 'ForwardDynamics', 'checked_arm', 'described']
+__all__ = ['Arm', 'ForwardDynamics', 'GuidedArm', 'checked_arm', 'described']
 
 
 class ForwardDynamics(Protocol):
@@ -70,6 +70,18 @@ class Arm(Protocol):
     nominal: np.ndarray
     payload_direction: np.ndarray | None = None
 
+    if not TYPE_CHECKING:
+        def __new__(cls, *_: Any, **__: Any) -> Any:
+            """Refuse to make the base itself, with what makes an arm."""
+            if cls is Arm:
+                raise ArmError('Arm is the base of arms of your own: load_arm(urdf) returns the '
+                               'arm of a URDF, TwoLinkArm() and ThreeLinkArm() those of papers')
+            return super().__new__(cls)
+
+        def __getattr__(self, name: str) -> Any:
+            """Raise AttributeError for what is not there, with the one that is meant."""
+            raise without_attribute(self, name)
+
     @property
     def n(self) -> int:
         """Number of joints."""
@@ -120,6 +132,20 @@ class Arm(Protocol):
         raise ArmError(f'{type(self).__name__} has no link_points: it cannot be drawn')
 
 
+class GuidedArm(Guided, instead={
+        'names': 'joints has the names of the joints, parameters those of the parameters',
+        'theta': 'nominal has the nominal parameters, in the order of parameters',
+        'inverse_dynamics': 'inverse_dynamics(arm, theta, q, qd, qdd) of the package',
+        'rnea': 'inverse_dynamics(arm, theta, q, qd, qdd) of the package',
+        'step': 'dynamics(theta).advance(q, qd, tau, dt)',
+        'advance': 'dynamics(theta).advance(q, qd, tau, dt)',
+        'simulate': 'simulate(arm) of the package, or dynamics(theta).advance(q, qd, tau, dt)',
+        'regressor': 'X(q, qd, qd, qdd) is the regressor of the torque, Y1 and Y2 need no qdd',
+        'Y': 'X(q, qd, qd, qdd) is the regressor of the torque, Y1 and Y2 need no qdd',
+        'mass_matrix': 'Y1(q, e) @ theta is its product with a vector e'}):
+    """Base of the arms of this package: a wrong attribute is refused with what is meant."""
+
+
 REQUIRED = ('joints', 'parameters', 'n', 'm', 'Y1', 'Y2', 'Y12', 'X')
 """What an arm has to have for learning and control."""
 SIMULATED = ('nominal', 'payload_direction', 'dynamics')
@@ -133,7 +159,13 @@ def checked_arm(name: str, arm: Any) -> Arm:
         name: What the caller calls it, for the message.
         arm: What is to be one.
     """
-    require(name, arm, arm, REQUIRED)
+    if isinstance(arm, type) or not all(hasattr(arm, each) for each in REQUIRED):
+        lacks = [each for each in REQUIRED if not hasattr(arm, each)]
+        said = (f'not the class {arm.__name__}' if isinstance(arm, type) else
+                f'{type(arm).__name__} has no {", ".join(lacks)}')
+        raise ParameterError(name, arm, f'a part with {", ".join(REQUIRED)}, such as '
+                             'TwoLinkArm(), load_arm(urdf) or an object of a class that inherits '
+                             f'from Arm: {said}')
     return arm  # type: ignore[no-any-return]
 
 

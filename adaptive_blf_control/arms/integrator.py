@@ -21,7 +21,9 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.arrays import are_vectors, checked_count, checked_number, checked_vectors
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import borrowed, by_type, jit
+from adaptive_blf_control.parameters.guided import Guided
 
 __all__ = ['acceleration', 'advance', 'CompiledDynamics']
 
@@ -76,7 +78,11 @@ def _stage(position: np.ndarray, velocity: np.ndarray, q: np.ndarray, qd: np.nda
         velocity[i] = qd[i] + h * acceleration[i]
 
 
-class CompiledDynamics:
+class CompiledDynamics(Guided, instead={
+        'step': 'advance(q, qd, tau, dt) returns the next q and qd',
+        'q': 'no state is kept: advance(q, qd, tau, dt) returns the next q and qd',
+        'qd': 'no state is kept: advance(q, qd, tau, dt) returns the next q and qd',
+        'reset': 'no state is kept: advance(q, qd, tau, dt) returns the next q and qd'}):
     """`ForwardDynamics` of a true arm that `acceleration` knows.
 
     Attributes:
@@ -89,6 +95,10 @@ class CompiledDynamics:
         self._joints = tuple(joints)
         self._shape = (len(self._joints),)
 
+    def __repr__(self) -> str:
+        """Name the joints."""
+        return f'<{type(self).__name__} of {len(self._joints)} joints ({", ".join(self._joints)})>'
+
     def acceleration(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return q̈ = M⁻¹(τ − C q̇ − G − F q̇), shape (n,) [rad/s²].
 
@@ -100,6 +110,7 @@ class CompiledDynamics:
         result: np.ndarray = acceleration(self.arm, q, qd, tau)
         return result
 
+    @checked_call
     def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
                 substeps: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """Integrate over ``dt`` [s] under a held torque with RK4 sub-steps; return new (q, q̇).

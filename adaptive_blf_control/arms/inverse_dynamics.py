@@ -9,10 +9,12 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm
 from adaptive_blf_control.arrays import checked_array, dimensions
+from adaptive_blf_control.calls import checked_call
 
 __all__ = ['inverse_dynamics']
 
 
+@checked_call
 def inverse_dynamics(arm: Arm, theta: Any, q: Any, qd: Any, qdd: Any) -> np.ndarray:
     """Return τ = M(q) q̈ + C(q, q̇) q̇ + G(q) + F q̇ = Y(q, q̇, q̈) θ (2) [N·m].
 

@@ -9,11 +9,13 @@ import numpy as np
 
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.arms.urdf_source import UrdfSource
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['load_arm']
 
 
+@checked_call
 def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
              viscous: bool = True, coulomb: bool = False, offset: bool = False,
              square_root: bool = False, rotor_inertia: bool = False,
@@ -43,7 +45,8 @@ def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
     for name, value in (('viscous', viscous), ('coulomb', coulomb), ('offset', offset),
                         ('square_root', square_root), ('rotor_inertia', rotor_inertia)):
         if not isinstance(value, (bool, np.bool_)):
-            raise ParameterError(name, value, 'True or False')
+            raise ParameterError(name, value, 'True or False: whether it is learned; '
+                                 'UrdfArm(urdf, viscous=...) takes nominal values')
     return UrdfArm(urdf, joints, friction_viscous=viscous, friction_coulomb=coulomb,
                    friction_offset=offset, friction_square_root=square_root,
                    rotor_inertia=rotor_inertia, coulomb_velocity=coulomb_velocity,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import described
+from adaptive_blf_control.arms.arm import described, GuidedArm
 from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.errors import ArmError
 
@@ -17,7 +17,7 @@ __all__ = ['PlanarArm', 'planar_points']
 _WORDS = {2: 'two', 3: 'three'}
 
 
-class PlanarArm:
+class PlanarArm(GuidedArm):
     """Names of a planar arm, as the `Arm` that inherits from it has them.
 
     Attributes:

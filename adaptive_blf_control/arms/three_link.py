@@ -19,6 +19,7 @@ from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
 from adaptive_blf_control.arms.planar import planar_points, PlanarArm
 from adaptive_blf_control.arms.regressors import law_regressor, regressors
 from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError, ParameterError
 
@@ -255,6 +256,7 @@ def _check_mass_matrix(theta: np.ndarray) -> None:
 class ThreeLinkArm(PlanarArm):
     """Planar 3-DoF arm without gravity, θ = (p1, …, p10, f) (48)."""
 
+    @checked_call
     def __init__(self, joints: Sequence[str] = ('joint1', 'joint2', 'joint3')) -> None:
         """Name the joints; ArmError unless there are exactly three distinct names."""
         super().__init__('three_link', joints, 3)
@@ -293,6 +295,7 @@ class ThreeLinkArm(PlanarArm):
                                                       alpha_dot=alpha_dot)
         return three_link_X(q, qd, alpha, alpha_dot)
 
+    @checked_call
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics; ArmError where M(q) would not be positive definite."""
         theta = checked_array('theta', theta, (self.m,), self.parameters)

@@ -13,6 +13,7 @@ from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
 from adaptive_blf_control.arms.planar import planar_points, PlanarArm
 from adaptive_blf_control.arms.regressors import law_regressor, regressors
 from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError
 
@@ -136,6 +137,7 @@ def _check_mass_matrix(p1: float, p2: float, p3: float) -> None:
 class TwoLinkArm(PlanarArm):
     """Planar 2-DoF arm without gravity, θ = (p1, p2, p3, f1, f2) (45)."""
 
+    @checked_call
     def __init__(self, joints: Sequence[str] = ('joint1', 'joint2')) -> None:
         """Name the joints; ArmError unless there are exactly two distinct names."""
         super().__init__('two_link', joints, 2)
@@ -174,6 +176,7 @@ class TwoLinkArm(PlanarArm):
                                                       alpha_dot=alpha_dot)
         return two_link_X(q, qd, alpha, alpha_dot)
 
+    @checked_call
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics; ArmError where M(q) would not be positive definite."""
         theta = checked_array('theta', theta, (self.m,), self.parameters)

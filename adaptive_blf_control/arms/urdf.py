@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import described
+from adaptive_blf_control.arms.arm import described, GuidedArm
 from adaptive_blf_control.arms.base_parameters import (
     BaseParameters,
     decompose,
@@ -36,6 +36,7 @@ from adaptive_blf_control.arms.urdf_model import (
 )
 from adaptive_blf_control.arms.urdf_source import read_urdf, UrdfSource
 from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors, dimensions
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.errors import ArmError, ParameterError
 
 __all__ = ['UrdfArm']
@@ -43,7 +44,10 @@ __all__ = ['UrdfArm']
 _STATES = 100
 
 
-class UrdfArm:
+class UrdfArm(GuidedArm, instead={
+        'gravity': 'load_arm(urdf, gravity=...) takes it; model.gravity has it',
+        'masses': 'inertial[:, 0] has the masses of the URDF by joint',
+        'mass': 'inertial[:, 0] has the masses of the URDF by joint'}):
     """A sub-chain of a URDF's joints as an `Arm`; the other joints are locked at zero.
 
     θ holds base inertial parameters, each named after the inertial parameter whose column stands
@@ -78,6 +82,7 @@ class UrdfArm:
         xml: Text of the URDF.
     """
 
+    @checked_call
     def __init__(self, source: UrdfSource, joints: Sequence[str] | None = None, *,
                  friction_viscous: bool = True, friction_coulomb: bool = False,
                  friction_offset: bool = False, friction_square_root: bool = False,
@@ -248,6 +253,7 @@ class UrdfArm:
         """Return viscous, Coulomb, constant and square-root friction of θ in rows, (4, n)."""
         return self._friction.coefficients(self._checked(theta)[self.base_count:])
 
+    @checked_call
     def dynamics(self, theta: np.ndarray) -> UrdfDynamics:
         """Forward dynamics with the parameters ``theta``, shape (m,).
 

@@ -19,7 +19,7 @@ from adaptive_blf_control.bags.raw_log import RawLog
 from adaptive_blf_control.bags.row_store import RowStore
 from adaptive_blf_control.errors import LogError
 
-__all__ = ['csv_log']
+__all__ = ['csv_log', 'raw_log']
 
 _DEGREES = re.compile(r'.*[\[(<]\s*(?:°|deg(?:rees?)?)\s*(?:/\s*s\w*)?\s*[\])>]\s*', re.IGNORECASE)
 _FIRST = 2000  # rows that tell the unit of the time
@@ -66,7 +66,7 @@ def _read(path: Path, file: CsvFile, joints: Sequence[str] | None, velocity: boo
         clock.append(time)
         store.append(values[len(found.time):])
     table = store.table()
-    return _raw(found, header, np.array(clock), table, origin or 0, problem)
+    return raw_log(found, header, np.array(clock), table, origin or 0, problem)
 
 
 def _again(first: tuple[int, list[str]], rows: Iterator[tuple[int, list[str]]]
@@ -122,8 +122,19 @@ def _time_of(row: list[str], found: Columns, values: list[float], origin: int | 
         values[0] - (origin or 0))
 
 
-def _raw(found: Columns, header: Sequence[str], clock: np.ndarray, table: np.ndarray, origin: int,
-         problem: str | None) -> RawLog:
+def raw_log(found: Columns, header: Sequence[str], clock: np.ndarray, table: np.ndarray,
+            origin: int, problem: str | None) -> RawLog:
+    """Return what columns hold as a log, in s and rad where their names or values tell the unit.
+
+    Args:
+        found: Where the values are.
+        header: Names of the columns.
+        clock: Times after ``origin``, shape (N,).
+        table: Positions, velocities and torques side by side, shape (N, 3 n) or (N, 2 n); those
+            in degrees are converted in place.
+        origin: Time that was taken off the clock.
+        problem: Why the source ends early, or None.
+    """
     n = len(found.values['q'])
     notes = list(found.notes)
     start = next((value for value in clock[:_FIRST] if math.isfinite(value)), 0.0) + origin

@@ -6,13 +6,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import os
 from pathlib import Path
+import re
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TYPE_CHECKING
 import zipfile
 
 import numpy as np
 
-from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.arrays import checked_array, dimensions
 from adaptive_blf_control.bags.bag_log import bag_log
 from adaptive_blf_control.bags.csv_log import csv_log
 from adaptive_blf_control.bags.log_clock import log_clock
@@ -20,8 +21,18 @@ from adaptive_blf_control.bags.log_conversion import Conversion, conversion
 from adaptive_blf_control.bags.raw_log import RawLog
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.bags.row_store import keep_rows, new_table, row_blocks
-from adaptive_blf_control.errors import BagError, LogError, ParameterError, UnknownParameter
-from adaptive_blf_control.spelling import option
+from adaptive_blf_control.bags.table_log import columns_of, DataFrame, is_table, table_log
+from adaptive_blf_control.calls import checked_call
+from adaptive_blf_control.errors import (
+    BagError,
+    LogError,
+    ParameterError,
+    shown,
+    UnknownParameter,
+    without_attribute,
+)
+from adaptive_blf_control.spelling import option, setting
+from adaptive_blf_control.synonyms import same_meaning
 
 __all__ = ['Log', 'MeasuredLog', 'read_log']
 
@@ -69,11 +80,17 @@ class MeasuredLog(NamedTuple):
                 + ('' if self.measured_velocity else ', without velocities')
                 + (f', {self.problem}' if self.problem else '') + '>')
 
+    if not TYPE_CHECKING:
+        def __getattr__(self, name: str) -> Any:
+            """Raise AttributeError for what is not there, with the one that is meant."""
+            raise without_attribute(self, name)
 
-Log = str | os.PathLike[str] | Mapping[str, Any] | MeasuredLog
+
+Log = str | os.PathLike[str] | Mapping[str, Any] | MeasuredLog | np.ndarray | DataFrame
 """A log as a caller gives it, see `read_log`."""
 
 
+@checked_call
 def read_log(source: Log, *, topic: str | None = None, joints: Sequence[str] | None = None,
              velocity: bool = True, columns: Mapping[str, str] | None = None,
              degrees: bool = False, gain: Mapping[str, float] = _NO_GAIN,
@@ -83,8 +100,9 @@ def read_log(source: Log, *, topic: str | None = None, joints: Sequence[str] | N
     Args:
         source: CSV file with a header such as ``t,q1..,qd1..,tau1..``, in any order, dialect and
             with names of other programs, see ``docs/logs.md``; NumPy's ``.npz`` file, or a
-            mapping, with arrays t (N,) [s], q [rad], qd [rad/s] and tau [N·m] (N, n); a bag as
-            `read_bag` takes it; or a log.
+            mapping, with arrays t (N,) [s], q [rad], qd [rad/s] and tau [N·m] (N, n), or (N,)
+            for one joint; a data frame, structured array or mapping with columns like those of a
+            CSV file; a bag as `read_bag` takes it; or a log.
         topic: Topic of joint values in the bag. Where not given: ``joint_states``, or the only
             one there is.
         joints: For a bag, a log and named columns, which joints in which order, by name; else
@@ -109,6 +127,10 @@ def read_log(source: Log, *, topic: str | None = None, joints: Sequence[str] | N
     converted_by = conversion(degrees, gain, effort_delay)
     if columns is not None and not isinstance(columns, Mapping):
         raise ParameterError('columns', columns, "a mapping such as {'t': 'stamp[ms]'}")
+    for kind in columns or ():
+        if not re.fullmatch(r't|(q|qd|tau)\d*', str(kind)):
+            raise ParameterError('columns', kind, 't, q, qd or tau, each with the name of a '
+                                 "column or an array, as in {'t': 'time'}")
     log = _read(source, topic, joints, velocity, columns)
     return _converted(log, converted_by, source)
 
@@ -120,17 +142,19 @@ def _read(source: Log, topic: str | None, joints: Sequence[str] | None, velocity
         raise ParameterError('joints', joints, 'a list of names')
     if isinstance(source, MeasuredLog):
         return _chosen(source, joints)
-    if isinstance(source, Mapping):
-        return _finished('log', _of_arrays('log', source, velocity, columns), joints)
+    arrays = source if isinstance(source, Mapping) else columns_of(source)
+    if arrays is not None:
+        return _finished('log', _of_arrays('log', arrays, joints, velocity, columns), joints)
     try:
-        path = Path(source)
+        path = Path(source)  # type: ignore[arg-type]
     except TypeError:
-        raise LogError(f'log is {source!r}: expected a path, a mapping with arrays t, q, qd, tau, '
-                       'or a MeasuredLog') from None
+        raise LogError(f'log is {shown(source)}: expected a path, arrays by name such as '
+                       "{'t': a[:, 0], 'q': a[:, 1:3], 'qd': a[:, 3:5], 'tau': a[:, 5:7]}, a data "
+                       'frame with named columns, or a MeasuredLog') from None
     if path.suffix.lower() in ('.csv', '.tsv', '.txt'):
         raw = csv_log(path, joints, velocity=velocity, columns=columns)
     elif path.suffix.lower() == '.npz':
-        raw = _load_npz(path, velocity, columns)
+        raw = _load_npz(path, joints, velocity, columns)
     else:
         try:
             raw = bag_log(read_bag(path), topic, joints, velocity=velocity)
@@ -179,41 +203,54 @@ def _chosen(log: MeasuredLog, joints: Sequence[str] | None) -> MeasuredLog:
     return log._replace(joints=tuple(joints), q=q, qd=qd, tau=tau)
 
 
-def _load_npz(path: Path, velocity: bool, columns: Mapping[str, str] | None) -> RawLog:
+def _load_npz(path: Path, joints: Sequence[str] | None, velocity: bool,
+              columns: Mapping[str, str] | None) -> RawLog:
     try:
         with np.load(path, allow_pickle=False) as arrays:
-            return _of_arrays(str(path), dict(arrays), velocity, columns)
+            return _of_arrays(str(path), dict(arrays), joints, velocity, columns)
     except (OSError, ValueError, zipfile.BadZipFile) as exc:
         if isinstance(exc, LogError):
             raise
         raise LogError(f'{path}: cannot be read: {exc}') from exc
 
 
-def _of_arrays(source: str, arrays: Mapping[str, Any], velocity: bool,
-               columns: Mapping[str, str] | None) -> RawLog:
+def _of_arrays(source: str, arrays: Mapping[str, Any], joints: Sequence[str] | None,
+               velocity: bool, columns: Mapping[str, str] | None) -> RawLog:
     needed = ('t', 'q', 'qd', 'tau') if velocity else ('t', 'q', 'tau')
+    whole = all((columns or {}).get(name, name) in arrays for name in needed)
+    if arrays and not whole and is_table(arrays):
+        return table_log(source, arrays, joints, velocity=velocity, given=columns)
     arrays = _renamed(source, arrays, columns or {})
     if missing := [name for name in needed if name not in arrays]:
         raise LogError(f'{source}: no array {missing[0]!r}: expected t, q, qd and tau, got '
                        f'{", ".join(map(str, arrays)) or "none"}: '
                        + option('columns', f'{{{missing[0]!r}: ...}}', f'{missing[0]}=...')
-                       + ' names another')
+                       + ' names another' + _others(missing, arrays))
     try:
         t = checked_array('t', arrays['t'], (-1,))
-        q = checked_array('q', arrays['q'], (len(t), -1))
+        one = dimensions(arrays['q']) == 1  # a column for the only joint
+        q = checked_array('q', arrays['q'], (len(t), 1 if one else -1))
         rest = [checked_array(name, arrays[name], q.shape) for name in needed[2:]]
     except ParameterError as exc:
         raise LogError(f'{source}: {exc}') from exc
     return RawLog(None, t, 1.0, np.hstack([q, *rest]), q.shape[1], velocity, 0, (), None)
 
 
+def _others(missing: Sequence[str], arrays: Mapping[str, Any]) -> str:
+    """Return what may be meant by arrays of other names, and how to do without velocities."""
+    meant = {kind: next(iter(same_meaning(kind, map(str, arrays))), None) for kind in missing}
+    named = {kind: name for kind, name in meant.items() if name is not None}
+    if named:
+        return f', as in {option("columns", str(named), ",".join(map("=".join, named.items())))}'
+    if missing == ['qd']:
+        return f'; or {setting("filter.state_order", "4")}, which takes velocities from positions'
+    return ''
+
+
 def _renamed(source: str, arrays: Mapping[str, Any],
              columns: Mapping[str, str]) -> Mapping[str, Any]:
     """Return arrays under the names t, q, qd and tau, where they are called otherwise."""
-    for kind, name in columns.items():
-        if kind not in ('t', 'q', 'qd', 'tau'):
-            raise ParameterError('columns', kind,
-                                 't, q, qd or tau, each with the name of an array')
+    for name in columns.values():
         if name not in arrays:
             raise LogError(f'{source}: no array {name!r}: it has {", ".join(map(str, arrays))}')
     return {**arrays, **{kind: arrays[name] for kind, name in columns.items()}}

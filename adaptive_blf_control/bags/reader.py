@@ -21,6 +21,7 @@ from adaptive_blf_control.bags.storage_files import (
     open_file,
     storage_files,
 )
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.cdr import (
     decode_float64,
@@ -238,6 +239,7 @@ class Bag:
         return info
 
 
+@checked_call
 def read_bag(path: Path | str) -> Bag:
     """Open a rosbag2 folder (MCAP or SQLite), or a lone .mcap or .db3 file.
 

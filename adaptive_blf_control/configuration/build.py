@@ -21,6 +21,7 @@ from adaptive_blf_control.configuration.node_settings import (
 from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.laws.protocol import Law
+from adaptive_blf_control.control.reference import Reference
 from adaptive_blf_control.control.set_constraints import OwnConstraints
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.given_parameters import given_parameters, read_estimate
@@ -206,6 +207,7 @@ class OwnParts(NamedTuple):
     law: Law | type[Law] | str | None = None
     update_law: UpdateLaw | type[UpdateLaw] | str | None = None
     constraints: OwnConstraints = ()
+    reference: Reference | None = None
 
 
 _NONE_OWN = OwnParts()
@@ -233,6 +235,7 @@ def build_closed_loop(data: Mapping[str, Any], own: OwnParts = _NONE_OWN,
     else:
         plant = own_plant('plant', own.plant, own.plant, driver, known)
     begun = Controller(known, controller, law=own.law, constraints=own.constraints,
+                       reference=own.reference,
                        start=plant.measured_position(), velocity=plant.qd)
     return ClosedLoop(plant, begun,
                       build_identifier(identifier, arm or arms.arm(identifier),

@@ -21,6 +21,7 @@ from adaptive_blf_control.configuration.node_settings import NODE_SETTINGS, Runt
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.parameters.table import (
+    bounds_of,
     declares,
     JOINT,
     Parameter,
@@ -31,8 +32,8 @@ from adaptive_blf_control.parameters.table import (
 )
 
 __all__ = ['PARAMETERS_KEY', 'ROS_OWN', 'apply_changes', 'apply_settings', 'checked_sections',
-           'given_values', 'known_elsewhere', 'load_yaml', 'load_yamls', 'node_settings',
-           'node_values']
+           'declared_in', 'flattened', 'given_values', 'known_elsewhere', 'load_yaml',
+           'load_yamls', 'node_settings', 'node_values']
 
 
 Kind = TypeVar('Kind', bound=RuntimeSettings)
@@ -108,12 +109,13 @@ def checked_sections(data: Any, name: str, source: object) -> dict[str, Any]:
     return dict(data)
 
 
-def _flat(mapping: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+def flattened(mapping: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield what nested mappings and settings hold, each value with its dotted name."""
     for key, value in mapping.items():
         if isinstance(value, Settings):
             value = value.values()
         if isinstance(value, Mapping):
-            yield from _flat(value, f'{prefix}{key}.')
+            yield from flattened(value, f'{prefix}{key}.')
         else:
             yield f'{prefix}{key}', value
 
@@ -133,7 +135,7 @@ def given_values(data: Mapping[str, Any], node: str) -> dict[str, Any]:
     for key, section in data.items():
         if not _applies(key, node):
             continue
-        for name, value in _flat(section['ros__parameters']):
+        for name, value in flattened(section['ros__parameters']):
             if key == '/**' and not _knows(TABLES[node], name, joints):
                 if not any(_knows(table, name, joints) for table in TABLES.values()):
                     raise UnknownParameter(name, value, _all_names(joints))
@@ -223,21 +225,41 @@ def apply_changes(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[s
     Args:
         data: A parameter file's data; it stays as it is.
         changes: Values by ``[node.]name``, or nested as in YAML: scalars, integers and arrays
-            are taken where a list of doubles is meant, settings where a group is meant.
+            are taken where a list of doubles is meant, settings where a group is meant, and
+            ``(-1.0, 1.0)`` for ``lower`` and ``upper``.
     """
     changed = copy.deepcopy(dict(data))
-    for name, value in _flat(changes):
-        _put(changed, *_change(name, value))
+    for name, value in flattened(changes):
+        bounds = bounds_of(value) or {}
+        if bounds and all(_rows(f'{name}.{end}') for end in bounds):
+            for end, bound in bounds.items():
+                _put(changed, *_change(f'{name}.{end}', bound))
+        else:
+            _put(changed, *_change(name, value))
     return changed
 
 
 def _change(name: str, value: Any) -> tuple[str, str, Any]:
     """Return the node (``**`` for every one), the parameter and the value that are meant."""
+    rows = _rows(name)
+    return *_place(name), plain(rows[0].kind, value) if rows else value
+
+
+def _place(name: str) -> tuple[str, str]:
+    """Return the node that ``[node.]name`` is for, ``**`` for every one, and the name in it."""
     head, _, tail = name.partition('.')
-    node, key = (head, tail) if head in TABLES and tail else ('**', name)
-    tables = [TABLES[node]] if node in TABLES else list(TABLES.values())
-    rows = [row for table in tables for row in table if declares(row, key)]
-    return node, key, plain(rows[0].kind, value) if rows else value
+    return (head, tail) if head in TABLES and tail else ('**', name)
+
+
+def _rows(name: str) -> list[Parameter]:
+    return [row for _, row in declared_in(name)]
+
+
+def declared_in(name: str) -> list[tuple[str, Parameter]]:
+    """Return the declarations that ``[node.]name`` may mean, each with its node."""
+    node, key = _place(name)
+    nodes = [node] if node in TABLES else list(TABLES)
+    return [(each, row) for each in nodes for row in TABLES[each] if declares(row, key)]
 
 
 def _put(data: dict[str, Any], node: str, key: str, value: Any) -> None:
@@ -245,7 +267,7 @@ def _put(data: dict[str, Any], node: str, key: str, value: Any) -> None:
     # Other sections that apply to the node may come later in the file, and later ones win.
     others = [section for name, section in data.items()
               if (node == '**' or name == node or name.endswith(f'/{node}'))
-              and key in dict(_flat(section['ros__parameters']))]
+              and key in dict(flattened(section['ros__parameters']))]
     for section in (home, *others):
         _merge(section['ros__parameters'], _nested(key, value))
 

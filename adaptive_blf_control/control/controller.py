@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import copy
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from adaptive_blf_control.arrays import (
     checked_number,
     checked_vectors,
 )
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.constraints import Constraint, Constraints, MotionState
@@ -61,20 +62,28 @@ from adaptive_blf_control.control.step import (
     Memory,
     new_memory,
 )
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.errors import ParameterError, without_attribute
 from adaptive_blf_control.parameters.guided import Guided
-from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.parameters.settings import Settings
+from adaptive_blf_control.parameters.table import bounds_of
 
 __all__ = ['Controller', 'ControlOutput']
 
 _Group = Mapping[str, Any] | Settings
+# Of a part that is given as an object: what it has to have, and in which other ways it is given.
 _ASKED = {'safety': ('lower', 'upper', 'margin'), 'performance': ('lower', 'upper', 'margin'),
-          'reference': ('at', 'range')}  # of a part that is given as an object
+          'reference': ('at', 'range')}
+_BOUNDS = ("{'lower': ..., 'upper': ...} with numbers or lists, one for each joint, "
+           '(-a, b) for all joints, or a part with lower, upper, margin')
+_WAYS = {
+    'safety': _BOUNDS, 'performance': _BOUNDS,
+    'reference': "{'joint1': {'amplitude': 0.5, 'frequency': 1.0, 'offset': 0.0}, ...} by joint, "
+                 'a SumOfSinusoids, or an object with at(t), which returns a ReferencePoint of '
+                 'position, velocity and acceleration, and range(), the bounds of its positions'}
 
 
 class ControlOutput(NamedTuple):
-    """What one sample of the controller gives; arrays of shape (n,) unless said.
+    """What one sample of the controller gives; arrays of shape (n,) unless another is said.
 
     Attributes:
         torque: Commanded torque after the limits [N·m]; always finite.
@@ -111,6 +120,11 @@ class ControlOutput(NamedTuple):
         """Where the limit of the torque or of its rate is at work, shape (n,), bool."""
         return self.torque != self.wanted
 
+    if not TYPE_CHECKING:
+        def __getattr__(self, name: str) -> Any:
+            """Raise AttributeError for what is not there, with the one that is meant."""
+            raise without_attribute(self, name)
+
 
 class _Sets(NamedTuple):
     """What of a controller keeps the arm where it belongs, checked together."""
@@ -134,7 +148,10 @@ class _Tuning(NamedTuple):
 
 
 class Controller(Guided, settings=ControllerSettings,
-                 instead={'output': 'update returns it', 'torque': 'update returns it'}):
+                 instead={'output': 'update returns it', 'torque': 'update returns it',
+                          'theta': 'update is given it: the theta of an Identifier',
+                          'gains': 'settings has them, retune(k2=...) changes them',
+                          'set_reference': 'retune(t, q, reference=...) changes it'}):
     """Equation (38) (or (34), when θ* is passed as θ̂) inside the sets (7) and (8).
 
     Holds the torque commanded last, so one object belongs to one motion.
@@ -157,6 +174,7 @@ class Controller(Guided, settings=ControllerSettings,
     constraints: Constraints
     safety_filter: SafetyFilter | None
 
+    @checked_call
     def __init__(self, arm: Arm, settings: ControllerSettings | None = None,
                  safety: JointInterval | _Group | None = None,
                  performance: JointInterval | _Group | None = None,
@@ -172,9 +190,10 @@ class Controller(Guided, settings=ControllerSettings,
         Args:
             arm: The arm.
             settings: Gains, limits, sets and reference; the defaults where None.
-            safety: Safety set (7) in place of that of the settings, or its settings.
+            safety: Safety set (7) in place of that of the settings, or its settings, or
+                ``(-1.0, 1.0)`` for every joint.
             performance: Performance set (8), likewise.
-            reference: y_d in place of the sinusoids of the settings, or their settings.
+            reference: y_d in place of the sinusoids of the settings, or their settings by joint.
             law: In place of the law that the settings name: a law, a class of laws, which is
                 called with the arm and the settings, or a name.
             constraints: Beside those that the settings name: a constraint, a class or a name, or
@@ -191,14 +210,14 @@ class Controller(Guided, settings=ControllerSettings,
         """
         self.arm = checked_arm('arm', arm)
         groups = {'safety': safety, 'performance': performance, 'reference': reference}
-        changes.update((name, value) for name, value in (*groups.items(), ('law', law))
-                       if isinstance(value, (Mapping, Settings, str)))
+        changes.update((name, value) for name, value in groups.items() if _is_group(name, value))
+        if isinstance(law, str):
+            changes['law'] = law
         settings = ControllerSettings.taken(settings, changes)
         parts: dict[str, Any] = controller_parts(settings, arm.joints)._asdict()
         for name, value in groups.items():
             if value is not None and name not in changes:
-                require(name, value, value, _ASKED[name])
-                parts[name] = value
+                parts[name] = _part(name, value)
         follow: Reference = parts['reference']
         _check_reference(follow, arm)
         if start is not None:
@@ -300,6 +319,7 @@ class Controller(Guided, settings=ControllerSettings,
         governed = getattr(self.safety_filter, 'governor', None) is not None
         return self._path_time if governed else t
 
+    @checked_call
     def check_start(self, q: Any, qd: Any = None) -> None:
         """Raise SetViolation where the first measured state is not inside.
 
@@ -333,6 +353,7 @@ class Controller(Guided, settings=ControllerSettings,
         """Return the bounds in use at N times, (N,) [s]; the arrays have shape (N, n)."""
         return self._bounds.along(times)
 
+    @checked_call
     def retune(self, t: float | None = None, q: Any = None, *,
                settings: ControllerSettings | None = None,
                safety: JointInterval | _Group | None = None,
@@ -361,17 +382,19 @@ class Controller(Guided, settings=ControllerSettings,
             ParameterError: a value cannot be used.
         """
         joints = self.arm.joints
+        if isinstance(t, (str, Mapping, Settings)):
+            raise ParameterError('t', t, 'a time; parameters are given by name, retune(k2=50.0), '
+                                 'or as retune(settings=...)')
         groups: dict[str, Any] = {'safety': safety, 'performance': performance,
                                   'reference': reference}
-        changes.update((name, value) for name, value in groups.items()
-                       if isinstance(value, (Mapping, Settings)))
+        changes.update((name, value) for name, value in groups.items() if _is_group(name, value))
         wanted = None
         if settings is not None or changes:
             wanted = ControllerSettings.taken(self.settings if settings is None else settings,
                                               changes)
         for name, value in groups.items():
             if value is not None and name not in changes:
-                require(name, value, value, _ASKED[name])
+                _part(name, value)
         made = controller_parts(wanted, joints)._asdict() if wanted and changes else {}
         for name in groups:
             if any(given.partition('.')[0] == name for given in changes):
@@ -440,6 +463,7 @@ class Controller(Guided, settings=ControllerSettings,
         time = self._memory.time
         time[0] = max(time[0], t - longest)  # NaN stays: max takes its first argument then
 
+    @checked_call
     def update(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
                torque: np.ndarray | None = None) -> ControlOutput:
         """Compute the torque for the sample taken at ``t`` [s] since the start of the motion.
@@ -542,6 +566,19 @@ class Controller(Guided, settings=ControllerSettings,
         output = trial.update(0.5, start, np.zeros(self.arm.n), theta)
         trial.lyapunov(output, theta)
         trial.margins(output)
+
+
+def _is_group(name: str, value: Any) -> bool:
+    """Return whether a caller gave settings: a mapping, a group, or bounds as a pair."""
+    return isinstance(value, (Mapping, Settings)) or (
+        name != 'reference' and bounds_of(value) is not None)
+
+
+def _part(name: str, value: Any) -> Any:
+    """Return a set or reference that is given as an object; ParameterError where it is none."""
+    if isinstance(value, type) or not all(hasattr(value, each) for each in _ASKED[name]):
+        raise ParameterError(name, value, _WAYS[name])
+    return value
 
 
 def _with_safety(settings: ControllerSettings, safety: JointInterval) -> ControllerSettings:

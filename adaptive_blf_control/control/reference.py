@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.arrays import checked_array, checked_number, dimensions
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import jit, uncompiled
 from adaptive_blf_control.control.harmonics import extremes
 from adaptive_blf_control.errors import ParameterError
@@ -100,18 +101,33 @@ def _blend(t: float, duration: float, a: np.ndarray, ad: np.ndarray, add: np.nda
 class SumOfSinusoids:
     """y_d,i(t) = offset_i + Σ_k amplitude_ik sin(frequency_ik t + phase_ik)."""
 
-    def __init__(self, offset: np.ndarray, amplitude: np.ndarray, frequency: np.ndarray,
-                 phase: np.ndarray) -> None:
-        """Take offset of shape (n,) [rad] and three arrays of shape (n, terms).
+    @checked_call
+    def __init__(self, offset: Any, amplitude: Any, frequency: Any, phase: Any = 0.0) -> None:
+        """Take the sinusoids of n joints, ``terms`` of them for each.
 
-        Amplitude is in rad, frequency in rad/s, phase in rad. Raises ParameterError where the
-        shapes differ.
+        Args:
+            offset: Centres, shape (n,) [rad].
+            amplitude: Shape (n, terms) [rad]; (n,) for one sinusoid each.
+            frequency: Shape of the amplitude [rad/s]; one number for all.
+            phase: Shape of the amplitude [rad]; one number for all.
+
+        Raises:
+            ParameterError: the shapes differ.
         """
         self._offset = checked_array('reference.offset', offset, (-1,))
-        self._amplitude = checked_array('reference.amplitude', amplitude, (len(self._offset), -1))
-        shape = self._amplitude.shape
-        self._frequency = checked_array('reference.frequency', frequency, shape)
-        self._phase = checked_array('reference.phase', phase, shape)
+        shape = (len(self._offset), 1 if dimensions(amplitude) == 1 else -1)
+        self._amplitude = checked_array('reference.amplitude', amplitude, shape)
+        self._frequency, self._phase = (
+            np.full(self._amplitude.shape, checked_number(name, value))
+            if dimensions(value) == 0 else checked_array(name, value, self._amplitude.shape)
+            for name, value in (('reference.frequency', frequency), ('reference.phase', phase)))
+
+    def __repr__(self) -> str:
+        """Show the number of joints and sinusoids, and the range."""
+        lower, upper = self.range()
+        joints, terms = self._amplitude.shape
+        return (f'<SumOfSinusoids: {joints} joints, {terms} terms, '
+                f'{lower.round(4).tolist()} to {upper.round(4).tolist()} rad>')
 
     def at(self, t: float) -> ReferencePoint:
         """Evaluate at ``t`` [s]."""
@@ -137,6 +153,10 @@ class Posture:
         """Take the positions, shape (n,) [rad]."""
         held = checked_array('position', position, (-1,)).copy()
         self._point = ReferencePoint(held, np.zeros_like(held), np.zeros_like(held))
+
+    def __repr__(self) -> str:
+        """Show the posture."""
+        return f'<Posture {self._point.position.round(4).tolist()} rad>'
 
     def at(self, t: float) -> ReferencePoint:
         """Return the posture at rest."""
@@ -177,6 +197,11 @@ class Crossfade:
         if self._depth > DEEPEST:
             raise ParameterError('reference', f'{self._depth} changes within their blend time',
                                  f'at most {DEEPEST}: wait until the last ones are over')
+
+    def __repr__(self) -> str:
+        """Show both references and the blend time."""
+        return (f'<{type(self).__name__} from {self.before!r} to {self.after!r} over '
+                f'{self.duration:g} s>')
 
     def at(self, t: float) -> ReferencePoint:
         """Evaluate at ``t`` [s]."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,12 @@ import numpy as np
 import yaml
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arrays import checked_number
 from adaptive_blf_control.bounded_yaml import load_yaml_text, read_yaml_text
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.table import broadcast, NOMINAL
 
-__all__ = ['given_parameters', 'load_estimate', 'read_estimate', 'theta_of']
+__all__ = ['given_parameters', 'load_estimate', 'read_estimate', 'theta_of', 'values_of']
 
 
 def given_parameters(name: str, value: np.ndarray | str, arm: Arm) -> np.ndarray:
@@ -37,6 +39,20 @@ def given_parameters(name: str, value: np.ndarray | str, arm: Arm) -> np.ndarray
     if value == NOMINAL:
         return np.array(arm.nominal, dtype=float)
     return read_estimate(Path(value).expanduser(), arm.parameters, name)
+
+
+def values_of(name: str, values: Mapping[str, Any], arm: Arm) -> np.ndarray:
+    """Return θ of values by parameter name, shape (m,).
+
+    Raises:
+        ParameterError: a parameter is missing, not known, or no number.
+    """
+    missing = [each for each in arm.parameters if each not in values]
+    unknown = [each for each in values if each not in arm.parameters]
+    if missing or unknown:
+        what = f'no {", ".join(missing)}' if missing else f'{unknown[0]!r} is none of them'
+        raise ParameterError(name, dict(values), 'a value for each parameter of the arm: ' + what)
+    return np.array([checked_number(f'{name}.{each}', values[each]) for each in arm.parameters])
 
 
 def read_estimate(path: Path, parameters: tuple[str, ...],

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+import os
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from adaptive_blf_control.arrays import (
     checked_number,
     checked_vectors,
 )
+from adaptive_blf_control.calls import checked_call, without_argument
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.change_monitor import (
     ChangeMonitor,
@@ -30,7 +32,7 @@ from adaptive_blf_control.identification.change_response import (
     STATES,
 )
 from adaptive_blf_control.identification.determination import undetermined
-from adaptive_blf_control.identification.given_parameters import given_parameters
+from adaptive_blf_control.identification.given_parameters import given_parameters, values_of
 from adaptive_blf_control.identification.parts import AnyHistory, named, PartMaker
 from adaptive_blf_control.identification.running_parts import RunningParts
 from adaptive_blf_control.identification.settings import IdentifierSettings
@@ -95,9 +97,22 @@ BLOCK = 64
 
 
 class Identifier(Guided, settings=IdentifierSettings, instead={
-        'theta_hat': 'theta is the estimate, estimate has it by name'}):
-    """Torque filter, history stack and update law joined: (12)-(18), Algorithm 1, (37)."""
+        'theta_hat': 'theta is the estimate, estimate has it by name',
+        'parameters': 'arm.parameters has their names, estimate their values by name',
+        'joints': 'arm.joints has their names',
+        'sigma_min': 'stack.sigma_min',
+        'reset': 'reset_history empties the history, restart restarts the filters; an Identifier '
+                 'that knows nothing is a new one',
+        'std': 'identify(log, arm=...) tells it of a log: its result has std',
+        'save': 'identify(log, arm=...).save(path) writes what initial_estimate=path reads; '
+                'estimate is a dictionary by name'}):
+    """Torque filter, history stack and update law joined: (12)-(18), Algorithm 1, (37).
 
+    :meth:`update` takes one sample, :meth:`learn` a whole log; then ``estimate`` has θ̂ by name,
+    shape (m,), ``undetermined`` what the data leave open, and :meth:`predict` gives torques [N·m].
+    """
+
+    @checked_call
     def __init__(self, arm: Arm, settings: IdentifierSettings | None = None,
                  update_law: UpdateLaw | type[UpdateLaw] | str | None = None, *,
                  state_filter: StateFilter | type[StateFilter] | str | None = None,
@@ -119,7 +134,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             history_stack: What records pairs.
             change_monitor: What finds that the arm has changed.
             changes: Settings by name: ``kt=1.0``, ``history={'size': 200}``,
-                ``**{'history.size': 200}``.
+                ``**{'history.size': 200}``; ``initial_estimate`` also by parameter name.
 
         Raises:
             ParameterError: a setting is not known, cannot be used or does not fit the arm, or a
@@ -129,6 +144,9 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         if settings is None:
             usual = IdentifierSettings()
             settings = usual.replace(**{'history.size': max(usual.history.size, 2 * arm.m)})
+        if isinstance(changes.get('initial_estimate'), Mapping):
+            changes['initial_estimate'] = values_of('initial_estimate',
+                                                    changes['initial_estimate'], arm)
         given, names = named({'update_law': update_law, 'state_filter': state_filter,
                               'history_stack': history_stack, 'change_monitor': change_monitor})
         settings = IdentifierSettings.taken(settings, {**changes, **names})
@@ -146,6 +164,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         """The present settings; :meth:`retune` changes them."""
         return self._settings
 
+    @checked_call
     def retune(self, settings: IdentifierSettings | None = None, **changes: Any) -> None:
         """Use other settings from the next sample on, all or none of them.
 
@@ -240,6 +259,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         """Names of the parameters that the recorded pairs do not determine; see `undetermined`."""
         return undetermined(self.stack.gram, self.arm.parameters, rank=self.rank)
 
+    @checked_call
     def predict(self, q: Any, qd: Any, qdd: Any) -> np.ndarray:
         """Return the torque of a motion under θ̂, shape like ``q`` [N·m].
 
@@ -353,6 +373,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
 
     # -- samples --------------------------------------------------------------------------------
 
+    @checked_call
     def observe(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> float:
         """Filter one sample without learning from it.
 
@@ -375,6 +396,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             q, qd, tau = checked_vectors(self.arm.joints, q=q, qd=qd, tau=tau)
         return t, q, qd, tau
 
+    @checked_call
     def update(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
                adaptation_term: np.ndarray | None = None) -> np.ndarray:
         """Filter one sample, offer it to the stack and advance θ̂; arguments as :meth:`observe`.
@@ -395,11 +417,13 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         self._parts.take(*self._checked(t, q, qd, tau), term)
         return self.theta
 
-    def learn(self, t: Any, q: Any, qd: Any, tau: Any) -> np.ndarray:
+    @checked_call
+    def learn(self, t: Any, q: Any = None, qd: Any = None, tau: Any = None) -> np.ndarray:
         """Take a whole log, one sample after the other, as :meth:`update` does.
 
         Args:
-            t: Times, shape (N,) [s].
+            t: Times, shape (N,) [s]; or, alone, a log that has all four: a mapping with arrays
+                t, q, qd and tau, or what `read_log` returns.
             q: Positions, shape (N, n) [rad].
             qd: Velocities, shape (N, n) [rad/s].
             tau: Mean torques over the intervals that end at ``t``, shape (N, n) [N·m].
@@ -411,6 +435,11 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             ParameterError: an array has another shape, or no two samples follow each other so
                 that the filter can take them.
         """
+        if q is None and qd is None and tau is None:
+            t, q, qd, tau = _of_log(t)
+        for name, value in (('q', q), ('qd', qd), ('tau', tau)):
+            if value is None:
+                raise without_argument(Identifier.learn, name)
         unused = self.restarts + sum(self.dropped.values())
         for _ in self.learn_in_blocks(t, q, qd, tau):
             pass
@@ -454,3 +483,21 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             self._parts.take_all(times[some], q[some], qd[some], tau[some], self._no_term,
                                  chosen[some], block.rows, block.usable, block.recorded)
             yield block
+
+
+def _of_log(log: Any) -> tuple[Any, Any, Any, Any]:
+    """Return t, q, qd and tau of a log that is given as a whole.
+
+    Raises:
+        ParameterError: it is none.
+    """
+    names = ('t', 'q', 'qd', 'tau')
+    if isinstance(log, Mapping) and all(name in log for name in names):
+        t, q, qd, tau = (log[name] for name in names)
+        return t, q, qd, tau
+    if all(hasattr(log, name) for name in names):
+        return log.t, log.q, log.qd, log.tau
+    if isinstance(log, (Mapping, str, os.PathLike)) or hasattr(log, 'columns'):
+        raise ParameterError('t', log, 'learn(t, q, qd, tau), or a log with these four: '
+                             'learn(read_log(...)) takes a file, a table or other names')
+    raise without_argument(Identifier.learn, 'q')

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import dataclasses
 from typing import Any, ClassVar, TYPE_CHECKING
 
-from adaptive_blf_control.errors import close_names
+from adaptive_blf_control.errors import without_attribute
 from adaptive_blf_control.parameters.settings import Settings
 
 __all__ = ['Guided']
@@ -35,16 +35,7 @@ class Guided:
     if not TYPE_CHECKING:  # type checkers go on to refuse unknown names
         def __getattr__(self, name: str) -> Any:
             """Raise AttributeError for what is not there, with the one that is meant."""
-            kind = type(self).__name__
-            if name in self._settings_names:
-                hint = f': settings.{name} has it, retune({name}=...) changes it'
-            elif name in self._instead:
-                hint = f': {self._instead[name]}'
-            else:
-                close = [] if name.startswith('_') else close_names(name, [
-                    other for other in dir(type(self)) if not other.startswith('_')])
-                hint = f': did you mean {" or ".join(close)}?' if close else ''
-            raise AttributeError(f'{kind} has no attribute {name!r}{hint}')
+            raise without_attribute(self, name)
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Set an attribute; AttributeError where it is a setting, which that would not change."""

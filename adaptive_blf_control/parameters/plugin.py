@@ -64,7 +64,8 @@ def made(parameter: str, value: object, given: Any, names: Sequence[str], *argum
         except Exception as error:  # a plug-in's constructor may raise anything
             kinds = ', '.join(type(argument).__name__ for argument in arguments)
             raise ParameterError(parameter, value, 'an object, or what can be called with '
-                                 f'{kinds} ({type(error).__name__}: {error})') from error
+                                 f'{kinds} ({type(error).__name__}: {error}) and returns one, '
+                                 f'with {", ".join(names)}') from error
     require(parameter, value, part, names, base)
     return part
 

@@ -19,12 +19,13 @@ import dataclasses
 from dataclasses import dataclass, field
 import functools
 from types import MappingProxyType
-from typing import Any, ClassVar, get_type_hints, TypeVar
+from typing import Any, ClassVar, get_type_hints, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from adaptive_blf_control.errors import ParameterError, UnknownParameter
+from adaptive_blf_control.errors import ParameterError, UnknownParameter, without_attribute
 from adaptive_blf_control.parameters.table import (
+    bounds_of,
     broadcast,
     declares,
     JOINT,
@@ -93,8 +94,11 @@ class Settings:
         super().__init_subclass__(**options)
         cls._where = where
 
-    def __new__(cls, **given: Any) -> Settings:
+    def __new__(cls, *unnamed: Any, **given: Any) -> Settings:
         """Refuse names that are not declared, as every other name and value is refused."""
+        if unnamed:
+            raise ParameterError(cls.__name__, unnamed[0], 'parameters by name: '
+                                 f'{cls.__name__}({dataclasses.fields(cls)[0].name}=...)')
         own = {item.name for item in dataclasses.fields(cls)}
         for name, value in given.items():
             if name not in own:
@@ -105,6 +109,11 @@ class Settings:
     def _unknown(cls, name: str, value: Any) -> UnknownParameter:
         return UnknownParameter(f'{cls._where}.{name}'.lstrip('.'), value,
                                 [row.name for row in cls.table()])
+
+    if not TYPE_CHECKING:
+        def __getattr__(self, name: str) -> Any:
+            """Raise AttributeError for what is not there, with the one that is meant."""
+            raise without_attribute(self, name)
 
     def __post_init__(self) -> None:
         """Convert lists, integers and float32 arrays; ParameterError names what cannot be used."""
@@ -241,8 +250,8 @@ class Settings:
                 yield from cls._flat(value)
             elif isinstance(value, Settings):
                 yield from ((f'{name}.{inner}', each) for inner, each in value.values().items())
-            elif isinstance(value, Mapping) and kind is not None:
-                yield from ((f'{name}.{inner}', each) for inner, each in kind._flat(value))
+            elif kind is not None and (given := _members(kind, value)) is not None:
+                yield from ((f'{name}.{inner}', each) for inner, each in kind._flat(given))
             else:
                 yield name, value
 
@@ -351,9 +360,22 @@ def _rows(cls: type[Settings], usual: Settings, prefix: str) -> Iterator[Paramet
 def _as_group(kind: type[Settings], value: Any, name: str) -> Settings:
     if isinstance(value, kind):
         return value
+    given = _members(kind, value)
+    if given is not None:
+        return kind.from_values(kind._by_name(given))
+    names = ', '.join(f'{item.name!r}: ...' for item in dataclasses.fields(kind))
+    raise ParameterError(name, value, f'{kind.__name__} or a mapping of its fields: {{{names}}}')
+
+
+def _members(kind: type[Settings], value: Any) -> Mapping[str, Any] | None:
+    """Return what a caller gave for a group as a mapping; None where it is none.
+
+    Bounds may be a pair with zero between: ``safety=(-1.0, 1.0)``.
+    """
     if isinstance(value, Mapping):
-        return kind.from_values(kind._by_name(value))
-    raise ParameterError(name, value, f'{kind.__name__} or a mapping of its fields')
+        return value
+    bounds = {'lower', 'upper'} == {item.name for item in dataclasses.fields(kind)}
+    return bounds_of(value) if bounds else None
 
 
 def _below(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,8 +13,8 @@ import numpy as np
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.plugin import is_plugin
 
-__all__ = ['JOINT', 'NOMINAL', 'Parameter', 'Table', 'broadcast', 'declares', 'per_joint', 'plain',
-           'validated', 'value_problem']
+__all__ = ['JOINT', 'NOMINAL', 'Parameter', 'Table', 'bounds_of', 'broadcast', 'declares',
+           'per_joint', 'plain', 'validated', 'value_problem']
 
 NOMINAL = 'nominal'  # stands for the parameters that an arm has by its URDF or publication
 JOINT = '<joint>'  # stands for every joint name in a parameter's name
@@ -131,6 +131,21 @@ def plain(kind: str, value: Any) -> Any:
     if kind == 'bool' and isinstance(value, np.bool_):
         return bool(value)
     return value
+
+
+def bounds_of(value: Any) -> dict[str, float] | None:
+    """Return ``(-1.0, 1.0)`` as the bounds that it can only mean: ``lower`` and ``upper``.
+
+    None for everything else: two numbers of one sign could be one bound for each of two joints,
+    rows could be joints or bounds.
+    """
+    if not isinstance(value, (tuple, list, np.ndarray)) or len(value) != 2:
+        return None
+    if not all(isinstance(each, (int, float, np.integer, np.floating))
+               and not isinstance(each, bool) for each in value):
+        return None
+    lower, upper = (float(each) for each in value)
+    return {'lower': lower, 'upper': upper} if lower < 0.0 < upper else None
 
 
 def _element_problem(parameter: Parameter, value: Any) -> str | None:

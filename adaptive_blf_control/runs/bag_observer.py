@@ -50,7 +50,7 @@ class BagObserver:
     """Context manager and observer of :meth:`ClosedLoop.run`; stamps start at ``epoch``."""
 
     def __init__(self, path: Path, loop: ClosedLoop, data: Mapping[str, Any],
-                 epoch_ns: int = 1_000_000_000) -> None:
+                 epoch_ns: int = 1_000_000_000, *, built: bool = True) -> None:
         """Open the bag; BagError where the folder exists.
 
         Args:
@@ -58,12 +58,15 @@ class BagObserver:
             loop: The loop that will run.
             data: The scenario's parameter file, stored in the bag.
             epoch_ns: Stamp of the first sample; fixed, so that equal runs give equal bags.
+            built: Whether the plant was built from ``data``. Where it was given as an object, the
+                bag has no parameters of a driver, as that of a real robot: they would tell a θ*
+                that it does not have.
         """
         self._loop = loop
         self._epoch_ns = epoch_ns
         arm = loop.arm
         parameters = {f'/{node}': {'ros__parameters': node_values(data, node)}
-                      for node in TABLES if node != 'recorder'}
+                      for node in TABLES if node != 'recorder' and (built or node != 'arm_driver')}
         self._bag = BagWriter(path, custom_data={
             PARAMETERS_KEY: yaml.safe_dump(parameters, sort_keys=False)})
         for topic, type_name in RECORDED.items():

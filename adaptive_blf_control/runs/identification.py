@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import copy
 from dataclasses import dataclass
-import inspect
 import os
+from pathlib import Path
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from adaptive_blf_control.arms.urdf_export import export_urdf, ExportedUrdf
 from adaptive_blf_control.arms.urdf_inertials import with_inertials
 from adaptive_blf_control.arms.urdf_source import read_urdf, UrdfSource
 from adaptive_blf_control.bags.logs import Log
+from adaptive_blf_control.calls import argument_names, checked_call
 from adaptive_blf_control.configuration.build import build_arm, build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
@@ -28,6 +29,7 @@ from adaptive_blf_control.identification.consistent_model import (
     has_links,
     InertialArm,
 )
+from adaptive_blf_control.identification.estimate_file import write_estimate
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.settings import FilterSettings, IdentifierSettings
 from adaptive_blf_control.identification.uncertainty import Uncertainty
@@ -43,6 +45,7 @@ from adaptive_blf_control.runs.log_pass import (
     NO_TEST,
     Prediction,
     Progress,
+    Section,
 )
 from adaptive_blf_control.runs.log_reader import LogReader
 from adaptive_blf_control.runs.log_report import figures_of, table
@@ -65,9 +68,26 @@ REAL_ROBOT: dict[str, Any] = {
 """The identifier's parameters where no ``--config`` is given; ``docs/benchmarks.md`` tells why."""
 
 
-@dataclass(frozen=True, repr=False)
-class Identification(Guided, instead={
-        'theta_hat': 'theta is the estimate, estimate has it by name'}):
+_NAMED = ('two_link', 'three_link')
+_DRAWN = ('matplotlib draws arrays: plt.plot(result.prediction.t, result.prediction.measured); '
+          '`python -m adaptive_blf_control identify LOG --html page.html` draws all of it')
+_NOT_THERE = {
+    'theta_hat': 'theta is the estimate, estimate has it by name',
+    'covariance': 'uncertainty.covariance', 'condition': "figures['condition']",
+    'residuals': 'prediction.measured - prediction.predicted, of the test span',
+    'confidence': "figures['confidence'] says of each parameter how well it is determined",
+    'intervals': 'theta ± 1.96 std is the 95 % interval of a parameter, prediction.half_width '
+                 'half of that of a torque',
+    'model': 'consistent is the physically consistent model, urdf() a URDF with its values',
+    'log': 'read_log(...) returns it as arrays; source says where it came from',
+    'summary': 'figures has it as a dictionary, print shows it as a table',
+    **dict.fromkeys(('t', 'q', 'qd', 'tau', 'torque', 'measured', 'predicted'),
+                    'prediction has t, measured, predicted, q and qd of the test span'),
+    **dict.fromkeys(('plot', 'show', 'draw', 'figure'), _DRAWN)}
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Identification(Guided, instead=_NOT_THERE):
     """What one pass over a log has taught; ``print`` shows the figures as a table.
 
     Attributes:
@@ -99,6 +119,21 @@ class Identification(Guided, instead={
     def arm(self) -> Arm:
         """The arm whose parameters were learned."""
         return self.identifier.arm
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names, in the order of every array."""
+        return self.arm.joints
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Parameter names, in the order of ``theta`` and ``std``."""
+        return self.arm.parameters
+
+    @property
+    def settings(self) -> IdentifierSettings:
+        """Those that it was learned with."""
+        return self.identifier.settings
 
     @property
     def theta(self) -> np.ndarray:
@@ -149,13 +184,46 @@ class Identification(Guided, instead={
         return export_urdf(self.arm, model.theta, model.inertial)  # type: ignore[arg-type]
 
     @property
+    def sigma_min(self) -> float:
+        """Smallest singular value of the history."""
+        return self.identifier.stack.sigma_min
+
+    @property
+    def train_rmse(self) -> np.ndarray:
+        """RMSE of the filtered torque on the training span per joint, shape (n,) [N·m]."""
+        return np.array(self.figures['train_rmse'], dtype=float)
+
+    @property
     def test_rmse(self) -> np.ndarray:
         """RMSE of the filtered torque on the test span per joint, (n,) [N·m]; NaN without one."""
         return np.array(self.figures['test_rmse'], dtype=float)
 
+    @checked_call
     def predict(self, q: Any, qd: Any, qdd: Any) -> np.ndarray:
         """Return the torque of a motion under θ̂; see `Identifier.predict`."""
         return self.identifier.predict(q, qd, qdd)
+
+    @checked_call
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write θ̂ by name with its standard deviations, as YAML.
+
+        It is read by ``initial_estimate=path`` of an `Identifier`, of the nodes and of `simulate`.
+
+        Args:
+            path: A file that ends in ``.yaml``; replaced if it exists and holds an estimate.
+
+        Raises:
+            ParameterError: it ends otherwise or cannot be written.
+        """
+        target = Path(path) if isinstance(path, (str, os.PathLike)) else Path()
+        if target.suffix.lower() not in ('.yaml', '.yml'):
+            raise ParameterError('path', path, "a file that ends in .yaml, such as 'theta.yaml'")
+        try:
+            write_estimate(target, self.identifier.snapshot(), std=self.std)
+        except OSError as error:
+            raise ParameterError('path', str(target),
+                                 f'a file that can be written ({error.strerror})') from None
+        return target
 
     def __repr__(self) -> str:
         """Show the figures as a table."""
@@ -168,6 +236,7 @@ def real_robot_settings() -> IdentifierNodeSettings:
                          IdentifierNodeSettings)
 
 
+@checked_call
 def identify(log: Log, urdf: UrdfSource | None = None,
              joints: Sequence[str] | None = None, *, arm: Arm | str | None = None,
              train: Given = None, test: Given = None, topic: str | None = None,
@@ -185,10 +254,11 @@ def identify(log: Log, urdf: UrdfSource | None = None,
     Before that the log is checked (see `check_log`): it is refused where it cannot be right.
 
     Args:
-        log: A bag, a CSV file, arrays by name (see `read_log`) or a log that was read; or a list
-            of them, all of which are learned from before any is predicted.
+        log: A bag, a CSV file, arrays by name ``{'t': t, 'q': q, 'qd': qd, 'tau': tau}``, a data
+            frame (see `read_log`) or a log that was read; or a list of them, all of which are
+            learned from before any is predicted.
         urdf: Path, ``package://...`` or XML text of the robot (see `load_arm`), all of
-            whose friction is learned.
+            whose friction is learned; or what ``arm`` takes.
         joints: Joints to identify, the others are locked; the URDF's where None. For a CSV file
             and arrays the names of their columns, in order.
         arm: In place of a URDF an arm, or ``'two_link'`` or ``'three_link'``.
@@ -218,31 +288,64 @@ def identify(log: Log, urdf: UrdfSource | None = None,
         ArmError: no arm can be made of the URDF and the joints.
         MissingExtra: Pinocchio, which reads the URDF, is not installed.
     """
+    subject = _subject(urdf, joints, arm, settings, changes)
+    options = LogOptions.taken(options, {
+        'topic': topic, 'columns': columns, 'degrees': degrees, 'gain': gain,
+        'effort_delay': effort_delay, 'force': force})
+    logs, others = several(log), [] if validate is None else several(validate)
+    identifier = build_identifier(subject.settings, subject.arm)
+    reader = LogReader(subject.arm, subject.settings, options, subject.filled, identifier.memory)
+    sections = reader.sections(logs, others, train, test)
+    result = learn(identifier, sections, progress)
+    source = ', '.join(map(name_of, logs))
+    _check_used(result, subject.settings.filter, source, test == NO_TEST and validate is None)
+    return _judged(identifier, sections, result, source, reader)
+
+
+class _Subject(NamedTuple):
+    """Whose parameters are learned, and with which settings.
+
+    Attributes:
+        arm: The arm.
+        settings: Those of the identifier, and what the arm was made of.
+        filled: Links of the URDF that had to be given a mass.
+    """
+
+    arm: Arm
+    settings: IdentifierNodeSettings
+    filled: tuple[str, ...]
+
+
+def _subject(urdf: Any, joints: Sequence[str] | None, arm: Arm | str | None,
+             settings: IdentifierSettings | None, changes: dict[str, Any]) -> _Subject:
+    """Return the arm that `identify` is asked about, and the settings with their changes."""
+    if arm is None and (urdf in _NAMED if isinstance(urdf, str) else _is_arm(urdf)):
+        urdf, arm = None, urdf
     urdf = getattr(urdf, 'xml', urdf)
     if urdf is not None and not isinstance(urdf, (str, os.PathLike)):
-        raise ParameterError('urdf', urdf, 'a path, package://... or XML text')
+        raise ParameterError('urdf', urdf, 'a path, package://..., XML text or an arm')
     given = {'arm': arm if isinstance(arm, str) else None, 'urdf': urdf and os.fspath(urdf),
              'joints': joints}
     changes.update((name, value) for name, value in given.items() if value is not None)
     chosen, filled = with_masses(_changed(_node_settings(settings), changes),
                                  joints is None and urdf is not None)
     if arm is None or isinstance(arm, str):
-        arm = _named_arm(chosen)
-    else:
-        checked_arm('arm', arm)
-        if urdf is not None:
-            raise ParameterError('urdf', urdf, 'nothing beside an arm')
-    source = ', '.join(map(name_of, several(log)))
-    options = LogOptions.taken(options, {
-        'topic': topic, 'columns': columns, 'degrees': degrees, 'gain': gain,
-        'effort_delay': effort_delay, 'force': force})
-    identifier = build_identifier(chosen, arm)
-    reader = LogReader(arm, chosen, options, filled, identifier.memory)
-    sections = reader.sections(several(log), [] if validate is None else several(validate),
-                               train, test)
-    result = learn(identifier, sections, progress)
-    _check_used(result, chosen.filter, source, test == NO_TEST and validate is None)
-    judged, consistent = result.uncertainty, None
+        return _Subject(_named_arm(chosen), chosen, filled)
+    checked_arm('arm', arm)
+    if urdf is not None:
+        raise ParameterError('urdf', urdf, 'nothing beside an arm')
+    return _Subject(arm, chosen, filled)
+
+
+def _is_arm(given: Any) -> bool:
+    """Return whether an arm is given where a URDF could be; one of a URDF stands for its text."""
+    return all(hasattr(given, name) for name in ('Y1', 'parameters')) and not hasattr(given, 'xml')
+
+
+def _judged(identifier: Identifier, sections: Sequence[Section], result: LogPass, source: str,
+            reader: LogReader) -> Identification:
+    """Return what a pass has taught, with how sure it is and the consistent model."""
+    arm, judged, consistent = identifier.arm, result.uncertainty, None
     begin = time.perf_counter()
     if has_links(arm) and judged is not None:
         consistent = _consistent(identifier, arm, judged)
@@ -251,7 +354,7 @@ def identify(log: Log, urdf: UrdfSource | None = None,
     figures |= model_figures(identifier, result, consistent, seconds)
     figures |= {'source': source, 'checks': checks_of(reader.findings),
                 'notes': list(reader.notes),
-                'verdicts': listed(reader.findings, identifier.arm.joints)}
+                'verdicts': listed(reader.findings, arm.joints)}
     problems = [section.log.problem for section in sections if section.log.problem]
     return Identification(identifier, figures, result.prediction, judged, source,
                           '; '.join(problems) or None, tuple(reader.findings),
@@ -279,15 +382,15 @@ def _changed(settings: IdentifierNodeSettings,
         return settings.replace(**changes)
     except UnknownParameter as error:
         name = error.name.removeprefix('identifier.')
-        arguments = [each for each in inspect.signature(identify).parameters
-                     if each not in ('log', 'changes')]
-        raise UnknownParameter(name, error.value, [*error.known, *arguments]) from None
+        raise UnknownParameter(name, error.value, error.known).beside(
+            argument_names(identify)) from None
 
 
 def _named_arm(settings: IdentifierNodeSettings) -> Arm:
     """Build the arm that the settings name."""
     if settings.arm == 'urdf' and (not settings.urdf or settings.urdf.startswith('topic:')):
-        raise ParameterError('urdf', settings.urdf, 'a file: name one with urdf')
+        raise ParameterError('urdf', settings.urdf, "a file: identify(log, 'robot.urdf'), or an "
+                             'arm: identify(log, arm=...)')
     return build_arm(settings)
 
 

@@ -4,31 +4,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 import functools
 import os
 from pathlib import Path
 from typing import Any
 
-from adaptive_blf_control.arms.arm import Arm, checked_arm, SIMULATED
-from adaptive_blf_control.arrays import checked_finite
-from adaptive_blf_control.configuration.build import build_closed_loop, OwnParts
-from adaptive_blf_control.configuration.node_settings import DriverSettings
-from adaptive_blf_control.configuration.parameter_file import (
-    apply_changes,
-    checked_sections,
-    load_yaml,
-    node_settings,
-)
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.calls import argument_names, checked_call
+from adaptive_blf_control.configuration.build import OwnParts
+from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.laws.protocol import Law
+from adaptive_blf_control.control.reference import Reference
 from adaptive_blf_control.control.set_constraints import OwnConstraints
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.errors import BagError, ParameterError, UnknownParameter
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.guided import Guided
-from adaptive_blf_control.parameters.plugin import require
+from adaptive_blf_control.parameters.settings import Settings
+from adaptive_blf_control.runs.bag_observer import BagObserver
 from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee, why_not
-from adaptive_blf_control.runs.start_check import start_warnings
+from adaptive_blf_control.runs.saved_arrays import save_arrays
+from adaptive_blf_control.runs.scenario import duration_of, Joined, joined, Scenario
 from adaptive_blf_control.runs.summary import Run, run_of_trace, summarise, table
 from adaptive_blf_control.runs.torque_error import torque_error_of_trace, torque_line
 from adaptive_blf_control.simulation.abilities import contacts_of, unexpressed_by
@@ -39,13 +39,28 @@ from adaptive_blf_control.simulation.sensors import Sensor
 
 __all__ = ['Simulation', 'duration_of', 'simulate']
 
-USUAL_DURATION = 20.0  # s, where neither the caller nor the scenario says
+_TABLE = 'pandas.DataFrame(run.q, index=run.t, columns=run.joints), and likewise for the others'
+_DRAWN = ("matplotlib draws arrays: plt.plot(run.t, run.e1); simulate(..., bag='run') writes a "
+          'bag, of which `python -m adaptive_blf_control report run` makes a page')
+_SAMPLE = 'simulate(..., observer=f) calls f with every sample: '
+_LYAPUNOV = f'{_SAMPLE}run.controller.lyapunov(sample.output, sample.theta_used)'
+_NOT_THERE = {
+    'theta': 'theta_hat has it over time, identifier.theta at the end',
+    'qdd': 'no acceleration is measured or used; numpy.gradient(run.qd, run.t, axis=0) '
+           'approximates it',
+    'e2': f'{_SAMPLE}sample.output.e2', 'V': _LYAPUNOV, 'lyapunov': _LYAPUNOV,
+    'rmse': "figures['rms_error']", 'max_error': "figures['max_abs_error']",
+    'margins': "figures['margins'] has the least of each constraint",
+    'theta_star': 'arm.nominal, where the scenario says nothing else',
+    'settings': 'controller.settings and identifier.settings',
+    'dt': 'loop.period', 'duration': 't[-1]', 'bag': "simulate(..., bag='run') writes one",
+    'history': 'identifier.stack', 'sensor': 'plant.sensor, where the plant has one',
+    **dict.fromkeys(('plot', 'show', 'draw', 'animate', 'figure'), _DRAWN),
+    **dict.fromkeys(('to_dataframe', 'dataframe', 'df', 'data', 'to_pandas'), _TABLE)}
 
 
-@dataclass(frozen=True, repr=False)
-class Simulation(Trace, Guided, instead={
-        'theta': 'theta_hat has it over time, identifier.theta at the end',
-        'estimate': 'identifier.estimate has it by name'}):
+@dataclass(frozen=True, repr=False, eq=False)
+class Simulation(Trace, Guided, instead=_NOT_THERE):
     """A run of the closed loop as arrays over N samples; ``print`` shows what it achieved.
 
     Attributes:
@@ -71,6 +86,61 @@ class Simulation(Trace, Guided, instead={
     def identifier(self) -> Identifier:
         """What learned along: ``estimate``, ``rank``, ``undetermined``, ``predict``."""
         return self.loop.identifier
+
+    @property
+    def controller(self) -> Controller:
+        """What answered the samples: ``settings``, ``safety``, ``performance``."""
+        return self.loop.controller
+
+    @property
+    def plant(self) -> Plant:
+        """What was driven, in its last state."""
+        return self.loop.plant
+
+    @property
+    def arm(self) -> Arm:
+        """The arm that controller and identifier know."""
+        return self.loop.arm
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names, in the order of every array."""
+        return self.arm.joints
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Parameter names, in the order of ``theta_hat``."""
+        return self.arm.parameters
+
+    @property
+    def estimate(self) -> dict[str, float]:
+        """θ̂ at the end by parameter name."""
+        return self.identifier.estimate
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Names of the parameters that the run has not determined; see `Identifier`."""
+        return self.identifier.undetermined
+
+    @property
+    def reference(self) -> np.ndarray:
+        """y_d, shape (N, n) [rad]."""
+        return self.q - self.e1
+
+    @checked_call
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the arrays with the names of joints and parameters; ``numpy.load`` reads them.
+
+        Args:
+            path: A file that ends in ``.npz``; replaced if it exists.
+
+        Raises:
+            ParameterError: it ends otherwise or cannot be written.
+        """
+        return save_arrays(path, {
+            'joints': np.array(self.joints), 'parameters': np.array(self.parameters),
+            **{name: getattr(self, name) for name in (
+                't', 'q', 'qd', 'e1', 'reference', 'torque', 'theta_hat', 'rank', 'sigma_min')}})
 
     @functools.cached_property
     def _run(self) -> Run:
@@ -126,20 +196,16 @@ class Simulation(Trace, Guided, instead={
             + (f', sample by sample: {", ".join(self.in_python)}' if self.in_python else '')])
 
 
-def duration_of(data: Mapping[str, Any], duration: float | None) -> float:
-    """Return how long a run lasts [s]: as given, else as the scenario says, else 20 s."""
-    if duration is None:
-        return node_settings(data, DriverSettings).duration or USUAL_DURATION
-    return checked_finite('duration', duration, 'a time > 0 s', above=0.0)
-
-
-def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | ClosedLoop,
-             duration: float | None = None, *, plant: Plant | type[Plant] | None = None,
+@checked_call
+def simulate(scenario: Scenario, duration: float | None = None, *,
+             plant: Plant | type[Plant] | None = None,
              sensor: Sensor | type[Sensor] | None = None,
              law: Law | type[Law] | str | None = None,
              update_law: UpdateLaw | type[UpdateLaw] | str | None = None,
              constraints: OwnConstraints = (),
-             observer: Callable[[Sample], None] | None = None, **changes: Any) -> Simulation:
+             reference: Reference | Mapping[str, Any] | None = None,
+             observer: Callable[[Sample], None] | None = None,
+             bag: str | os.PathLike[str] | None = None, **changes: Any) -> Simulation:
     """Run a scenario in lockstep without ROS: the same objects that run in the nodes.
 
     Args:
@@ -154,7 +220,10 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
         update_law: An update law, or a class of them, likewise; see `Identifier`.
         constraints: What else counts as inside, beside the scenario's: one or several; see
             `Controller`.
+        reference: What is to be followed: a `Reference`, or sinusoids by joint, such as
+            ``{'joint1': {'amplitude': 0.5, 'frequency': 1.0}}``.
         observer: Called with every sample; where all parts are ours, after each block of samples.
+        bag: Folder that the run is written to as a bag, which must not exist.
         changes: Parameters of ``controller``, ``identifier`` and ``arm_driver``, by name or as
             YAML nests them: ``controller={'k2': [30.0, 5.0]}`` and ``**{'controller.k2': 5.0}``;
             without a node's name for every node that knows them.
@@ -168,32 +237,40 @@ def simulate(scenario: str | os.PathLike[str] | Mapping[str, Any] | Arm | Closed
         SetViolation: the start is outside a set, or the performance set exceeds the
             safety set (9).
         ArmError: the arm cannot be built.
+        BagError: the bag cannot be written.
     """
-    if isinstance(scenario, ClosedLoop):
-        for name, value in (
-                ('plant', plant), ('sensor', sensor), ('law', law), ('update_law', update_law),
-                ('constraints', constraints or None), *changes.items()):
-            if value is not None:
-                raise ParameterError(name, value, 'nothing: the loop has been joined by hand')
-        loop, length = scenario, duration_of({}, duration)
-        notes: tuple[str, ...] = ()
-    else:
-        data, arm = _scenario(scenario)
-        if arm is not None and plant is None:
-            require('scenario', arm, arm, SIMULATED)
-        data = apply_changes(data, changes)
-        loop = build_closed_loop(data, OwnParts(arm, plant, sensor, law, update_law, constraints))
-        length = duration_of(data, duration)
-        notes = tuple(start_warnings(data, loop))  # may refuse an unstable loop
+    if isinstance(reference, (Mapping, Settings)):
+        changes['reference'], reference = reference, None
+    own = OwnParts(None, plant, sensor, law, update_law, constraints, reference)
+    try:
+        ready = joined(scenario, own, changes)
+    except UnknownParameter as error:  # may also be meant for an argument
+        raise error.beside(argument_names(simulate)) from None
+    loop, length = ready.loop, duration_of(ready.data, duration)
+    if observer is not None and not callable(observer):
+        raise ParameterError('observer', observer, 'a function of a Sample')
     loop.warm_up()
-    return Simulation(**vars(loop.run(length, observer)), loop=loop, notes=notes)
+    with nullcontext() if bag is None else _bag_of(bag, ready) as writer:
+        trace = loop.run(length, _both(observer, writer))
+    return Simulation(**vars(trace), loop=loop, notes=ready.notes)
 
 
-def _scenario(scenario: Any) -> tuple[dict[str, Any], Arm | None]:
-    """Return a parameter file's data, and the arm where it is given as an object."""
-    if isinstance(scenario, (str, os.PathLike)):
-        return load_yaml(Path(scenario), 'scenario'), None
-    if isinstance(scenario, Mapping):
-        return checked_sections(scenario, 'scenario', scenario), None
-    arm = checked_arm('scenario', scenario)
-    return {'/**': {'ros__parameters': {'joints': list(arm.joints)}}}, arm
+def _bag_of(bag: Any, ready: Joined) -> BagObserver:
+    try:
+        path = Path(bag)
+    except TypeError:
+        raise BagError(f'bag is {bag!r}: expected a path') from None
+    return BagObserver(path, ready.loop, ready.data, built=ready.built)
+
+
+def _both(first: Callable[[Sample], None] | None,
+          second: Callable[[Sample], None] | None) -> Callable[[Sample], None] | None:
+    """Return an observer that calls those of two that are not None."""
+    if first is None or second is None:
+        return first or second
+
+    def observe(sample: Sample) -> None:
+        first(sample)
+        second(sample)
+
+    return observe

@@ -18,7 +18,7 @@ SILENCE = 2.0  # s of compiling after which the log says what takes so long
 
 
 def compiling(logger: RcutilsLogger, stop: StopFlag) -> AbstractContextManager[None]:
-    """Return a context for work that may compile, which takes half a minute the first time.
+    """Return a context for work that may compile, which can take minutes the first time.
 
     The log says so. Where ``stop`` is set, a BlfError ends the work before the next function; none
     takes more than a few seconds.
@@ -30,6 +30,7 @@ def compiling(logger: RcutilsLogger, stop: StopFlag) -> AbstractContextManager[N
             raise BlfError('asked to stop while it was compiling')
         begun.append(time.monotonic())
         if begun[-1] > begun[0] + SILENCE:
-            logger.info('compiling for this machine: once, up to half a minute', once=True)
+            logger.info('compiling for this machine, which is done once and can take minutes',
+                        once=True)
 
     return before_each_compilation(before_compilation)

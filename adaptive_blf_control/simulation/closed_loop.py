@@ -17,8 +17,10 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arrays import checked_array, checked_finite
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.simulation.block import trace_rows, TraceRows
 from adaptive_blf_control.simulation.block_run import BlockRun, LoopParts, parts_in_python
@@ -52,7 +54,7 @@ class Trace:
     failure: Failure | None = field(default=None, kw_only=True)
 
 
-class ClosedLoop:
+class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after sample'}):
     """The whole path on one thread: the same objects that run in the nodes.
 
     Attributes:
@@ -60,6 +62,7 @@ class ClosedLoop:
             that looks at the parts; the loop then runs no blocks.
     """
 
+    @checked_call
     def __init__(self, plant: Plant, controller: Controller, identifier: Identifier | None = None,
                  period: float = 0.001, initial_estimate: Any = None, known: bool = False,
                  ) -> None:
@@ -90,6 +93,12 @@ class ClosedLoop:
                 'initial_estimate', initial_estimate, (arm.m,), arm.parameters))
         self._known = known
         self.sample_by_sample = False
+
+    def __repr__(self) -> str:
+        """Name the parts and the rate."""
+        parts = ', '.join(type(part).__name__ for part in (
+            self.plant, self.controller, self.identifier))
+        return f'<ClosedLoop of {parts} for {self.arm!r} at {1.0 / self.period:g} Hz>'
 
     @property
     def initial_estimate(self) -> np.ndarray:

@@ -145,6 +145,10 @@ class SimulatedArm:
         self._idle, self._unpushed = idle_actuators(arm.n), Links(arm).pushed(())
         self._take(settings)
 
+    def __repr__(self) -> str:
+        """Name the arm and the time."""
+        return f'<{type(self).__name__} of {self._arm!r} at {self.t:.4g} s>'
+
     def _take(self, settings: PlantSettings) -> None:
         """Take limit and dead time; what was commanded last is under way for that long."""
         self.settings = settings
