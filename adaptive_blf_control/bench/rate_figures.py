@@ -28,7 +28,7 @@ TAIL = 0.1  # s at the end that are left out: nodes that have ended answer no st
 CALLBACK = 'callback so far p50, p99, p99.9, largest [ms]'
 ROUND_TRIP = 'round trip p50, p99, p99.9, largest so far [ms]'
 IN_TIME = 'answered within their period so far [%]'
-MISSED = 'missed periods'
+HELD = 'rate [Hz]'
 # A node has served a period if a message on its topic has the stamp of the period's state.
 SHOWN_BY = {'arm_driver': JOINT_STATES, 'controller': COMMANDS, 'identifier': THETA_HAT}
 STAMP_BY = {COMMANDS: answered_stamp}  # where the stamp is not the first thing in a message
@@ -242,13 +242,12 @@ class _Content:
         return tuple(map(float, text.split(', '))) if text else (NAN,) * count
 
     def by_its_own_count(self, node: str, rate: float, begin_ns: int, end_ns: int) -> Row:
-        """Return the periods that a node says it has missed between two times."""
-        said = [int(values[MISSED]) for at, values in self.diagnostics.get(node, [])
-                if begin_ns <= at < end_ns and MISSED in values]
-        span = (end_ns - begin_ns) * 1e-9
+        """Return the periods that a node says it has served between two times."""
+        said = [float(values[HELD]) for at, values in self.diagnostics.get(node, [])
+                if begin_ns <= at < end_ns and HELD in values]
+        held, span = float(np.mean(said)) if said else NAN, (end_ns - begin_ns) * 1e-9
         due = round(span * rate)
-        missed = said[-1] - said[0] if said else NAN
-        return Row((due - missed) / span, missed, due)
+        return Row(held, max(due - held * span, 0.0), due)
 
 
 def _cores(usage: Mapping[str, Usage]) -> float:

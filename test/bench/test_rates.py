@@ -25,7 +25,7 @@ from adaptive_blf_control.bench.rate_figures import (
 )
 from adaptive_blf_control.bench.rates import BARE, OURS
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.cdr import JointStateCodec
+from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec, JointStateCodec
 from adaptive_blf_control.runtime.loop_statistics import LoopStatistics, START_UP
 
 MS = 1_000_000  # ns
@@ -51,17 +51,22 @@ def test_missed_periods_of_the_bare_echo_are_counted_after_the_start_up(tmp_path
 
 def test_missed_periods_of_a_bag_come_from_the_stamps(tmp_path: Path) -> None:
     codec = JointStateCodec(['j'], fields=('position',))
+    torque = Float64MultiArrayCodec(1, '/controller#01234567')
     states = np.arange(-20, 2001)  # the first 20 before the motion
     kept = {'joint_states': states[states % 10 != 5],
-            'controller/adaptation_term': np.arange(0, 2001, 2),
+            'effort_controller/commands': np.arange(0, 2001, 2),
             # Out of order, and some twice: a second estimate does not serve a second period.
             'identifier/theta_hat': np.concatenate([states, states[-1000:]])[::-1]}
     with BagWriter(tmp_path / 'bag') as writer:
         for topic, numbers in kept.items():
-            writer.add_topic(f'/{topic}', 'sensor_msgs/msg/JointState')
+            commands = topic.endswith('commands')
+            writer.add_topic(f'/{topic}', 'std_msgs/msg/Float64MultiArray' if commands else
+                             'sensor_msgs/msg/JointState')
             for number in numbers.tolist():
                 stamp = START + number * MS
-                writer.write(f'/{topic}', codec.encode(stamp, np.zeros(1)), stamp, stamp)
+                data = (torque.encode(np.zeros(1), stamp) if commands else
+                        codec.encode(stamp, np.zeros(1)))
+                writer.write(f'/{topic}', data, stamp, stamp)
     log = ''.join(f'/{topic}: received {numbers.size}, written {numbers.size}, lost 3\n'
                   for topic, numbers in kept.items())
     usage = dict.fromkeys(OURS, Usage(25.0, 200.0))
@@ -110,15 +115,17 @@ def test_a_short_run_prints_every_figure(repository: Path,
                                          capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip('rclpy', reason='no ROS 2 here: the nodes cannot run')
     status = bench.main(['rates', '--rates', '100', '--seconds', '1.5', '--executor', 'plain',
-                         '--config', str(repository / 'config')])
+                         '--config', str(repository / 'config'), '--composed'])
     output = capsys.readouterr()
     assert status == 0, output.err
     cells = {row[0]: row[1:] for row in (
         re.split(r' \| ', line.strip('| ')) for line in output.out.splitlines()
         if line.startswith('| '))}
-    for name in OURS:
+    assert cells['identifier, composed'][-2:] == ['–', '–']  # it has no process of its own
+    cells['identifier, composed'][-2:] = cells['identifier'][-2:]
+    for name in (*OURS, *(f'{name}, composed' for name in OURS)):
         rate, missed, percent, p50, p99, largest, cpu, memory = map(float, cells[name])
-        assert 0.0 < rate < (101.0 if name != 'recorder' else 2000.0)
+        assert 0.0 < rate < (110.0 if 'recorder' not in name else 2000.0)
         assert missed >= 0.0
         assert 0.0 <= percent <= 100.0
         assert 0.0 < p50 <= p99 <= max(largest, p99)
@@ -128,7 +135,8 @@ def test_a_short_run_prints_every_figure(repository: Path,
         row = cells[f'bare_{name}']
         assert row[3:6] == ['–'] * 3
         assert float(row[0]) > 0.0
-    for name in ('four nodes', 'bare echo', 'four nodes / bare echo'):
+    for name in ('four nodes', 'composed', 'bare echo', 'four nodes / bare echo',
+                 'composed / bare echo'):
         *figures, stolen = cells[name]
         assert len(figures) == 7
         assert all(float(value) > 0.0 for value in figures)
