@@ -45,11 +45,11 @@ grid without a state, without its answer or without its estimate, also where the
 message that shows it; for the recorder, messages of the whole run that did not reach the bag.
 Met: periods whose state was answered, even if late; in time: before the next state was due. One
 callback of the recorder handles what arrived within 10 ms. Composed: controller and identifier in
-one process, whose processor time and memory are in the line of the controller; what the identifier
-has missed then follows from the rate in its diagnostics. Bare echo: typed messages, `rclpy.spin`, no control and no
-recorder. CPU: % of a core. Stolen: processor time that the host of a virtual machine gave to
-others meanwhile; periods due in that time are missed. The last lines of each rate are ratios:
-below 1 our nodes are better, in the periods above 1.
+one process, with its processor time and memory in the line of the controller; what the identifier
+has missed then follows from the rate in its diagnostics. Bare echo: typed messages, `rclpy.spin`,
+no control and no recorder. CPU: % of a core. Stolen: processor time that the host of a virtual
+machine gave to others meanwhile; periods due in that time are missed. The last lines of each rate
+are ratios: below 1 our nodes are better, in the periods above 1.
 """
 
 
