@@ -20,6 +20,7 @@ from adaptive_blf_control.bench.rate_figures import (
     of_bare,
     RateFigures,
     Row,
+    Seen,
     Usage,
     usage_of,
 )
@@ -42,11 +43,12 @@ def test_missed_periods_of_the_bare_echo_are_counted_after_the_start_up(tmp_path
     np.savez(files['driver'], served=sent, trips=trips)
     np.savez(files['echo'], served=np.delete(sent, slice(3000, 3390)), trips=[])
     np.savez(files['listener'], served=sent, trips=[])
-    run = of_bare(files, dict.fromkeys(BARE, Usage(30.0, 70.0)), 1000.0, 1.0, 0.5)
+    run = of_bare(files, dict.fromkeys(BARE, Usage(30.0, 70.0)), 1000.0, 1.0,
+                  Seen(0.5, 3.5))
     assert run.rows['driver'][:3] == pytest.approx((1000.0, 0, 3900))
     assert run.rows['echo'][:3] == pytest.approx((900.0, 390, 3900))
     assert run.loop == pytest.approx((2.0, 2.0, 2.0, 2.0, 100 * 3800 / 3900, 100 * 10 / 3900,
-                                      0.9, 0.5))
+                                      0.9, 0.5, 3.5))
 
 
 def test_missed_periods_of_a_bag_come_from_the_stamps(tmp_path: Path) -> None:
@@ -137,10 +139,11 @@ def test_a_short_run_prints_every_figure(repository: Path,
         assert float(row[0]) > 0.0
     for name in ('four nodes', 'composed', 'bare echo', 'four nodes / bare echo',
                  'composed / bare echo'):
-        *figures, stolen = cells[name]
+        *figures, stolen, start = cells[name]
         assert len(figures) == 7
         assert all(float(value) > 0.0 for value in figures)
-        assert stolen == '–' if '/' in name else 0.0 <= float(stolen) < 100.0
+        assert stolen == start == '–' if '/' in name else 0.0 <= float(stolen) < 100.0
+        assert '/' in name or 0.0 < float(start) < 90.0
 
 
 def test_a_node_that_fails_is_shown_with_what_it_printed(
