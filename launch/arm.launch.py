@@ -5,8 +5,9 @@
 
 ``plant:=none`` starts no driver: that of your robot publishes the joint states. Where they are
 installed, robot_state_publisher makes the frames of a simulated arm, and RViz shows it if there is
-a display. ``use_sim_time:=true`` runs the nodes in lockstep; with ``autostart:=false`` driver and
-controller wait for ``ros2 lifecycle set``. The end of driver or controller ends the launch.
+a display. ``composed:=true`` runs controller and identifier in one process, ``arm_control``.
+``use_sim_time:=true`` runs the nodes in lockstep; with ``autostart:=false`` driver and controller
+wait for ``ros2 lifecycle set``. The end of driver or controller ends the launch.
 """
 
 from datetime import datetime
@@ -56,17 +57,33 @@ def generate_launch_description() -> LaunchDescription:
             'autostart', default_value='true',
             description='Whether driver and controller configure and activate themselves.'),
         DeclareLaunchArgument(
+            'composed', default_value='false', choices=['true', 'false'],
+            description='Whether controller and identifier run in one process, arm_control.'),
+        DeclareLaunchArgument(
             'rviz', default_value='auto', choices=['auto', 'true', 'false'],
             description='Whether RViz is started; auto: where it and a display are there.'),
         Node(package=PACKAGE, executable='recorder', name='recorder', namespace=namespace,
              output='screen', parameters=[params_file, clock, {'bag': bag}]),
-        Node(package=PACKAGE, executable='identifier', name='identifier', namespace=namespace,
-             output='screen', parameters=[params_file, clock]),
-        Node(package=PACKAGE, executable='controller', name='controller', namespace=namespace,
-             output='screen', parameters=[params_file, clock, start], on_exit=Shutdown()),
+        OpaqueFunction(function=_control, args=[params_file, namespace, clock, start]),
         OpaqueFunction(function=_driver, args=[params_file, namespace, clock, start]),
         OpaqueFunction(function=_viewers, args=[params_file, namespace]),
     ])
+
+
+def _control(context: LaunchContext, params_file: LaunchConfiguration,
+             namespace: LaunchConfiguration, clock: dict[str, ParameterValue],
+             start: dict[str, ParameterValue]) -> list[Action]:
+    """Return controller and identifier, in one process or in two."""
+    if context.launch_configurations['composed'] == 'true':
+        # Without a name, which would become that of both nodes.
+        return [Node(package=PACKAGE, executable='arm_control', namespace=namespace,
+                     output='screen', parameters=[params_file, clock, start],
+                     on_exit=Shutdown())]
+    return [Node(package=PACKAGE, executable='identifier', name='identifier',
+                 namespace=namespace, output='screen', parameters=[params_file, clock]),
+            Node(package=PACKAGE, executable='controller', name='controller',
+                 namespace=namespace, output='screen', parameters=[params_file, clock, start],
+                 on_exit=Shutdown())]
 
 
 def _driver(context: LaunchContext, params_file: LaunchConfiguration,

@@ -21,14 +21,14 @@ from adaptive_blf_control.messages.stamp import stamp_of
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.runtime.processes import nodes_in
 
-__all__ = ['Loop', 'RateFigures', 'Row', 'Usage', 'median', 'of_bag', 'of_bare', 'stolen_time',
+__all__ = ['Loop', 'RateFigures', 'Row', 'Seen', 'Usage', 'median', 'of_bag', 'of_bare', 'stolen_time',
            'usage_of']
 
 TAIL = 0.1  # s at the end that are left out: nodes that have ended answer no states
 CALLBACK = 'callback so far p50, p99, p99.9, largest [ms]'
 ROUND_TRIP = 'round trip p50, p99, p99.9, largest so far [ms]'
 IN_TIME = 'answered within their period so far [%]'
-MISSED = 'missed periods'
+HELD = 'rate [Hz]'
 # A node has served a period if a message on its topic has the stamp of the period's state.
 SHOWN_BY = {'arm_driver': JOINT_STATES, 'controller': COMMANDS, 'identifier': THETA_HAT}
 STAMP_BY = {COMMANDS: answered_stamp}  # where the stamp is not the first thing in a message
@@ -71,6 +71,7 @@ class Loop(NamedTuple):
         in_time: Periods whose state was answered before the next one was due [%].
         cores: Processor time of all processes together [cores].
         stolen: Processor time that the host of a virtual machine gave to others meanwhile [%].
+        start: From the start of the processes until the arm moves [s].
     """
 
     p50: float
@@ -81,6 +82,14 @@ class Loop(NamedTuple):
     in_time: float
     cores: float
     stolen: float = NAN
+    start: float = NAN
+
+
+class Seen(NamedTuple):
+    """What is seen from outside; fields as of :class:`Loop`."""
+
+    stolen: float = NAN
+    start: float = NAN
 
 
 class RateFigures(NamedTuple):
@@ -95,6 +104,9 @@ class Usage(NamedTuple):
 
     cpu: float
     memory: float
+
+
+NOTHING_SEEN = Seen()
 
 
 def usage_of(pid: int) -> tuple[float, float] | None:
@@ -139,7 +151,7 @@ def _window(times_ns: np.ndarray, rate: float, start_up: float, what: str) -> tu
 
 
 def of_bare(files: Mapping[str, Path], usage: Mapping[str, Usage], rate: float,
-            start_up: float, stolen: float = NAN) -> RateFigures:
+            start_up: float, seen: Seen = NOTHING_SEEN) -> RateFigures:
     """Return the figures of a run of `bare_echo` from the files its nodes saved.
 
     Raises:
@@ -157,11 +169,11 @@ def of_bare(files: Mapping[str, Path], usage: Mapping[str, Usage], rate: float,
     met, in_time = (100.0 * min(count / rows['driver'].due, 1.0)
                     for count in (inside.size, np.count_nonzero(inside <= 1e3 / rate)))
     p50, p99, p999, largest = map(float, quantiles)
-    return RateFigures(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), stolen))
+    return RateFigures(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), *seen))
 
 
 def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, start_up: float,
-           stolen: float = NAN) -> RateFigures:
+           seen: Seen = NOTHING_SEEN) -> RateFigures:
     """Return the figures of a run of the four nodes, in four processes or in three.
 
     Args:
@@ -170,7 +182,7 @@ def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, start_u
         usage: Processor time and memory by process.
         rate: Rate of the states [Hz].
         start_up: Time after the first answered state that is left out [s].
-        stolen: See :class:`Loop`.
+        seen: What was seen from outside.
 
     Raises:
         BagError: the bag cannot be read, or has no motion that is long enough.
@@ -199,7 +211,7 @@ def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, start_u
     p50, p99, p999, largest = content.figures('arm_driver', ROUND_TRIP)
     in_time, = content.figures('arm_driver', IN_TIME, 1)
     in_time = min(in_time, met)
-    return RateFigures(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), stolen))
+    return RateFigures(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), *seen))
 
 
 class _Content:
@@ -242,13 +254,12 @@ class _Content:
         return tuple(map(float, text.split(', '))) if text else (NAN,) * count
 
     def by_its_own_count(self, node: str, rate: float, begin_ns: int, end_ns: int) -> Row:
-        """Return the periods that a node says it has missed between two times."""
-        said = [int(values[MISSED]) for at, values in self.diagnostics.get(node, [])
-                if begin_ns <= at < end_ns and MISSED in values]
-        span = (end_ns - begin_ns) * 1e-9
+        """Return the periods that a node says it has served between two times."""
+        said = [float(values[HELD]) for at, values in self.diagnostics.get(node, [])
+                if begin_ns <= at < end_ns and HELD in values]
+        held, span = float(np.mean(said)) if said else NAN, (end_ns - begin_ns) * 1e-9
         due = round(span * rate)
-        missed = said[-1] - said[0] if said else NAN
-        return Row((due - missed) / span, missed, due)
+        return Row(held, max(due - held * span, 0.0), due)
 
 
 def _cores(usage: Mapping[str, Usage]) -> float:

@@ -20,6 +20,7 @@ from adaptive_blf_control.bench.rate_figures import (
     of_bare,
     RateFigures,
     Row,
+    Seen,
     stolen_time,
     Usage,
     usage_of,
@@ -45,11 +46,12 @@ grid without a state, without its answer or without its estimate, also where the
 message that shows it; for the recorder, messages of the whole run that did not reach the bag.
 Met: periods whose state was answered, even if late; in time: before the next state was due. One
 callback of the recorder handles what arrived within 10 ms. Composed: controller and identifier in
-one process, whose processor time and memory are in the line of the controller; the identifier
-then counts its missed periods itself. Bare echo: typed messages, `rclpy.spin`, no control and no
-recorder. CPU: % of a core. Stolen: processor time that the host of a virtual machine gave to
-others meanwhile; periods due in that time are missed. The last lines of each rate are ratios:
-below 1 our nodes are better, in the periods above 1.
+one process, with its processor time and memory in the line of the controller; what the identifier
+has missed then follows from the rate in its diagnostics. Bare echo: typed messages, `rclpy.spin`,
+no control and no recorder. CPU: % of a core. Start: from the start of the processes until the arm
+moves, within 0.1 s. Stolen: processor time that the host of a virtual
+machine gave to others meanwhile; periods due in that time are missed. The last lines of each rate
+are ratios: below 1 our nodes are better, in the periods above 1.
 """
 
 
@@ -132,10 +134,10 @@ def _ours(options: argparse.Namespace, rate: float, *, composed: bool = False) -
         output = Path(folder)
         with NodeProcesses(_scenario(options), options.seconds, output, _settings(options, rate),
                            composed=composed) as nodes:
-            usage, stolen = _watch(nodes, nodes.herald, options.seconds, start_up)
+            usage, seen = _watch(nodes, nodes.herald, options.seconds, start_up)
             _refusals(nodes)
             log = nodes.text('recorder')
-        return of_bag(output / 'bag', log, usage, rate, start_up, stolen)
+        return of_bag(output / 'bag', log, usage, rate, start_up, seen)
 
 
 def _bare(options: argparse.Namespace, rate: float) -> RateFigures:
@@ -148,12 +150,12 @@ def _bare(options: argparse.Namespace, rate: float) -> RateFigures:
                            '--joints', str(arm.n), '--parameters', str(arm.m)]
                     for name, file in files.items()}
         with Processes(commands, Path(folder)) as nodes:
-            usage, stolen = _watch(nodes, 'driver', seconds, start_up)
-        return of_bare(files, usage, rate, start_up, stolen)
+            usage, seen = _watch(nodes, 'driver', seconds, start_up)
+        return of_bare(files, usage, rate, start_up, seen)
 
 
 def _watch(nodes: Processes, herald: str, seconds: float,
-           start_up: float) -> tuple[dict[str, Usage], float]:
+           start_up: float) -> tuple[dict[str, Usage], Seen]:
     """Wait until the run is over; return what each process used while the arm moved.
 
     Args:
@@ -163,13 +165,13 @@ def _watch(nodes: Processes, herald: str, seconds: float,
         start_up: Time left out at its start [s].
 
     Returns:
-        Usage by process, and the processor time that the host gave to others meanwhile [%].
+        Usage by process, and what else was seen.
 
     Raises:
         BlfError: a process failed, or took too long; with what it printed.
     """
     *_, leader = nodes.processes
-    started = time.monotonic()
+    started = nodes.started
     moving = math.inf
     looks: list[_Look] = []
     while nodes.processes[leader].poll() is None:
@@ -189,7 +191,7 @@ def _watch(nodes: Processes, herald: str, seconds: float,
     bad = list(dict.fromkeys(nodes.failed() + nodes.end()))
     if bad:
         raise BlfError(_with_output(nodes, bad, 'did not end well'))
-    return _usage(nodes, looks)
+    return _usage(nodes, looks, moving - started)
 
 
 class _Look(NamedTuple):
@@ -201,7 +203,8 @@ class _Look(NamedTuple):
     all: float
 
 
-def _usage(nodes: Processes, looks: Sequence[_Look]) -> tuple[dict[str, Usage], float]:
+def _usage(nodes: Processes, looks: Sequence[_Look],
+           start: float) -> tuple[dict[str, Usage], Seen]:
     whole = [look for look in looks if len(look.usage) == len(nodes.processes)]
     if len(whole) < 2:
         raise BlfError(_with_output(nodes, list(nodes.processes),
@@ -210,7 +213,8 @@ def _usage(nodes: Processes, looks: Sequence[_Look]) -> tuple[dict[str, Usage], 
     used = {name: Usage(100.0 * (after.usage[name][0] - before.usage[name][0])
                         / (after.t - before.t), after.usage[name][1]) for name in nodes.processes}
     ticks = after.all - before.all
-    return used, 100.0 * (after.stolen - before.stolen) / ticks if ticks else math.nan
+    stolen = 100.0 * (after.stolen - before.stolen) / ticks if ticks else math.nan
+    return used, Seen(stolen, start)
 
 
 def _with_output(nodes: Processes, names: Sequence[str], what: str) -> str:
@@ -236,12 +240,13 @@ def _tables(rate: float, runs: Mapping[str, RateFigures]) -> str:
               for loop, run in runs.items() if loop != ECHO for name in OURS]
     lines += [_line(f'bare_{name}', bare.rows[name]) for name in reversed(BARE)]
     lines += ['', '| loop | round trip p50 [ms] | p99 | p99.9 | largest | periods met [%] | '
-                  'in time [%] | cores | stolen [%] |',
-              '|---|---|---|---|---|---|---|---|---|']
+                  'in time [%] | cores | stolen [%] | start [s] |',
+              '|---|---|---|---|---|---|---|---|---|---|']
     for name, (_, loop) in runs.items():
         lines.append(f'| {name} | ' + ' | '.join(_text(value, 3) for value in loop[:4])
                      + f' | {_text(loop.met, 3)} | {_text(loop.in_time, 3)} | '
-                     f'{_text(loop.cores, 2)} | {_text(loop.stolen, 2)} |')
+                     f'{_text(loop.cores, 2)} | {_text(loop.stolen, 2)} | '
+                     f'{_text(loop.start, 1)} |')
     lines += [f'| {name} / {ECHO} | ' + ' | '.join(_ratios(run.loop, bare.loop)) + ' |'
               for name, run in runs.items() if name != ECHO]
     return '\n'.join(lines) + '\n'
@@ -259,6 +264,6 @@ def _text(value: float, digits: int) -> str:
 
 
 def _ratios(ours: Loop, bare: Loop) -> list[str]:
-    return [_text(mine / other if other and name != 'stolen' else math.nan,
+    return [_text(mine / other if other and name not in Seen._fields else math.nan,
                   3 if name in ('met', 'in_time') else 2)
             for name, mine, other in zip(Loop._fields, ours, bare)]

@@ -13,7 +13,7 @@ from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.settings import ControllerSettings, SAFETY_FILTERS
 from adaptive_blf_control.parameters.plugin import load_plugin, made
 
-__all__ = ['FilterSample', 'Governed', 'made_filter', 'SafetyFilter']
+__all__ = ['FilterSample', 'Governed', 'complaint_of', 'made_filter', 'SafetyFilter', 'status_of']
 
 
 class FilterSample(NamedTuple):
@@ -69,6 +69,18 @@ class SafetyFilter(Protocol):
     def filtered(self, sample: FilterSample) -> np.ndarray:
         """Return the torque to command, (n,) [N·m]: ``sample.torque`` itself lets it through."""
         ...
+
+
+def complaint_of(safety_filter: SafetyFilter | None) -> str:
+    """Return what is wrong with the last sample, '' where nothing is or nobody says it."""
+    complaint: str = getattr(safety_filter, 'complaint', '')
+    return complaint
+
+
+def status_of(safety_filter: SafetyFilter | None) -> dict[str, object]:
+    """Return what a filter has for the diagnostics, by name."""
+    status = getattr(safety_filter, 'status', None)
+    return {} if status is None else dict(status())
 
 
 def made_filter(arm: Arm, settings: ControllerSettings,

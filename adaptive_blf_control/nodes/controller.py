@@ -30,6 +30,7 @@ from adaptive_blf_control.control.motion import groups_of, Motion
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.ramp import RAMP_STEP
 from adaptive_blf_control.control.refusal import Refusal
+from adaptive_blf_control.control.safety_filter import status_of
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.topics import JOINT_STATES, JOINT_TRAJECTORY, THETA_HAT
 from adaptive_blf_control.nodes.command_topic import CommandTopic
@@ -380,9 +381,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self.motion.controller is None or output is None:
             return DiagnosticStatus.WARN, waiting, {}
         values = self.monitors.status(output.saturated)
-        watched = getattr(self.motion.controller.safety_filter, 'status', None)
-        if watched is not None:
-            values.update(watched())
+        values.update(status_of(self.motion.controller.safety_filter))
         if self.motion.lost:
             return DiagnosticStatus.ERROR, f'{self.motion.lost}: zero torque', values
         if self.monitors.violations:

@@ -9,6 +9,7 @@ from adaptive_blf_control.configuration.node_settings import ControllerNodeSetti
 from adaptive_blf_control.control.constraints import MarginName
 from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
+from adaptive_blf_control.control.safety_filter import complaint_of
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, GUARANTEE
@@ -84,7 +85,7 @@ class ControllerMonitors:
                 lambda: controller.lyapunov(output, theta)).items():
             self._outputs[topic].publish(message)
         self._watch_guarantee(stamp, output)
-        complaint = getattr(controller.safety_filter, 'complaint', '')
+        complaint = complaint_of(controller.safety_filter)
         if complaint:
             self._node.faults.report('safety filter', complaint)
         return inside

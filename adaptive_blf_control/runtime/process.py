@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+import os
 from pathlib import Path
 import signal
+import socket
 import sys
+import threading
 import time
 from typing import Any, Protocol
 
@@ -27,9 +31,11 @@ from adaptive_blf_control.runtime.node_parameters import (
 from adaptive_blf_control.runtime.second_graph import refuse_beside_another
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['Runnable', 'initialise', 'run_node', 'stop_on_signals', 'warn_of_leftovers']
+__all__ = ['Runnable', 'ends_on_signal', 'initialise', 'run_node', 'stop_on_signals',
+           'warn_of_leftovers']
 
 SHARED_MEMORY = Path('/dev/shm')
+GRACE = 1.0  # s for a node that is being made to notice a signal by itself
 
 
 def stop_on_signals() -> StopFlag:
@@ -66,11 +72,42 @@ class Runnable(Protocol):
         ...
 
 
+@contextmanager
+def ends_on_signal() -> Iterator[None]:
+    """Return a context that a signal ends together with the process, at the latest after GRACE.
+
+    For the making of a node, which has sent nothing yet. The flag of :func:`stop_on_signals` alone
+    may be set late: Python calls its handlers between two of its own instructions, and compiling
+    one function in machine code is a single one of several seconds.
+    """
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+    over = threading.Event()
+
+    def watch() -> None:
+        number = reader.recv(1)
+        if number and not over.wait(GRACE):
+            try_shutdown()  # the others see it leave
+            os._exit(128 + number[0])
+
+    before = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        over.set()
+        signal.set_wakeup_fd(before)
+        writer.close()
+        watcher.join()
+        reader.close()
+
+
 def run_node(kind: str, make: Callable[..., Runnable], args: list[str] | None) -> int:
     """Run a node as a process: signals, clear errors, clean shutdown.
 
     A signal takes effect before the next sample. While the node is being made it takes effect
-    where that compiles (:func:`compiling`) or waits, at the latest once the node is made.
+    where that compiles (:func:`compiling`) or waits, at the latest after :data:`GRACE`.
 
     Args:
         kind: Name of the node, for messages.
@@ -86,8 +123,9 @@ def run_node(kind: str, make: Callable[..., Runnable], args: list[str] | None) -
     stop = stop_on_signals()
 
     try:
-        initialise(kind, args)
-        node = make(stop=stop)
+        with ends_on_signal():
+            initialise(kind, args)
+            node = make(stop=stop)
         _check_alone_and_complete(node, sys.argv if args is None else args)
     except (BlfError, ParameterException, RuntimeError) as error:
         if stop.signal:

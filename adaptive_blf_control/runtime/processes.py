@@ -75,6 +75,7 @@ class Processes:
         domain: Their DDS domain: ROS_DOMAIN_ID, or another if that is not set or another run
             uses it.
         processes: The processes by name, in the order of their start.
+        started: When they were started, monotonic [s].
     """
 
     def __init__(self, commands: Mapping[str, Sequence[str]], output: Path) -> None:
@@ -90,6 +91,7 @@ class Processes:
         self._stack = ExitStack()
         self.domain = self._stack.enter_context(own_domain(_wanted_domain()))
         environment = self._environment(output)
+        self.started = time.monotonic()
         # In append mode: reading a log moves the position that its process shares.
         self.logs = {name: (output / f'{name}.txt').open('a+b') for name in commands}
         self.processes = {

@@ -20,12 +20,13 @@ from adaptive_blf_control.bench.rate_figures import (
     of_bare,
     RateFigures,
     Row,
+    Seen,
     Usage,
     usage_of,
 )
 from adaptive_blf_control.bench.rates import BARE, OURS
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.cdr import JointStateCodec
+from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec, JointStateCodec
 from adaptive_blf_control.runtime.loop_statistics import LoopStatistics, START_UP
 
 MS = 1_000_000  # ns
@@ -42,26 +43,32 @@ def test_missed_periods_of_the_bare_echo_are_counted_after_the_start_up(tmp_path
     np.savez(files['driver'], served=sent, trips=trips)
     np.savez(files['echo'], served=np.delete(sent, slice(3000, 3390)), trips=[])
     np.savez(files['listener'], served=sent, trips=[])
-    run = of_bare(files, dict.fromkeys(BARE, Usage(30.0, 70.0)), 1000.0, 1.0, 0.5)
+    run = of_bare(files, dict.fromkeys(BARE, Usage(30.0, 70.0)), 1000.0, 1.0,
+                  Seen(0.5, 3.5))
     assert run.rows['driver'][:3] == pytest.approx((1000.0, 0, 3900))
     assert run.rows['echo'][:3] == pytest.approx((900.0, 390, 3900))
     assert run.loop == pytest.approx((2.0, 2.0, 2.0, 2.0, 100 * 3800 / 3900, 100 * 10 / 3900,
-                                      0.9, 0.5))
+                                      0.9, 0.5, 3.5))
 
 
 def test_missed_periods_of_a_bag_come_from_the_stamps(tmp_path: Path) -> None:
     codec = JointStateCodec(['j'], fields=('position',))
+    torque = Float64MultiArrayCodec(1, '/controller#01234567')
     states = np.arange(-20, 2001)  # the first 20 before the motion
     kept = {'joint_states': states[states % 10 != 5],
-            'controller/adaptation_term': np.arange(0, 2001, 2),
+            'effort_controller/commands': np.arange(0, 2001, 2),
             # Out of order, and some twice: a second estimate does not serve a second period.
             'identifier/theta_hat': np.concatenate([states, states[-1000:]])[::-1]}
     with BagWriter(tmp_path / 'bag') as writer:
         for topic, numbers in kept.items():
-            writer.add_topic(f'/{topic}', 'sensor_msgs/msg/JointState')
+            commands = topic.endswith('commands')
+            writer.add_topic(f'/{topic}', 'std_msgs/msg/Float64MultiArray' if commands else
+                             'sensor_msgs/msg/JointState')
             for number in numbers.tolist():
                 stamp = START + number * MS
-                writer.write(f'/{topic}', codec.encode(stamp, np.zeros(1)), stamp, stamp)
+                data = (torque.encode(np.zeros(1), stamp) if commands else
+                        codec.encode(stamp, np.zeros(1)))
+                writer.write(f'/{topic}', data, stamp, stamp)
     log = ''.join(f'/{topic}: received {numbers.size}, written {numbers.size}, lost 3\n'
                   for topic, numbers in kept.items())
     usage = dict.fromkeys(OURS, Usage(25.0, 200.0))
@@ -110,15 +117,17 @@ def test_a_short_run_prints_every_figure(repository: Path,
                                          capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip('rclpy', reason='no ROS 2 here: the nodes cannot run')
     status = bench.main(['rates', '--rates', '100', '--seconds', '1.5', '--executor', 'plain',
-                         '--config', str(repository / 'config')])
+                         '--config', str(repository / 'config'), '--composed'])
     output = capsys.readouterr()
     assert status == 0, output.err
     cells = {row[0]: row[1:] for row in (
         re.split(r' \| ', line.strip('| ')) for line in output.out.splitlines()
         if line.startswith('| '))}
-    for name in OURS:
+    assert cells['identifier, composed'][-2:] == ['–', '–']  # it has no process of its own
+    cells['identifier, composed'][-2:] = cells['identifier'][-2:]
+    for name in (*OURS, *(f'{name}, composed' for name in OURS)):
         rate, missed, percent, p50, p99, largest, cpu, memory = map(float, cells[name])
-        assert 0.0 < rate < (101.0 if name != 'recorder' else 2000.0)
+        assert 0.0 < rate < (110.0 if 'recorder' not in name else 2000.0)
         assert missed >= 0.0
         assert 0.0 <= percent <= 100.0
         assert 0.0 < p50 <= p99 <= max(largest, p99)
@@ -128,11 +137,13 @@ def test_a_short_run_prints_every_figure(repository: Path,
         row = cells[f'bare_{name}']
         assert row[3:6] == ['–'] * 3
         assert float(row[0]) > 0.0
-    for name in ('four nodes', 'bare echo', 'four nodes / bare echo'):
-        *figures, stolen = cells[name]
+    for name in ('four nodes', 'composed', 'bare echo', 'four nodes / bare echo',
+                 'composed / bare echo'):
+        *figures, stolen, start = cells[name]
         assert len(figures) == 7
         assert all(float(value) > 0.0 for value in figures)
-        assert stolen == '–' if '/' in name else 0.0 <= float(stolen) < 100.0
+        assert stolen == start == '–' if '/' in name else 0.0 <= float(stolen) < 100.0
+        assert '/' in name or 0.0 < float(start) < 90.0
 
 
 def test_a_node_that_fails_is_shown_with_what_it_printed(

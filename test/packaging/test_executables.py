@@ -12,7 +12,13 @@ import sys
 import pytest
 
 import adaptive_blf_control
-from adaptive_blf_control.executables import console_scripts, EXECUTABLES, module_of, NODES
+from adaptive_blf_control.executables import (
+    COMPOSED,
+    console_scripts,
+    EXECUTABLES,
+    module_of,
+    NODES,
+)
 from patience import PATIENCE
 
 
@@ -94,8 +100,10 @@ def test_launch_file_starts_every_node_once_under_its_own_name(repository: Path)
     nodes = [node for node in _calls(repository / 'launch' / 'arm.launch.py', 'Node')
              if ast.unparse(node['package']) == 'PACKAGE']
     names = [ast.literal_eval(node['executable']) for node in nodes]
-    assert sorted(names) == sorted(NODES)
-    assert [ast.literal_eval(node['name']) for node in nodes] == names
+    assert sorted(names) == sorted([*NODES, *COMPOSED])
+    # A process of several nodes has no name: it would become that of each of them.
+    assert {ast.literal_eval(node['executable']): ast.literal_eval(node['name'])
+            for node in nodes if 'name' in node} == {name: name for name in NODES}
     assert {ast.unparse(node['namespace']) for node in nodes} == {'namespace'}
 
 
@@ -117,4 +125,4 @@ def test_launch_description_loads_where_ros_launch_is_installed(repository: Path
     assert isinstance(description, launch.LaunchDescription)
     arguments = {argument.name for argument in description.get_launch_arguments()}
     assert arguments == {'params_file', 'plant', 'bag', 'namespace', 'use_sim_time',
-                         'autostart', 'rviz'}
+                         'autostart', 'composed', 'rviz'}

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What ends a process while its node is being made."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+from patience import PATIENCE
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_process_though_nothing_looks_at_the_flag(
+        number: signal.Signals) -> None:
+    pytest.importorskip('rclpy', reason='no ROS 2 here')
+    # Like the compiler: calls into C that give the interpreter away, and nobody asks for the stop.
+    script = textwrap.dedent("""
+        import ctypes
+        from adaptive_blf_control.runtime.process import ends_on_signal, stop_on_signals
+        stop_on_signals()
+        with ends_on_signal():
+            print('working', flush=True)
+            while True:
+                ctypes.CDLL(None).sleep(1000)
+    """)
+    process = subprocess.Popen([sys.executable, '-c', script], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    with process:
+        assert process.stdout.readline() == 'working\n'
+        process.send_signal(number)
+        assert process.wait(PATIENCE) == 128 + number
+
+
+def test_what_is_done_before_a_signal_is_not_ended_by_it_later() -> None:
+    pytest.importorskip('rclpy', reason='no ROS 2 here')
+    script = textwrap.dedent("""
+        import os, signal
+        from adaptive_blf_control.runtime import process
+        stop = process.stop_on_signals()
+        process.GRACE = 0.01
+        with process.ends_on_signal():
+            pass
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.wait(60.0) and stop.signal == signal.SIGINT
+        assert signal.set_wakeup_fd(-1) == -1
+        print('still here')
+    """)
+    result = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                            timeout=PATIENCE, check=False)
+    assert (result.returncode, result.stdout) == (0, 'still here\n'), result.stderr
