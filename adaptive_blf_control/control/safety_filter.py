@@ -60,6 +60,9 @@ class SafetyFilter(Protocol):
     * ``constraints``: what it keeps, see `Constraint`;
     * ``complaint``: what is wrong with the last sample, '' where nothing is;
     * ``status()``: values for the diagnostics, by name;
+    * ``watched`` and ``watch()``: names and values of what is published on
+      ``controller/reserve``, since the last call;
+    * ``see(obstacles)``: told which obstacles move, see `MovingObstacles`;
     * ``governor``: a reference governor with ``governed(t, q, reference) -> Governed``, asked
       before the law, and ``heed(bounds)``, told the performance bounds of the sample; None for
       none.

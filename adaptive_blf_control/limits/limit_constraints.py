@@ -10,7 +10,7 @@ from adaptive_blf_control.limits.filter_step import Scene
 from adaptive_blf_control.limits.link_spheres import sphere_centres
 from adaptive_blf_control.limits.obstacles import distance
 
-__all__ = ['ClearanceConstraint', 'VelocityConstraint']
+__all__ = ['ClearanceConstraint', 'FARTHEST', 'VelocityConstraint']
 
 FARTHEST = 10.0
 """Largest distance that is told [m], also where there is no obstacle."""
@@ -44,12 +44,12 @@ class ClearanceConstraint:
     bodies: tuple[str, ...] = ('arm',)
 
     def __init__(self, scene: Scene) -> None:
-        """Take spheres and obstacles."""
-        self._scene = scene
+        """Take spheres and obstacles; a scene that moves is put in its place as ``scene``."""
+        self.scene = scene
 
     def bounded(self, state: MotionState) -> Bounded:
         """Return the distance, at most `FARTHEST`, bounded from below by zero."""
-        chain, spheres, obstacles, _ = self._scene
+        chain, spheres, obstacles, _ = self.scene
         least, normal = FARTHEST, np.empty(3)
         points = sphere_centres(chain, spheres, np.ascontiguousarray(state.q))
         for point, radius in zip(points, spheres.radius):

@@ -20,7 +20,7 @@ from adaptive_blf_control.limits.obstacles import (
     sphere,
 )
 
-__all__ = ['link_spheres_along', 'obstacles_of', 'scene_of']
+__all__ = ['link_spheres_along', 'obstacles_of', 'scene_of', 'scene_with']
 
 SPACING = 1.0  # distance of neighbouring spheres in units of their radius
 
@@ -68,19 +68,20 @@ def scene_of(arm: Arm, settings: LimitSettings) -> Scene:
         return Scene(_no_chain(arm.n), none, obstacles, np.zeros((0, 2), dtype=np.int64))
     rows = np.array(rows_of('controller.limits.link_spheres', settings.link_spheres, 5))
     if not rows.size:
-        return _scene(chain, link_spheres_along(chain, settings.link_radius), obstacles)
+        return scene_with(chain, link_spheres_along(chain, settings.link_radius), obstacles)
     joints = rows[:, 0]
     if not np.isin(joints, np.arange(1, arm.n + 1)).all() or not (rows[:, 4] > 0.0).all():
         raise ParameterError('controller.limits.link_spheres', rows.tolist(),
                              f'joints from 1 to {arm.n} and radii > 0 m')
     body = np.array([1 + int(np.flatnonzero(chain.place == joint - 1)[0]) for joint in joints])
-    return _scene(chain, LinkSpheres(body, rows[:, 1:4].copy(), rows[:, 4].copy()), obstacles)
+    return scene_with(chain, LinkSpheres(body, rows[:, 1:4].copy(), rows[:, 4].copy()), obstacles)
 
 
-def _scene(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles) -> Scene:
+def scene_with(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles) -> Scene:
+    """Return spheres with obstacles, each pair of which may come close."""
     count, most = spheres.body.size, obstacles.radius.size
-    pairs = [(s, k) for s in range(count) for k in range(most)]
-    return Scene(chain, spheres, obstacles, np.array(pairs, dtype=np.int64).reshape(-1, 2))
+    pairs = np.stack(np.meshgrid(np.arange(count), np.arange(most), indexing='ij'), axis=-1)
+    return Scene(chain, spheres, obstacles, pairs.reshape(-1, 2).astype(np.int64))
 
 
 def _no_chain(n: int) -> Chain:

@@ -19,6 +19,7 @@ import numpy as np
 from rclpy.context import Context
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.arm_limits import limit_warnings
@@ -32,10 +33,16 @@ from adaptive_blf_control.control.source_gate import SourceGate
 from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.stamp import STAMP_LIMIT
-from adaptive_blf_control.messages.topics import JOINT_STATES, JOINT_TRAJECTORY, THETA_HAT
+from adaptive_blf_control.messages.topics import (
+    JOINT_STATES,
+    JOINT_TRAJECTORY,
+    OBSTACLES,
+    THETA_HAT,
+)
 from adaptive_blf_control.nodes.command_topic import CommandTopic
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
 from adaptive_blf_control.nodes.estimate_input import EstimateInput, limit_of
+from adaptive_blf_control.nodes.obstacle_input import ObstacleInput
 from adaptive_blf_control.nodes.trajectory_input import TrajectoryInput
 from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runtime.channels import LONGEST_WAIT
@@ -52,6 +59,7 @@ from adaptive_blf_control.tuning.stated_loop import stated_delay
 __all__ = ['ControllerNode', 'main']
 
 TRAJECTORY_QUEUE_DEPTH = 10
+OBSTACLE_QUEUE_DEPTH = 1  # only where they are now matters
 GRAPH_PERIOD = 0.1  # s between looks at the publishers and subscriptions of commands
 COUNT_LIVE = 25  # postures that a live change is checked in, between two samples
 OF_THE_LOOP = {'k1', 'k2', 'barrier_weight', 'performance', 'reference'}  # its stability
@@ -117,11 +125,17 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
 
     def _make_topics(self, controller: Controller) -> None:
         self.monitors = ControllerMonitors(self, self.arm.joints, self.arm.parameters,
-                                           controller.constraints.names)
+                                           controller.constraints.names,
+                                           getattr(controller.safety_filter, 'watched', ()))
         self.trajectories = TrajectoryInput(self, self.motion)
         self._trajectory_topic = self.create_subscription(
             JointTrajectory, JOINT_TRAJECTORY, self.trajectories.offer, TRAJECTORY_QUEUE_DEPTH,
             raw=True)
+        self._obstacle_topic = None
+        if hasattr(controller.safety_filter, 'see'):
+            self._obstacle_topic = self.create_subscription(
+                MarkerArray, OBSTACLES, ObstacleInput(self, self.motion).receive,
+                OBSTACLE_QUEUE_DEPTH, raw=True)
         self._inputs = []
         if self.estimates.wanted:
             self._inputs.append(self.topics.subscribe(
@@ -136,6 +150,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         for subscription in self._inputs:
             self.topics.unsubscribe(subscription)
         self.destroy_subscription(self._trajectory_topic)
+        if self._obstacle_topic is not None:
+            self.destroy_subscription(self._obstacle_topic)
         self.monitors.close()
 
     def _check_loop(self, settings: ControllerNodeSettings, count: int) -> None:

@@ -30,9 +30,13 @@ class ControllerMonitors:
     """
 
     def __init__(self, node: DataNode[ControllerNodeSettings], joints: tuple[str, ...],
-                 parameters: tuple[str, ...], names: tuple[MarginName, ...]) -> None:
-        """Make the topics on ``node``; ``names`` are those of the margins."""
-        self.codecs = ControllerCodecs(joints, parameters, names, node.label)
+                 parameters: tuple[str, ...], names: tuple[MarginName, ...],
+                 watched: tuple[str, ...] = ()) -> None:
+        """Make the topics on ``node``.
+
+        ``names`` are those of the margins, ``watched`` what the safety filter says of itself.
+        """
+        self.codecs = ControllerCodecs(joints, parameters, names, node.label, watched)
         self.margins = np.zeros(len(names))
         self.violations = 0
         self.first_violation = ''
@@ -66,7 +70,8 @@ class ControllerMonitors:
             self._violated(controller, output)
         for topic, message in self._stream.messages(
                 stamp, output, self.margins, self._node.settings.monitor_decimation,
-                lambda: controller.lyapunov(output, theta)).items():
+                lambda: controller.lyapunov(output, theta),
+                getattr(controller.safety_filter, 'watch', None)).items():
             self._outputs[topic].publish(message)
         self._watch_guarantee(stamp, output)
         complaint = getattr(controller.safety_filter, 'complaint', '')

@@ -27,6 +27,7 @@ from adaptive_blf_control.messages.topics import (
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
     REFERENCE,
+    RESERVE,
     ROBOT_DESCRIPTION,
     THETA_HAT,
     TRACKING_ERROR,
@@ -99,6 +100,8 @@ class Recording:
         lyapunov: V as published, (N,).
         payload: Mass of the load and its standard deviation [kg], (N, 2); None where none was
             looked for.
+        reserve: What a safety filter said of itself, (N, k); None without one.
+        reserve_names: What each of these is, length k.
         answered: States and errors matched by stamp.
         run: The run as `summarise` wants it; None where the bag lacks something it needs.
         states: joint_states as read, for timing.
@@ -129,6 +132,8 @@ class Recording:
     sigma_min: Series | None = None
     lyapunov: Series | None = None
     payload: Series | None = None
+    reserve: Series | None = None
+    reserve_names: tuple[str, ...] = ()
     answered: Answered | None = None
     run: Run | None = None
     states: JointSeries | None = None
@@ -304,6 +309,10 @@ def _topics(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...],
         if pair := reader.doubles(topic, f'{name} of the history stack'):
             data[name] = Series(clock.of_log(pair[0]), pair[1])
     data.update(_barrier(reader, clock))
+    reserve = reader.joints(RESERVE, 'reserve') if _there(reader.bag, RESERVE) else None
+    if reserve is not None:
+        data['reserve'] = Series(clock.of_stamp(reserve.stamp_ns), reserve.position)
+        data['reserve_names'] = reserve.names
     if load := reader.attempt('load', lambda: payload_masses(reader.bag)):
         data['payload'] = Series(clock.of_stamp(load[0]), load[1])
     commands = reader.doubles(COMMANDS, 'commands')
@@ -315,6 +324,14 @@ def _topics(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...],
             commands[1].shape[1] == len(joints):
         data['torque'] = Series(clock.of_log(commands[0]), commands[1])
     return data
+
+
+def _there(bag: Bag, topic: str) -> bool:
+    """Return whether a topic that not every run has was published."""
+    try:
+        return bag.topics[topic_named(bag, topic)].count > 0
+    except BagError:
+        return False
 
 
 def _barrier(reader: _Tolerant, clock: _Clock) -> dict[str, Any]:
