@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``bench limits``: arms at their limits and among obstacles, with and without the safety filter."""
+"""``bench limits``: arms at their limits and beside obstacles, with and without the filter."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from adaptive_blf_control.control.safety_filter import FilterSample
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.limits.limit_constraints import ClearanceConstraint
 from adaptive_blf_control.limits.link_spheres import sphere_centres
-from adaptive_blf_control.limits.obstacles import sphere
 from adaptive_blf_control.limits.safety_filter import LimitsFilter
 from adaptive_blf_control.limits.scene import scene_of
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
@@ -333,7 +332,7 @@ def _loop(case: Case, config: Path, seed: int) -> ClosedLoop:
     loop = build_closed_loop(data)
     if case.towards is not None:
         controller, j = loop.controller, case.towards
-        speed = float(np.broadcast_to(getattr(loop.arm, 'velocity_limit'), loop.arm.n)[j])
+        speed = float(np.broadcast_to(loop.arm.velocity_limit, loop.arm.n)[j])
         controller.follow(_Onwards(controller.reference, j, speed, controller.safety.lower[j],
                                    controller.safety.upper[j]))
     return loop

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 __all__ = ['ADAPTATION_TERM', 'ALL', 'BARRIER', 'CLOCK', 'COMMANDS', 'CONSISTENT_MODEL',
            'EXCITATION', 'EXTERNAL_TORQUE', 'GUARANTEE', 'HISTORY_RANK', 'HISTORY_SIGMA_MIN',
            'JOINT_STATES', 'JOINT_TRAJECTORY', 'KINDS', 'OBSTACLES', 'PAYLOAD', 'PAYLOAD_STD',
-           'RECORDED', 'REFERENCE', 'RESERVE', 'ROBOT_DESCRIPTION', 'THETA_HAT', 'THETA_STD', 'TOPICS', 'TRACKING_ERROR',
-           'Topic', 'published_by']
+           'RECORDED', 'REFERENCE', 'RESERVE', 'ROBOT_DESCRIPTION', 'THETA_HAT', 'THETA_STD',
+           'TOPICS', 'TRACKING_ERROR', 'Topic', 'published_by']
 
 KINDS = ('arm_driver', 'controller', 'identifier', 'recorder')
 """Kinds of nodes, by which their names are known here."""

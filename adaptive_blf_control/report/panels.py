@@ -329,7 +329,7 @@ class _Maker:
                                 'clearance', bound=0.0),
                   self._watched('path', 'Rate of the path, and distance from it', 'rate; [rad]',
                                 'path_rate', 'path_off'),
-                  self._watched('kind', 'Samples: 0 let through, 1 filtered, 2 braking, 3 softened',
+                  self._watched('kind', '0 let through, 1 filtered, 2 braking, 3 softened',
                                 'kind', 'kind', step=True)]
         return tuple(panel for panel in panels if panel.curves)
 
