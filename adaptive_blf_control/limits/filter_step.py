@@ -11,8 +11,8 @@ In the acceleration a of the model, M_c a + h_c = τ, and with e the bound of |a
 
 What is wanted passes bit for bit where it keeps every row by itself. Where there is no such a, the
 rows but for the torque box give way, as little as they have to (SOFTENED). Where the stop after
-the solution is not free, it goes back towards the stop that the sample before has left, which is, and
-to that where nothing less does (BRAKING).
+the solution is not free, it goes back towards the stop that the sample before has left, which is,
+and to that where nothing less does (BRAKING).
 """
 
 from __future__ import annotations

@@ -4,15 +4,15 @@
 After a sample with the acceleration a every joint decelerates with a_b until it stands: the stop
 path. Whoever goes on may do so because that path is free, and whoever may not, takes it, see
 `Stop`; the joints are then within ρ of it, see `stop_path`. It is looked at between K + 1 points
-in time. On a piece from A to B a point p of a link moves by Δp; it is off the straight line between
-its ends by no more than 4 s (1 − s) D + R, s the part of the piece, with
+in time. On a piece from A to B a point p of a link moves by Δp; it is off the straight line
+between its ends by no more than 4 s (1 − s) D + R, s the part of the piece, with
 
     D = ¼ λ + Σ_j ℓ_j b_j,   λ = ½ Σ_j ℓ_j |x_j| (|x_j| + 2 Σ_i |x_i|),   R = Σ_j ℓ_j ρ_j,
 
 x = q_B − q_A, the inner sum over the joints i before j in the chain. b_j is how far the joint is
 from its own straight line. λ is the curvature of the motion: ∂²p/∂q_i∂q_j = z_i × (z_j × (p −
-o_j)) is not longer than the distance of p from axis j, and that is ‖J_j‖ at A and grows by at most the
-displacements behind it:
+o_j)) is not longer than the distance of p from axis j, and that is ‖J_j‖ at A and grows by at most
+the displacements behind it:
 
     ℓ_j = ‖J_j‖ + Σ_k ℓ_k |x_k|,   k behind j.
 
