@@ -14,6 +14,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.bench import limits_picture
 from adaptive_blf_control.bench.arms import ARMS, node_data
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
@@ -116,12 +117,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--limits-seeds', type=int, default=5, metavar='N',
                         help='limits: runs of a row in which something is random '
                         '(default %(default)d)')
+    parser.add_argument('--limits-png', type=Path, metavar='FILE',
+                        help='limits: draw the picture of docs/limits.md instead of the table')
     parser.add_argument('--limits-scenes', type=int, default=200, metavar='N',
                         help='limits: random scenes (default %(default)d)')
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print the table, row by row."""
+    """Print the table, row by row, or draw the picture."""
+    if options.limits_png is not None:
+        least = limits_picture.draw(options.limits_png, load_yaml(
+            options.config / 'panda_obstacles.yaml'), options.limits_seconds)
+        print(f'{options.limits_png}: closest {least[0]:.3f} m alone, {least[1]:.3f} m filtered')
+        return
     print('| ' + ' | '.join(TITLES) + ' |\n' + '|---' * len(TITLES) + '|')
     seeds = tuple(range(options.limits_seeds))
     for case in cases(options.config, seeds, options.limits_scenes):
@@ -332,6 +340,7 @@ def _loop(case: Case, config: Path, seed: int) -> ClosedLoop:
     loop = build_closed_loop(data)
     if case.towards is not None:
         controller, j = loop.controller, case.towards
+        assert isinstance(loop.arm, UrdfArm)
         speed = float(np.broadcast_to(loop.arm.velocity_limit, loop.arm.n)[j])
         controller.follow(_Onwards(controller.reference, j, speed, controller.safety.lower[j],
                                    controller.safety.upper[j]))

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 __all__ = ['ADAPTATION_TERM', 'ALL', 'BARRIER', 'CLOCK', 'COMMANDS', 'CONSISTENT_MODEL',
            'EXCITATION', 'EXTERNAL_TORQUE', 'GUARANTEE', 'HISTORY_RANK', 'HISTORY_SIGMA_MIN',
-           'JOINT_STATES', 'JOINT_TRAJECTORY', 'KINDS', 'OBSTACLES', 'PAYLOAD', 'PAYLOAD_STD',
-           'RECORDED', 'REFERENCE', 'RESERVE', 'ROBOT_DESCRIPTION', 'THETA_HAT', 'THETA_STD',
-           'TOPICS', 'TRACKING_ERROR', 'Topic', 'published_by']
+           'JOINT_STATES', 'JOINT_TRAJECTORY', 'KINDS', 'OBSTACLES', 'PARAMETER_SET', 'PAYLOAD',
+           'PAYLOAD_STD', 'RECORDED', 'REFERENCE', 'RESERVE', 'ROBOT_DESCRIPTION', 'THETA_HAT',
+           'THETA_STD', 'TOPICS', 'TRACKING_ERROR', 'Topic', 'published_by']
 
 KINDS = ('arm_driver', 'controller', 'identifier', 'recorder')
 """Kinds of nodes, by which their names are known here."""
@@ -116,6 +116,13 @@ PAYLOAD_STD = _topic(
     'identifier/payload_std', 'geometry_msgs/msg/InertiaStamped', 'identifier', (),
     'likewise: standard deviation of each of these numbers; infinite for centre of mass and '
     'inertia while there is no load')
+PARAMETER_SET = _topic(
+    'identifier/parameter_set', 'sensor_msgs/msg/JointState', 'identifier', (),
+    'named vector, every `parameter_set.period` where that is not 0: the ellipsoid that holds θ* '
+    'if the prior and the bound of the unexplained torque are right, whatever was recorded. '
+    'position = its centre, velocity = how far it reaches to either side, by parameter name; then '
+    '`size`, the geometric mean of its semi-axes, and `falsified`, how often pairs contradicted '
+    'it: it is then the prior again. See [limits.md](limits.md)')
 ADAPTATION_TERM = _topic(
     'controller/adaptation_term', 'sensor_msgs/msg/JointState', 'controller', ('identifier',),
     'named vector: Xᵀe2 of (37); it acts over the interval that follows its stamp. Joints whose '

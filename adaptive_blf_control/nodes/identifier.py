@@ -25,6 +25,7 @@ from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES
 from adaptive_blf_control.nodes.estimate_saver import EstimateSaver, resumed_estimate
 from adaptive_blf_control.nodes.model_output import ModelOutput
 from adaptive_blf_control.nodes.payload_output import PayloadOutput
+from adaptive_blf_control.nodes.set_output import SetOutput
 from adaptive_blf_control.nodes.term_input import TermInput
 from adaptive_blf_control.runtime.compiling import compiling
 from adaptive_blf_control.runtime.data_node import DataNode
@@ -88,6 +89,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         self.saver = EstimateSaver(self, self.identifier.snapshot)
         self.model = ModelOutput(self, self.identifier, self._outputs)
         self.payload = PayloadOutput(self, payload, self._outputs)
+        self.parameter_set = SetOutput(self, self.arm, self._outputs)
 
     def _check_rank(self) -> None:
         warning = rank_warning(self.identifier.settings, self.arm.n, self.arm.m)
@@ -139,6 +141,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         t = (stamp - self._zero_ns) * 1e-9
         theta = self.identifier.update(t, q, qd, tau, self.terms.held(stamp))
         self.payload.observe(stamp, t, self.identifier)
+        self.parameter_set.observe(stamp, t, self.identifier)
         stack = self.identifier.stack
         for topic, message in self._stream.messages(
                 stamp, theta, stack.insertions, lambda: HistoryFigures(
@@ -221,7 +224,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             'artificial noise': 'in use' if identifier.artificial_noise else 'not in use',
             'excitation index': identifier.excitation,
             'norm of theta_hat': f'{np.linalg.norm(identifier.theta):.6g}',
-            **self.payload.status(),
+            **self.payload.status(), **self.parameter_set.status(),
             **{f'samples {reason}': count for reason, count in identifier.dropped.items()}}
         second = '' if self.lockstep else (self._heard.second_source()
                                            or self.terms.heard.second_source())
