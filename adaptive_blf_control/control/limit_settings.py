@@ -107,6 +107,9 @@ class LimitSettings(Settings, where='controller.limits'):
     link_radius: float = parameter(
         0.08, 'Radius of the spheres where link_spheres gives none.', 'm', 0.0, exclusive=True,
         live=True)
+    self_collision: bool = parameter(
+        False, 'Keep spheres of links apart that have at least three joints between them.',
+        live=True)
     obstacles: ObstacleSettings = group(ObstacleSettings)
 
     def _check(self) -> None:

@@ -144,7 +144,8 @@ class LimitsFilter:
             return
         still = self._scene
         scene = scene_with(still.chain, still.spheres,
-                           joined([still.obstacles, self._moving.at(t)]))
+                           joined([still.obstacles, self._moving.at(t)]),
+                           still.pairs[still.pairs[:, 1] < 0])
         self._near.scene = scene
         self._parts = self._parts._replace(scene=handle(scene), pairs=len(scene.pairs))
         if self.governor is not None:

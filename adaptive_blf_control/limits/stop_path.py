@@ -34,10 +34,10 @@ import numpy as np
 
 from adaptive_blf_control.arms.chain import Chain, placements
 from adaptive_blf_control.compiled import borrowed, jit
-from adaptive_blf_control.limits.link_spheres import LinkSpheres, place_sphere
+from adaptive_blf_control.limits.link_spheres import LinkSpheres, place_sphere, sphere_centres
 from adaptive_blf_control.limits.obstacles import distance, Obstacles
 
-__all__ = ['kept_to', 'stop_clearances', 'stop_path', 'StopPath']
+__all__ = ['kept_to', 'least_clearance', 'stop_clearances', 'stop_path', 'StopPath']
 
 PIECES = 6  # K
 PULL = 0.05  # κ, part of the way back to the path that a sample makes
@@ -117,6 +117,18 @@ def kept_to(a: np.ndarray, place: np.ndarray, speed: np.ndarray, q: np.ndarray, 
     """
     back: np.ndarray = np.clip(PULL / period ** 2 * (place - q), -error, error)
     return a + (speed - qd) / period + back
+
+
+@jit
+def least_clearance(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles, pairs: np.ndarray,
+                    q: np.ndarray) -> float:
+    """Return the least clearance of all pairs at q, shape (n,) [rad]; inf without pairs [m]."""
+    centres, least = sphere_centres(chain, spheres, q), np.inf
+    point, normal = np.empty(3), np.empty(3)
+    for p in range(pairs.shape[0]):
+        least = min(least, _apart(spheres, obstacles, pairs[p, 0], pairs[p, 1], 0.0, centres,
+                                  point, normal))
+    return least
 
 
 @jit
