@@ -224,10 +224,7 @@ def _excite(options: argparse.Namespace) -> None:
 def _limits(options: argparse.Namespace) -> None:
     print('\n## The safety filter (`bench limits`)\n')
     _machine()
-    print('| ' + ' | '.join(limits.TITLES) + ' |\n' + '|---' * len(limits.TITLES) + '|')
-    data = load_yaml(options.config / 'panda_obstacles.yaml')
-    for case in limits.cases():
-        print(limits.row(data, case, 8.0), flush=True)
+    limits.run(options)
 
 
 def _robots(options: argparse.Namespace) -> None:
@@ -263,6 +260,7 @@ def main(args: list[str] | None = None) -> int:
     campaigns.add_options(parser)
     excitation_figures.add_options(parser)
     robots.add_options(parser)
+    limits.add_options(parser)
     options = parser.parse_args(args)
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``bench limits``: arms at their limits and among obstacles, with and without the safety filter."""
+"""``bench limits``: arms at their limits and beside obstacles, with and without the filter."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.bench import limits_picture
 from adaptive_blf_control.bench.arms import ARMS, node_data
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
@@ -28,7 +29,6 @@ from adaptive_blf_control.control.safety_filter import FilterSample
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.limits.limit_constraints import ClearanceConstraint
 from adaptive_blf_control.limits.link_spheres import sphere_centres
-from adaptive_blf_control.limits.obstacles import sphere
 from adaptive_blf_control.limits.safety_filter import LimitsFilter
 from adaptive_blf_control.limits.scene import scene_of
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
@@ -117,12 +117,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--limits-seeds', type=int, default=5, metavar='N',
                         help='limits: runs of a row in which something is random '
                         '(default %(default)d)')
+    parser.add_argument('--limits-png', type=Path, metavar='FILE',
+                        help='limits: draw the picture of docs/limits.md instead of the table')
     parser.add_argument('--limits-scenes', type=int, default=200, metavar='N',
                         help='limits: random scenes (default %(default)d)')
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print the table, row by row."""
+    """Print the table, row by row, or draw the picture."""
+    if options.limits_png is not None:
+        least = limits_picture.draw(options.limits_png, load_yaml(
+            options.config / 'panda_obstacles.yaml'), options.limits_seconds)
+        print(f'{options.limits_png}: closest {least[0]:.3f} m alone, {least[1]:.3f} m filtered')
+        return
     print('| ' + ' | '.join(TITLES) + ' |\n' + '|---' * len(TITLES) + '|')
     seeds = tuple(range(options.limits_seeds))
     for case in cases(options.config, seeds, options.limits_scenes):
@@ -333,7 +340,8 @@ def _loop(case: Case, config: Path, seed: int) -> ClosedLoop:
     loop = build_closed_loop(data)
     if case.towards is not None:
         controller, j = loop.controller, case.towards
-        speed = float(np.broadcast_to(getattr(loop.arm, 'velocity_limit'), loop.arm.n)[j])
+        assert isinstance(loop.arm, UrdfArm)
+        speed = float(np.broadcast_to(loop.arm.velocity_limit, loop.arm.n)[j])
         controller.follow(_Onwards(controller.reference, j, speed, controller.safety.lower[j],
                                    controller.safety.upper[j]))
     return loop

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from adaptive_blf_control.arms.settings import ArmSettings
+from adaptive_blf_control.control.limit_settings import PriorSettings
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.identification.settings import IdentifierSettings, PayloadSettings
 from adaptive_blf_control.messages.topics import RECORDED
@@ -17,7 +18,7 @@ from adaptive_blf_control.simulation.settings import PlantSettings, WatchdogSett
 
 __all__ = ['ComposedSettings', 'ControllerNodeSettings', 'DriverSettings', 'GuaranteeSettings',
            'IdentifierNodeSettings', 'LifecycleSettings', 'LockstepSettings', 'LoopSettings',
-           'NODE_SETTINGS',
+           'NODE_SETTINGS', 'ParameterSetSettings', 'SetPriorSettings',
            'RealtimeSettings', 'RecorderSettings', 'RuntimeSettings', 'TABLES']
 
 
@@ -106,6 +107,20 @@ class DriverSettings(PlantSettings, WatchdogSettings, LifecycleSettings, ArmSett
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SetPriorSettings(PriorSettings, where='identifier.parameter_set.prior'):
+    """What is known of θ* for sure before any motion."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ParameterSetSettings(Settings, where='identifier.parameter_set'):
+    """The set that surely holds θ*."""
+
+    period: float = parameter(
+        0.0, 'The set is computed and published this often; 0: never.', 's', 0.0, 60.0)
+    prior: SetPriorSettings = group(SetPriorSettings)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class IdentifierNodeSettings(IdentifierSettings, ComposedSettings, RuntimeSettings, ArmSettings,
                              where='identifier'):
     """The parameters of ``identifier``."""
@@ -143,6 +158,7 @@ class IdentifierNodeSettings(IdentifierSettings, ComposedSettings, RuntimeSettin
         0.1, 'An adaptation term older than this (by stamp) counts as zero.',
         's', 0.0, 3600.0, exclusive=True, live=True)
     payload: PayloadSettings = group(PayloadSettings)
+    parameter_set: ParameterSetSettings = group(ParameterSetSettings)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

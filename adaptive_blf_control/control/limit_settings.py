@@ -63,6 +63,13 @@ class ObstacleSettings(Settings, where='controller.limits.obstacles'):
     half_spaces: np.ndarray = parameter(
         [0.0], 'A point of each plane, x, y, z, and its normal, which points to the free side.',
         'm', live=True)
+    frame: str = parameter(
+        'base_link', 'Frame of the markers on controller/obstacles: that of the base of the arm.')
+    speed: float = parameter(
+        1.0, 'Largest velocity that an obstacle is taken to have.', 'm/s', 0.0, live=True)
+    timeout: float = parameter(
+        0.5, 'Without a message on controller/obstacles for this long the reference comes to '
+        'rest, where such obstacles are known.', 's', 0.0, exclusive=True, live=True)
     margin: float = parameter(
         0.02, 'How much farther than the arm the reference keeps from obstacles.', 'm', 0.0,
         live=True)
@@ -99,6 +106,9 @@ class LimitSettings(Settings, where='controller.limits'):
         'along the lines between the joints, with link_radius.', 'm', live=True)
     link_radius: float = parameter(
         0.08, 'Radius of the spheres where link_spheres gives none.', 'm', 0.0, exclusive=True,
+        live=True)
+    self_collision: bool = parameter(
+        False, 'Keep spheres of links apart that have at least three joints between them.',
         live=True)
     obstacles: ObstacleSettings = group(ObstacleSettings)
 

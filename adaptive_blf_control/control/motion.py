@@ -7,8 +7,8 @@ left to the caller.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Hashable, Iterable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -111,6 +111,15 @@ class Motion:
             if refusal is None and gate.jumped(stamp, longest):
                 self.end()
         return refusal
+
+    def see(self, seen: Mapping[Hashable, Any], gone: frozenset[Hashable] | None) -> None:
+        """Tell the safety filter which obstacles move, see `MovingObstacles.update`.
+
+        Between motions nobody needs them: who publishes them goes on doing so.
+        """
+        see = getattr(getattr(self.controller, 'safety_filter', None), 'see', None)
+        if see is not None:
+            see(seen, gone)
 
     def rest(self, q: np.ndarray, qd: np.ndarray) -> None:
         """Note a state, (n,) [rad] and [rad/s], that nobody answers."""

@@ -13,7 +13,8 @@ from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.settings import ControllerSettings, SAFETY_FILTERS
 from adaptive_blf_control.parameters.plugin import load_plugin, made
 
-__all__ = ['FilterSample', 'Governed', 'complaint_of', 'made_filter', 'SafetyFilter', 'status_of']
+__all__ = ['FilterSample', 'Governed', 'SafetyFilter', 'complaint_of', 'made_filter',
+           'sees_obstacles', 'status_of', 'watched_by']
 
 
 class FilterSample(NamedTuple):
@@ -60,6 +61,9 @@ class SafetyFilter(Protocol):
     * ``constraints``: what it keeps, see `Constraint`;
     * ``complaint``: what is wrong with the last sample, '' where nothing is;
     * ``status()``: values for the diagnostics, by name;
+    * ``watched`` and ``watch()``: names and values of what is published on
+      ``controller/reserve``, since the last call;
+    * ``see(obstacles)``: told which obstacles move, see `MovingObstacles`;
     * ``governor``: a reference governor with ``governed(t, q, reference) -> Governed``, asked
       before the law, and ``heed(bounds)``, told the performance bounds of the sample; None for
       none.
@@ -81,6 +85,16 @@ def status_of(safety_filter: SafetyFilter | None) -> dict[str, object]:
     """Return what a filter has for the diagnostics, by name."""
     status = getattr(safety_filter, 'status', None)
     return {} if status is None else dict(status())
+
+
+def watched_by(safety_filter: SafetyFilter | None) -> tuple[str, ...]:
+    """Return the names of what a filter publishes of itself, see `SafetyFilter`."""
+    return tuple(getattr(safety_filter, 'watched', ()))
+
+
+def sees_obstacles(safety_filter: SafetyFilter | None) -> bool:
+    """Return whether a filter can be told which obstacles move."""
+    return hasattr(safety_filter, 'see')
 
 
 def made_filter(arm: Arm, settings: ControllerSettings,

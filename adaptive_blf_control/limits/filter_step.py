@@ -5,14 +5,14 @@ In the acceleration a of the model, M_c a + h_c = τ, and with e the bound of |a
 
     min ½ (a − a_w)ᵀ M_c (a − a_w)   subject to
     a̲ + e ≤ a ≤ a̅ − e     velocity, and position that braking keeps inside (`viability`)
-    b(a) ≥ b₀ − γ max(b₀ − β, 0)   b what the stop after a leaves free of an obstacle (`stop_path`),
-                           linearised, and b₀ that of the stop that is left
+    b(a) ≥ b₀ − γ max(b₀ − β, 0)   b what the stop after a leaves free (`stop_path`), linearised,
+                           and b₀ what the stop that is left does
     τ̲ ≤ M_c a + h_c ≤ τ̅    the torque box, always
 
 What is wanted passes bit for bit where it keeps every row by itself. Where there is no such a, the
-rows but for the torque box give way, as little as they have to (SOFTENED). Where the stop after the
-solution is not free, it goes back towards the stop that the sample before has left, which is, and
-to that where nothing less does (BRAKING).
+rows but for the torque box give way, as little as they have to (SOFTENED). Where the stop after
+the solution is not free, it goes back towards the stop that the sample before has left, which is,
+and to that where nothing less does (BRAKING).
 """
 
 from __future__ import annotations
@@ -365,10 +365,10 @@ def _least_of(before: float) -> float:
 @jit
 def _uses_its_part(found: np.ndarray, before: np.ndarray) -> bool:
     """Return whether a sample uses up no more of the free way than it may."""
+    kept = True
     for p in range(found.size):
-        if found[p] < max(_least_of(before[p]), 0.0):
-            return False
-    return True
+        kept = kept and found[p] >= max(_least_of(before[p]), 0.0)
+    return kept
 
 
 @jit

@@ -10,11 +10,11 @@ obstacles. Its acceleration is what it is told, so that nothing is uncertain in 
 from __future__ import annotations
 
 import copy
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.control.reference import Reference, ReferencePoint
+from adaptive_blf_control.control.reference import full_range, Reference, ReferencePoint
 from adaptive_blf_control.control.safety_filter import Governed
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.limits.acceleration_error import Posture
@@ -47,6 +47,10 @@ class Deflection:
         self._hardest = HARDEST * parts.limits.braking
         self._left: Stop | None = None
         self.position, self.velocity = begin.position.copy(), begin.velocity.copy()
+
+    def look(self, scene: Any, pairs: int) -> None:
+        """Take another scene, see `Governor.look`."""
+        self._parts = self._parts._replace(scene=scene, pairs=pairs)
 
     def awaited(self, path: ReferencePoint) -> float:
         """Return how much the path is to wait for it, from 0 to 1.
@@ -84,6 +88,14 @@ class Governor:
         self._deflection: Deflection | None = None
         self._last: _Last | None = None
         self._off = 0.0
+        self._waits = False
+
+    def look(self, scene: Any, pairs: int, waits: bool) -> None:
+        """Take another scene, of ``pairs`` that may come close; ``waits``: come to rest."""
+        self._parts = self._parts._replace(scene=scene, pairs=pairs)
+        self._waits = waits
+        if self._deflection is not None:
+            self._deflection.look(scene, pairs)
 
     @property
     def off(self) -> float:
@@ -101,10 +113,11 @@ class Governor:
         wait = 0.0
         if self._deflection is not None:
             wait = self._deflection.awaited(reference.at(pace.time))
+        wait = 1.0 if self._waits else wait
         pace.advance(t, reference, max(nearness, NEAR + (NEARER - NEAR) * wait))
         path = _paced(reference.at(pace.time), pace)
         point = path
-        if self._parts.pairs:
+        if self._deflection is not None or self._parts.pairs or self._leaves(reference):
             if self._deflection is None:
                 self._deflection = Deflection(self._parts, path)
             point = self._deflection.advance(dt, path) if dt > 0.0 else path
@@ -112,6 +125,12 @@ class Governor:
         result = Governed(point, pace.time, pace.rate)
         self._last = _Last(t, result, None)
         return result
+
+    def _leaves(self, reference: Reference) -> bool:
+        """Return whether a reference goes where there is no room for e1."""
+        lower, upper = full_range(reference)
+        limits = self._parts.limits
+        return bool((lower < limits.lower).any() or (upper > limits.upper).any())
 
     def __copy__(self) -> Governor:
         """Return a governor that goes on from here without a trace in this one."""

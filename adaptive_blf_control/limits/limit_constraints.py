@@ -7,10 +7,9 @@ import numpy as np
 
 from adaptive_blf_control.control.constraints import Bounded, MotionState
 from adaptive_blf_control.limits.filter_step import Scene
-from adaptive_blf_control.limits.link_spheres import sphere_centres
-from adaptive_blf_control.limits.obstacles import distance
+from adaptive_blf_control.limits.stop_path import least_clearance
 
-__all__ = ['ClearanceConstraint', 'VelocityConstraint']
+__all__ = ['ClearanceConstraint', 'FARTHEST', 'VelocityConstraint']
 
 FARTHEST = 10.0
 """Largest distance that is told [m], also where there is no obstacle."""
@@ -34,7 +33,7 @@ class VelocityConstraint:
 
 
 class ClearanceConstraint:
-    """The distance of the links from the nearest obstacle.
+    """The distance of the links from the nearest obstacle, and from each other where asked for.
 
     It is there without obstacles, too: they may come while the arm moves.
     """
@@ -44,15 +43,10 @@ class ClearanceConstraint:
     bodies: tuple[str, ...] = ('arm',)
 
     def __init__(self, scene: Scene) -> None:
-        """Take spheres and obstacles."""
-        self._scene = scene
+        """Take spheres and obstacles; a scene that moves is put in its place as ``scene``."""
+        self.scene = scene
 
     def bounded(self, state: MotionState) -> Bounded:
         """Return the distance, at most `FARTHEST`, bounded from below by zero."""
-        chain, spheres, obstacles, _ = self._scene
-        least, normal = FARTHEST, np.empty(3)
-        points = sphere_centres(chain, spheres, np.ascontiguousarray(state.q))
-        for point, radius in zip(points, spheres.radius):
-            for k in range(obstacles.radius.size):
-                least = min(least, distance(obstacles, k, point, normal) - radius)
+        least = min(least_clearance(*self.scene, np.ascontiguousarray(state.q)), FARTHEST)
         return Bounded(np.array([least]), np.zeros(1), np.full(1, np.inf))

@@ -83,6 +83,7 @@ def sphere_motion(chain: Chain, spheres: LinkSpheres, q: np.ndarray, qd: np.ndar
 
 @jit
 def place_sphere(out: np.ndarray, frame: np.ndarray, local: np.ndarray) -> None:
+    """Write where a point of a body is, (3,) [m]; ``frame`` is the body's [R p], shape (3, 4)."""
     for r in range(3):
         out[r] = (frame[r, 0] * local[0] + frame[r, 1] * local[1] + frame[r, 2] * local[2]
                   + frame[r, 3])

@@ -105,6 +105,11 @@ class ParameterSet:
         _, logarithm = np.linalg.slogdet(self.root)
         return math.exp(logarithm / self.root.shape[0])
 
+    def half_widths(self) -> np.ndarray:
+        """Return how far the set reaches from its centre in each parameter, shape (m,)."""
+        widths: np.ndarray = np.linalg.norm(self.root, axis=1)
+        return widths
+
     def update(self, regressors: np.ndarray, torques: np.ndarray) -> bool:
         """Take all recorded pairs in place of those of before.
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Mapping
 import copy
 from typing import Any
 
@@ -31,12 +32,15 @@ from adaptive_blf_control.limits.filter_step import (
 from adaptive_blf_control.limits.governor import Governor, SPEED_PART
 from adaptive_blf_control.limits.limit_constraints import (
     ClearanceConstraint,
+    FARTHEST,
     VelocityConstraint,
 )
+from adaptive_blf_control.limits.moving_obstacles import MovingObstacles
+from adaptive_blf_control.limits.obstacles import joined, Obstacles
 from adaptive_blf_control.limits.pace import Pace
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 from adaptive_blf_control.limits.prior import inertia_range, prior_of
-from adaptive_blf_control.limits.scene import scene_of
+from adaptive_blf_control.limits.scene import scene_of, scene_with
 
 __all__ = ['LimitsFilter']
 
@@ -54,6 +58,7 @@ class LimitsFilter:
         governor: Of the reference; None where ``limits.govern`` is off.
         report: Of the last sample; None before the first.
         counts: How many samples were idle, active, braking and softened.
+        watched: What `watch` returns.
     """
 
     def __init__(self, arm: Arm, settings: ControllerSettings) -> None:
@@ -73,6 +78,10 @@ class LimitsFilter:
         self._state: tuple[np.ndarray, np.ndarray] | None = None
         self._t = np.inf  # no sample was before
         self.counts = [0, 0, 0, 0]
+        self.watched = (*(f'{joint}.reserve' for joint in arm.joints), 'clearance',
+                        'stop_clearance', 'path_rate', 'path_off', 'kind')
+        self._worst = np.zeros(0)
+        self._moving = MovingObstacles(0.0, np.inf)
         given = settings.limits.prior
         prior = prior_of(arm, mass_error=given.mass_error, payload=given.payload,
                          friction=given.friction)
@@ -91,11 +100,14 @@ class LimitsFilter:
                     settings.torque_limit), limits.braking, safety.lower, safety.upper)
         self.limits = JointLimits(safety.lower.copy(), safety.upper.copy(),
                                   _speed(self._arm, limits.velocity), braking)
-        scene = scene_of(self._arm, limits)
+        scene = self._scene = scene_of(self._arm, limits)
+        self._margin = limits.obstacles.margin
+        self._moving = self._moving.retuned(limits.obstacles.speed, limits.obstacles.timeout)
         self.constraints: tuple[Constraint, ...] = (
             VelocityConstraint(self._arm.joints, self.limits.speed),)
         if scene.spheres.radius.size:
-            self.constraints = (*self.constraints, ClearanceConstraint(scene))
+            self._near = ClearanceConstraint(scene)
+            self.constraints = (*self.constraints, self._near)
         self._parts = FilterParts(
             self._model, handle(scene), len(scene.pairs), self.limits, limits.period)
         self.governor: Governor | None = None
@@ -108,11 +120,37 @@ class LimitsFilter:
         narrow = self.limits._replace(
             lower=safety.lower - performance.lower, upper=safety.upper - performance.upper,
             speed=SPEED_PART * self.limits.speed)
-        wider = scene._replace(spheres=scene.spheres._replace(
-            radius=scene.spheres.radius + settings.limits.obstacles.margin))
         return Governor(
             Pace(self._arm, self.parameter_set, self.limits.speed, settings.torque_limit),
-            self._parts._replace(scene=handle(wider), limits=narrow))
+            self._parts._replace(scene=handle(self._wider(scene)), limits=narrow))
+
+    def _wider(self, scene: Scene) -> Scene:
+        """Return the scene that the reference keeps clear of."""
+        return scene._replace(spheres=scene.spheres._replace(
+            radius=scene.spheres.radius + self._margin))
+
+    def see(self, seen: Mapping[Hashable, Obstacles], gone: frozenset[Hashable] | None) -> None:
+        """Take obstacles that move, see `MovingObstacles.update`, at the time of the last sample.
+
+        They are there from the next sample on. What is there cannot be refused: an arm that they
+        come too close to brakes, and the clearance says so.
+        """
+        if self._scene.spheres.body.size:
+            self._moving.update(self._t if np.isfinite(self._t) else 0.0, seen, gone)
+
+    def _look(self, t: float) -> None:
+        """Put the obstacles that move where they are at ``t`` [s]."""
+        if self._moving.heard is None:
+            return
+        still = self._scene
+        scene = scene_with(still.chain, still.spheres,
+                           joined([still.obstacles, self._moving.at(t)]),
+                           still.pairs[still.pairs[:, 1] < 0])
+        self._near.scene = scene
+        self._parts = self._parts._replace(scene=handle(scene), pairs=len(scene.pairs))
+        if self.governor is not None:
+            self.governor.look(handle(self._wider(scene)), len(scene.pairs),
+                               waits=self._moving.silent(t))
 
     def retuned(self, settings: ControllerSettings) -> LimitsFilter:
         """Return the filter that goes on with other settings.
@@ -146,6 +184,8 @@ class LimitsFilter:
     def complaint(self) -> str:
         """Why the limits were not kept for every θ at the last sample, '' where they were."""
         report = self.report
+        if self._moving.silent(self._t):
+            return 'nothing was heard of the obstacles that move: the reference comes to rest'
         if report is None or report.kind != SOFTENED:
             return ''
         joint = int(np.argmin(report.reserve))
@@ -180,6 +220,7 @@ class LimitsFilter:
         where that is longer.
         """
         held = sample.t - self._t
+        self._look(sample.t)
         parts = self._parts
         if parts.period < held <= LONGEST:
             parts = parts._replace(period=held)
@@ -187,7 +228,23 @@ class LimitsFilter:
                                            sample.least, sample.most, self._left(held))
         self.counts = [count + (kind == report.kind) for kind, count in enumerate(self.counts)]
         self._t, self._state = sample.t, (sample.q.copy(), sample.qd.copy())
+        self._note(report)
         return sample.torque if report.kind == IDLE else report.torque
+
+    def _note(self, report: Report) -> None:
+        """Keep the worst of what is watched: the least, of what counts up the largest."""
+        governor = self.governor
+        values = np.array([*report.reserve, min(report.clearance, FARTHEST),
+                           min(report.stop_clearance, FARTHEST),
+                           1.0 if governor is None else governor.pace.rate,
+                           0.0 if governor is None else -governor.off, -float(report.kind)])
+        self._worst = np.minimum(self._worst, values) if self._worst.size else values
+
+    def watch(self) -> np.ndarray:
+        """Return the worst of each of ``watched`` since the last call; NaN without a sample."""
+        values = self._worst if self._worst.size else np.full(len(self.watched), np.nan)
+        self._worst = np.zeros(0)
+        return np.concatenate([values[:-2], -values[-2:]])
 
     def _left(self, held: float) -> Stop | None:
         """Return the stop that the sample before has left; None after a gap."""

@@ -20,8 +20,9 @@ from adaptive_blf_control.limits.obstacles import (
     sphere,
 )
 
-__all__ = ['link_spheres_along', 'obstacles_of', 'scene_of']
+__all__ = ['link_spheres_along', 'obstacles_of', 'own_pairs', 'scene_of', 'scene_with']
 
+APART = 3  # joints between two links that may touch; closer ones overlap by design
 SPACING = 1.0  # distance of neighbouring spheres in units of their radius
 
 
@@ -68,19 +69,40 @@ def scene_of(arm: Arm, settings: LimitSettings) -> Scene:
         return Scene(_no_chain(arm.n), none, obstacles, np.zeros((0, 2), dtype=np.int64))
     rows = np.array(rows_of('controller.limits.link_spheres', settings.link_spheres, 5))
     if not rows.size:
-        return _scene(chain, link_spheres_along(chain, settings.link_radius), obstacles)
+        return _scene(chain, link_spheres_along(chain, settings.link_radius), obstacles, settings)
     joints = rows[:, 0]
     if not np.isin(joints, np.arange(1, arm.n + 1)).all() or not (rows[:, 4] > 0.0).all():
         raise ParameterError('controller.limits.link_spheres', rows.tolist(),
                              f'joints from 1 to {arm.n} and radii > 0 m')
     body = np.array([1 + int(np.flatnonzero(chain.place == joint - 1)[0]) for joint in joints])
-    return _scene(chain, LinkSpheres(body, rows[:, 1:4].copy(), rows[:, 4].copy()), obstacles)
+    return _scene(chain, LinkSpheres(body, rows[:, 1:4].copy(), rows[:, 4].copy()), obstacles,
+                  settings)
 
 
-def _scene(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles) -> Scene:
+def _scene(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles,
+           settings: LimitSettings) -> Scene:
+    own = own_pairs(chain, spheres)
+    return scene_with(chain, spheres, obstacles, own if settings.self_collision else own[:0])
+
+
+def scene_with(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles,
+               own: np.ndarray) -> Scene:
+    """Return spheres with obstacles, each pair of which may come close, and pairs of spheres."""
     count, most = spheres.body.size, obstacles.radius.size
-    pairs = [(s, k) for s in range(count) for k in range(most)]
-    return Scene(chain, spheres, obstacles, np.array(pairs, dtype=np.int64).reshape(-1, 2))
+    pairs = np.stack(np.meshgrid(np.arange(count), np.arange(most), indexing='ij'), axis=-1)
+    return Scene(chain, spheres, obstacles, np.concatenate(
+        [pairs.reshape(-1, 2).astype(np.int64), own]))
+
+
+def own_pairs(chain: Chain, spheres: LinkSpheres) -> np.ndarray:
+    """Return the pairs of spheres with `APART` joints or more between them, see `Scene`."""
+    def above(body: int) -> list[int]:
+        return [] if body == 0 else [body, *above(int(chain.parent[body - 1]))]
+
+    ways = [set(above(int(body))) for body in spheres.body]
+    pairs = [(s, -1 - k) for s in range(len(ways)) for k in range(s)
+             if len(ways[s] ^ ways[k]) >= APART]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def _no_chain(n: int) -> Chain:

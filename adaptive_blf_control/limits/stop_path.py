@@ -3,21 +3,21 @@
 
 After a sample with the acceleration a every joint decelerates with a_b until it stands: the stop
 path. Whoever goes on may do so because that path is free, and whoever may not, takes it, see
-`Stop`; the joints are then within ρ of it, see `stop_path`. It is looked at between K + 1 points in
-time. On a piece from A to B a point p of a link moves by Δp; it is off the straight line between
-its ends by no more than 4 s (1 − s) D + R, s the part of the piece, with
+`Stop`; the joints are then within ρ of it, see `stop_path`. It is looked at between K + 1 points
+in time. On a piece from A to B a point p of a link moves by Δp; it is off the straight line
+between its ends by no more than 4 s (1 − s) D + R, s the part of the piece, with
 
     D = ¼ λ + Σ_j ℓ_j b_j,   λ = ½ Σ_j ℓ_j |x_j| (|x_j| + 2 Σ_i |x_i|),   R = Σ_j ℓ_j ρ_j,
 
 x = q_B − q_A, the inner sum over the joints i before j in the chain. b_j is how far the joint is
-from its own straight line. λ is the curvature of the motion: ∂²p/∂q_i∂q_j = z_i × (z_j × (p − o_j))
-is not longer than the distance of p from axis j, and that is ‖J_j‖ at A and grows by at most the
-displacements behind it:
+from its own straight line. λ is the curvature of the motion: ∂²p/∂q_i∂q_j = z_i × (z_j × (p −
+o_j)) is not longer than the distance of p from axis j, and that is ‖J_j‖ at A and grows by at most
+the displacements behind it:
 
     ℓ_j = ‖J_j‖ + Σ_k ℓ_k |x_k|,   k behind j.
 
-The distance d of a point from a convex obstacle is convex. So with its gradient u_A at A and u_B at
-B, d is not below either of
+The distance d of a point from a convex obstacle is convex. So with its gradient u_A at A and u_B
+at B, d is not below either of
 
     d_A + s u_Aᵀ Δp,   d_B − (1 − s) u_Bᵀ Δp,
 
@@ -34,10 +34,10 @@ import numpy as np
 
 from adaptive_blf_control.arms.chain import Chain, placements
 from adaptive_blf_control.compiled import borrowed, jit
-from adaptive_blf_control.limits.link_spheres import LinkSpheres, place_sphere
+from adaptive_blf_control.limits.link_spheres import LinkSpheres, place_sphere, sphere_centres
 from adaptive_blf_control.limits.obstacles import distance, Obstacles
 
-__all__ = ['kept_to', 'stop_clearances', 'stop_path', 'StopPath']
+__all__ = ['kept_to', 'least_clearance', 'stop_clearances', 'stop_path', 'StopPath']
 
 PIECES = 6  # K
 PULL = 0.05  # κ, part of the way back to the path that a sample makes
@@ -117,6 +117,18 @@ def kept_to(a: np.ndarray, place: np.ndarray, speed: np.ndarray, q: np.ndarray, 
     """
     back: np.ndarray = np.clip(PULL / period ** 2 * (place - q), -error, error)
     return a + (speed - qd) / period + back
+
+
+@jit
+def least_clearance(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles, pairs: np.ndarray,
+                    q: np.ndarray) -> float:
+    """Return the least clearance of all pairs at q, shape (n,) [rad]; inf without pairs [m]."""
+    centres, least = sphere_centres(chain, spheres, q), np.inf
+    point, normal = np.empty(3), np.empty(3)
+    for p in range(pairs.shape[0]):
+        least = min(least, _apart(spheres, obstacles, pairs[p, 0], pairs[p, 1], 0.0, centres,
+                                  point, normal))
+    return least
 
 
 @jit

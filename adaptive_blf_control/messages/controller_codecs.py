@@ -11,7 +11,7 @@ from adaptive_blf_control.control.constraints import MarginName
 from adaptive_blf_control.control.controller import ControlOutput
 from adaptive_blf_control.control.guarantee import Guarantee
 from adaptive_blf_control.messages.joint_state import JointStateCodec
-from adaptive_blf_control.messages.topics import BARRIER, REFERENCE, TRACKING_ERROR
+from adaptive_blf_control.messages.topics import BARRIER, REFERENCE, RESERVE, TRACKING_ERROR
 
 __all__ = ['ControllerCodecs', 'MonitorStream', 'margin_names', 'guarantee_names']
 
@@ -32,8 +32,9 @@ class ControllerCodecs:
     """Encoders of the adaptation term, reference, errors, margins and guarantee."""
 
     def __init__(self, joints: Sequence[str], parameters: Sequence[str],
-                 margins: Sequence[MarginName], label: str = '') -> None:
-        """Prepare the templates for the names of joints, parameters and margins.
+                 margins: Sequence[MarginName], label: str = '',
+                 watched: Sequence[str] = ()) -> None:
+        """Prepare the templates for the names of joints, parameters, margins and reserves.
 
         The ``frame_id`` of the adaptation term is the ``label`` of who sends it.
         """
@@ -43,6 +44,12 @@ class ControllerCodecs:
         self._error = JointStateCodec(joints, fields=('position', 'velocity'))
         self._margins = JointStateCodec(margin_names(margins), fields=('position',))
         self._guarantee = JointStateCodec(guarantee_names(joints), fields=('position',))
+
+        self._reserve = JointStateCodec(watched, fields=('position',))
+
+    def reserve(self, stamp: int, values: np.ndarray) -> bytes:
+        """Encode what a safety filter says of itself; ``stamp`` in ns."""
+        return self._reserve.encode(stamp, values)
 
     def guarantee(self, stamp: int, guaranteed: Guarantee) -> bytes:
         """Encode what Theorem 2 guarantees; ``stamp`` in ns."""
@@ -85,7 +92,8 @@ class MonitorStream:
         self._smallest: np.ndarray | None = None
 
     def messages(self, stamp: int, output: ControlOutput, margins: np.ndarray,
-                 decimation: int, lyapunov: Callable[[], float]) -> dict[str, bytes]:
+                 decimation: int, lyapunov: Callable[[], float],
+                 watch: Callable[[], np.ndarray] | None = None) -> dict[str, bytes]:
         """Return the messages of a sample by topic.
 
         Args:
@@ -94,6 +102,7 @@ class MonitorStream:
             margins: Those of all constraints, shape (K,).
             decimation: Reference, margins and V go out every this many samples.
             lyapunov: Computes V; called for those samples only.
+            watch: Returns what a safety filter says of itself, likewise; None for none.
         """
         messages = {TRACKING_ERROR: self._codecs.tracking_error(stamp, output)}
         smallest = margins if self._smallest is None else np.minimum(self._smallest, margins)
@@ -101,6 +110,8 @@ class MonitorStream:
             self.lyapunov = lyapunov()
             messages.update(self._codecs.monitors(stamp, output, smallest, self.lyapunov))
             self._smallest = None
+            if watch is not None:
+                messages[RESERVE] = self._codecs.reserve(stamp, watch())
         else:
             self._smallest = smallest
         self.samples += 1

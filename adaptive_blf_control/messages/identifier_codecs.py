@@ -24,7 +24,7 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
 )
 
-__all__ = ['EstimateStream', 'HistoryFigures', 'PayloadStream']
+__all__ = ['EstimateStream', 'HistoryFigures', 'ParameterSetCodec', 'PayloadStream']
 
 _ROWS = [0, 1, 3, 2, 4, 5]  # of the inertia as the message has it: ixx, ixy, ixz, iyy, iyz, izz
 
@@ -99,3 +99,18 @@ class PayloadStream:
         """Return the messages of a sample of stamp ``stamp`` [ns] by topic."""
         return {topic: self._codec.encode(stamp, body.mass, body.com, body.inertia[_ROWS])
                 for topic, body in ((PAYLOAD, estimate.load), (PAYLOAD_STD, estimate.std))}
+
+
+class ParameterSetCodec:
+    """Encoder of the set that holds θ*."""
+
+    def __init__(self, parameters: Sequence[str]) -> None:
+        """Prepare the template for the names of the parameters."""
+        self._codec = JointStateCodec([*parameters, 'size', 'falsified'],
+                                      fields=('position', 'velocity'))
+
+    def encode(self, stamp: int, centre: np.ndarray, half_widths: np.ndarray, size: float,
+               falsified: int) -> bytes:
+        """Encode a set; ``stamp`` in ns, ``centre`` and ``half_widths`` of shape (m,)."""
+        return self._codec.encode(stamp, np.append(centre, [size, falsified]),
+                                  np.append(half_widths, [0.0, 0.0]))

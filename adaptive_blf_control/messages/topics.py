@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 __all__ = ['ADAPTATION_TERM', 'ALL', 'BARRIER', 'CLOCK', 'COMMANDS', 'CONSISTENT_MODEL',
            'EXCITATION', 'EXTERNAL_TORQUE', 'GUARANTEE', 'HISTORY_RANK', 'HISTORY_SIGMA_MIN',
-           'JOINT_STATES', 'JOINT_TRAJECTORY', 'KINDS', 'PAYLOAD', 'PAYLOAD_STD', 'RECORDED',
-           'REFERENCE', 'ROBOT_DESCRIPTION', 'THETA_HAT', 'THETA_STD', 'TOPICS', 'TRACKING_ERROR',
-           'Topic', 'published_by']
+           'JOINT_STATES', 'JOINT_TRAJECTORY', 'KINDS', 'OBSTACLES', 'PARAMETER_SET', 'PAYLOAD',
+           'PAYLOAD_STD', 'RECORDED', 'REFERENCE', 'RESERVE', 'ROBOT_DESCRIPTION', 'THETA_HAT',
+           'THETA_STD', 'TOPICS', 'TRACKING_ERROR', 'Topic', 'published_by']
 
 KINDS = ('arm_driver', 'controller', 'identifier', 'recorder')
 """Kinds of nodes, by which their names are known here."""
@@ -116,6 +116,13 @@ PAYLOAD_STD = _topic(
     'identifier/payload_std', 'geometry_msgs/msg/InertiaStamped', 'identifier', (),
     'likewise: standard deviation of each of these numbers; infinite for centre of mass and '
     'inertia while there is no load')
+PARAMETER_SET = _topic(
+    'identifier/parameter_set', 'sensor_msgs/msg/JointState', 'identifier', (),
+    'named vector, every `parameter_set.period` where that is not 0: the ellipsoid that holds θ* '
+    'if the prior and the bound of the unexplained torque are right, whatever was recorded. '
+    'position = its centre, velocity = how far it reaches to either side, by parameter name; then '
+    '`size`, the geometric mean of its semi-axes, and `falsified`, how often pairs contradicted '
+    'it: it is then the prior again. See [limits.md](limits.md)')
 ADAPTATION_TERM = _topic(
     'controller/adaptation_term', 'sensor_msgs/msg/JointState', 'controller', ('identifier',),
     'named vector: Xᵀe2 of (37); it acts over the interval that follows its stamp. Joints whose '
@@ -134,6 +141,13 @@ BARRIER = _topic(
     '`<joint>.safety_margin`, `<joint>.performance_margin` [rad] and those of '
     '`controller.constraints`, `<body>.<constraint>_margin [unit]`, the smallest since the '
     'previous message; `V` (30)')
+RESERVE = _topic(
+    'controller/reserve', 'sensor_msgs/msg/JointState', 'controller', (),
+    'named vector, with `safety_filter: limits`, whenever the reference is published: '
+    '`<joint>.reserve` [N·m], the torque that braking of all joints at once leaves, `clearance` '
+    'and `stop_clearance` [m], `path_rate`, each the smallest since the previous message, '
+    '`path_off` [rad] and `kind`, the largest: 0 let through, 1 filtered, 2 braking, 3 softened; '
+    'see [limits.md](limits.md)')
 GUARANTEE = _topic(
     'controller/guarantee', 'sensor_msgs/msg/JointState', 'controller', (),
     'named vector, with `guarantee.mode: bound`: the guarantee of Theorem 2, '
@@ -148,6 +162,13 @@ JOINT_TRAJECTORY = _topic(
     'within the performance set around the reference; the motion does not pass through it. The '
     'whole message is refused where names, lengths or times do not fit, where the path leaves '
     'the safety set, or where no motion has begun')
+OBSTACLES = _topic(
+    'controller/obstacles', 'visualization_msgs/msg/MarkerArray', '', ('controller',),
+    'obstacles that move, with `safety_filter: limits`: spheres, cubes and cylinders in the frame '
+    '`limits.obstacles.frame`, each known by `ns` and `id` until it is deleted (`action` 2, or 3 '
+    'for all). Their velocity is taken from two messages. A message with anything that cannot be '
+    'used is refused as a whole; see [limits.md](limits.md#obstacles-that-move)',
+    recorded=False)
 CLOCK = _topic(
     '/clock', 'rosgraph_msgs/msg/Clock', 'arm_driver', KINDS,
     'in lockstep only: the stamp of the state that follows', recorded=False, only_lockstep=True)

@@ -21,6 +21,7 @@ from rclpy.context import Context
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.arm_limits import limit_warnings
@@ -30,13 +31,19 @@ from adaptive_blf_control.control.motion import groups_of, Motion
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.ramp import RAMP_STEP
 from adaptive_blf_control.control.refusal import Refusal
-from adaptive_blf_control.control.safety_filter import status_of
+from adaptive_blf_control.control.safety_filter import sees_obstacles, status_of, watched_by
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.messages.topics import JOINT_STATES, JOINT_TRAJECTORY, THETA_HAT
+from adaptive_blf_control.messages.topics import (
+    JOINT_STATES,
+    JOINT_TRAJECTORY,
+    OBSTACLES,
+    THETA_HAT,
+)
 from adaptive_blf_control.nodes.command_topic import CommandTopic
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
 from adaptive_blf_control.nodes.estimate_input import EstimateInput, limit_of
 from adaptive_blf_control.nodes.handover import emptied, Handover
+from adaptive_blf_control.nodes.obstacle_input import ObstacleInput
 from adaptive_blf_control.nodes.state_input import JointSample, StateInput
 from adaptive_blf_control.nodes.trajectory_input import TrajectoryInput
 from adaptive_blf_control.parameters.table import broadcast
@@ -53,6 +60,7 @@ from adaptive_blf_control.tuning.stated_loop import stated_delay
 __all__ = ['ControllerNode', 'main']
 
 TRAJECTORY_QUEUE_DEPTH = 10
+OBSTACLE_QUEUE_DEPTH = 1  # only where they are now matters
 GRAPH_PERIOD = 0.1  # s between looks at the publishers and subscriptions of commands
 COUNT_LIVE = 25  # postures that a live change is checked in, between two samples
 OF_THE_LOOP = {'k1', 'k2', 'barrier_weight', 'performance', 'reference'}  # its stability
@@ -128,11 +136,18 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         # States first: the driver takes the publishers for a sign that they are heard.
         self._inputs = [] if self.handover is not None else self._subscribe()
         self.monitors = ControllerMonitors(self, self.arm.joints, self.arm.parameters,
-                                           controller.constraints.names, self.handover)
+                                           controller.constraints.names,
+                                           watched_by(controller.safety_filter),
+                                           self.handover)
         self.trajectories = TrajectoryInput(self, self.motion)
         self._trajectory_topic = self.create_subscription(
             JointTrajectory, JOINT_TRAJECTORY, self.trajectories.offer, TRAJECTORY_QUEUE_DEPTH,
             raw=True)
+        self._obstacle_topic = None
+        if sees_obstacles(controller.safety_filter):
+            self._obstacle_topic = self.create_subscription(
+                MarkerArray, OBSTACLES, ObstacleInput(self, self.motion).receive,
+                OBSTACLE_QUEUE_DEPTH, raw=True)
         self.hears_states = True
 
     def _subscribe(self) -> list[Subscription]:
@@ -151,6 +166,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         for subscription in self._inputs:
             self.topics.unsubscribe(subscription)
         self.destroy_subscription(self._trajectory_topic)
+        if self._obstacle_topic is not None:
+            self.destroy_subscription(self._obstacle_topic)
         self.monitors.close()
 
     def _check_loop(self, settings: ControllerNodeSettings, count: int) -> None:

@@ -33,7 +33,7 @@ class ControllerMonitors:
 
     def __init__(self, node: DataNode[ControllerNodeSettings], joints: tuple[str, ...],
                  parameters: tuple[str, ...], names: tuple[MarginName, ...],
-                 handover: Handover | None = None) -> None:
+                 watched: tuple[str, ...] = (), handover: Handover | None = None) -> None:
         """Make the topics on ``node``.
 
         Args:
@@ -41,9 +41,10 @@ class ControllerMonitors:
             joints: Names of the joints.
             parameters: Names of the parameters.
             names: Those of the margins.
+            watched: What the safety filter says of itself.
             handover: Where the identifier of this process takes the adaptation term from.
         """
-        self.codecs = ControllerCodecs(joints, parameters, names, node.label)
+        self.codecs = ControllerCodecs(joints, parameters, names, node.label, watched)
         self.margins = np.zeros(len(names))
         self.violations = 0
         self.first_violation = ''
@@ -82,7 +83,8 @@ class ControllerMonitors:
             self._violated(controller, output)
         for topic, message in self._stream.messages(
                 stamp, output, self.margins, self._node.settings.monitor_decimation,
-                lambda: controller.lyapunov(output, theta)).items():
+                lambda: controller.lyapunov(output, theta),
+                getattr(controller.safety_filter, 'watch', None)).items():
             self._outputs[topic].publish(message)
         self._watch_guarantee(stamp, output)
         complaint = complaint_of(controller.safety_filter)

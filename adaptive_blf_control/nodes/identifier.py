@@ -26,6 +26,7 @@ from adaptive_blf_control.nodes.estimate_saver import EstimateSaver, resumed_est
 from adaptive_blf_control.nodes.handover import emptied, handed_over_decimation, Handover
 from adaptive_blf_control.nodes.model_output import ModelOutput
 from adaptive_blf_control.nodes.payload_output import PayloadOutput
+from adaptive_blf_control.nodes.set_output import SetOutput
 from adaptive_blf_control.nodes.state_input import JointSample, StateInput
 from adaptive_blf_control.nodes.term_input import TermInput
 from adaptive_blf_control.runtime.compiling import compiling
@@ -97,6 +98,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         self.saver = EstimateSaver(self, self.identifier.snapshot)
         self.model = ModelOutput(self, self.identifier, self._outputs)
         self.payload = PayloadOutput(self, payload, self._outputs)
+        self.parameter_set = SetOutput(self, self.arm, self._outputs)
 
     def _check_rank(self) -> None:
         warning = rank_warning(self.identifier.settings, self.arm.n, self.arm.m)
@@ -183,6 +185,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         t = (stamp - self._zero_ns) * 1e-9
         theta = self.identifier.update(t, q, qd, tau, self.terms.held(stamp))
         self.payload.observe(stamp, t, self.identifier)
+        self.parameter_set.observe(stamp, t, self.identifier)
         if self.handover is not None:
             self.handover.estimates.append((stamp, theta))
             self._stream.estimate_decimation = handed_over_decimation(self)
@@ -271,7 +274,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             'artificial noise': 'in use' if identifier.artificial_noise else 'not in use',
             'excitation index': identifier.excitation,
             'norm of theta_hat': f'{np.linalg.norm(identifier.theta):.6g}',
-            **self.payload.status(),
+            **self.payload.status(), **self.parameter_set.status(),
             **{f'samples {reason}': count for reason, count in identifier.dropped.items()}}
         if self.failure:
             return DiagnosticStatus.ERROR, self.failure, values

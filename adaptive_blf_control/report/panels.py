@@ -147,6 +147,11 @@ def sections(recordings: Sequence[Recording],
         Section('payload', 'Load', 'Mass at `payload.frame`, as found beside the model of the '
                 'arm without it, with two standard deviations; 0 while there is none.',
                 maker.payload(), 1),
+        Section('limits', 'Limits', 'What the safety filter and the reference governor did '
+                '(docs/limits.md): the torque that braking of all joints leaves, the distance of '
+                'the links from obstacles now and until all joints stand, how fast and how far '
+                'from its path the reference moves, and what came of the torque of the law.',
+                maker.limits(), 2),
         Section('lyapunov', 'Lyapunov function', 'V = V1 + ½ e2ᵀM(θ*)e2 + ½ θ̃ᵀΓ⁻¹θ̃ must stay '
                 'below its value at the start, or at a change of θ* (Theorem 2). The controller '
                 'publishes V1 + ½ e2ᵀM(θ̂)e2.',
@@ -345,6 +350,33 @@ class _Maker:
             if any(curve.x.size for curve in curves):
                 panels.append(Panel(key, title, label, tuple(curves), log_y=key != 'rank'))
         return tuple(panels)
+
+    def limits(self) -> tuple[Panel, ...]:
+        """Return reserve, clearances, path and kind, as `controller/reserve` has them."""
+        panels = [self._watched('reserve', 'Reserve of torque', 'reserve [N·m]', '.reserve'),
+                  self._watched('clearance', 'Distance from obstacles', 'distance [m]',
+                                'clearance', bound=0.0),
+                  self._watched('path', 'Rate of the path, and distance from it', 'rate; [rad]',
+                                'path_rate', 'path_off'),
+                  self._watched('kind', '0 let through, 1 filtered, 2 braking, 3 softened',
+                                'kind', 'kind', step=True)]
+        return tuple(panel for panel in panels if panel.curves)
+
+    def _watched(self, key: str, title: str, label: str, *ends: str, bound: float | None = None,
+                 step: bool = False) -> Panel:
+        curves = []
+        for b, r in enumerate(self.recordings):
+            chosen = [(i, name) for i, name in enumerate(r.reserve_names)
+                      if name.endswith(ends)] if r.reserve is not None else []
+            for number, (i, name) in enumerate(chosen):
+                assert r.reserve is not None
+                curves.append(replace(self._curve(
+                    r.reserve, i, self._label(b, name.removesuffix('.reserve')),
+                    self._tone(b, number), b), step=step))
+        if curves and bound is not None:
+            times = np.array([min(c.x[0] for c in curves), max(c.x[-1] for c in curves)])
+            curves.append(Curve(times, np.full(2, bound), 'bound', '#C0262D', -1, width=1.2))
+        return Panel(f'limits_{key}', title, label, tuple(curves))
 
     def payload(self) -> tuple[Panel, ...]:
         curves = []

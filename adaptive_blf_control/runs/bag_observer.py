@@ -80,7 +80,8 @@ class BagObserver:
         self._state = JointStateCodec(arm.joints, 'base_link')
         self._torque = Float64MultiArrayCodec(arm.n)
         self._controller = ControllerCodecs(arm.joints, arm.parameters,
-                                            loop.controller.constraints.names)
+                                            loop.controller.constraints.names, watched=getattr(
+                                                loop.controller.safety_filter, 'watched', ()))
         self._decimation = node_settings(data, ControllerNodeSettings).monitor_decimation
         self._monitors = MonitorStream(self._controller)
         identifier = node_settings(data, IdentifierNodeSettings)
@@ -109,7 +110,8 @@ class BagObserver:
             COMMANDS: self._torque.encode(output.torque),
             ADAPTATION_TERM: self._controller.adaptation_term(stamp, output),
             **self._monitors.messages(stamp, output, controller.margins(output), self._decimation,
-                                      lambda: controller.lyapunov(output, sample.theta_used)),
+                                      lambda: controller.lyapunov(output, sample.theta_used),
+                                      getattr(controller.safety_filter, 'watch', None)),
             **self._payload_messages(stamp),
             **self._estimates.messages(
                 stamp, sample.theta_hat, sample.insertions,

@@ -28,6 +28,7 @@ from adaptive_blf_control.messages.topics import (
     HISTORY_SIGMA_MIN,
     JOINT_STATES,
     REFERENCE,
+    RESERVE,
     ROBOT_DESCRIPTION,
     THETA_HAT,
     TRACKING_ERROR,
@@ -103,6 +104,8 @@ class Recording:
             looked for.
         external: What is measured beyond what the recorded pairs predict, and its bound [N·m],
             (N, 2n); None where nobody tells it.
+        reserve: What a safety filter said of itself, (N, k); None without one.
+        reserve_names: What each of these is, length k.
         answered: States and errors matched by stamp.
         run: The run as `summarise` wants it; None where the bag lacks something it needs.
         states: joint_states as read, for timing.
@@ -134,6 +137,8 @@ class Recording:
     lyapunov: Series | None = None
     payload: Series | None = None
     external: Series | None = None
+    reserve: Series | None = None
+    reserve_names: tuple[str, ...] = ()
     answered: Answered | None = None
     run: Run | None = None
     states: JointSeries | None = None
@@ -322,6 +327,10 @@ def _topics(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...],
         if pair := reader.doubles(topic, f'{name} of the history stack'):
             data[name] = Series(clock.of_log(pair[0]), pair[1])
     data.update(_barrier(reader, clock))
+    reserve = reader.joints(RESERVE, 'reserve') if _there(reader.bag, RESERVE) else None
+    if reserve is not None:
+        data['reserve'] = Series(clock.of_stamp(reserve.stamp_ns), reserve.position)
+        data['reserve_names'] = reserve.names
     if load := reader.attempt('load', lambda: payload_masses(reader.bag)):
         data['payload'] = Series(clock.of_stamp(load[0]), load[1])
     data.update(_external(reader, clock, joints))
@@ -336,14 +345,19 @@ def _topics(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...],
     return data
 
 
+def _there(bag: Bag, topic: str) -> bool:
+    """Return whether a topic that not every run has was published."""
+    try:
+        return bag.topics[topic_named(bag, topic)].count > 0
+    except BagError:
+        return False
+
+
 def _external(reader: _Tolerant, clock: _Clock, joints: tuple[str, ...]) -> dict[str, Any]:
     names = (*joints, *(f'{joint}.bound' for joint in joints))
-    try:
-        topic = topic_named(reader.bag, EXTERNAL_TORQUE)
-    except BagError:  # not published, as by identifiers of before that topic
+    if not _there(reader.bag, EXTERNAL_TORQUE):
         return {}
-    if not reader.bag.topics[topic].count:
-        return {}
+    topic = topic_named(reader.bag, EXTERNAL_TORQUE)
     found = reader.attempt('external torque', lambda: reader.bag.joint_states(topic, names))
     return {} if found is None else {
         'external': Series(clock.of_stamp(found.stamp_ns), found.position)}

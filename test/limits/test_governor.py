@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import adaptive_blf_control as blf
-from adaptive_blf_control.control.reference import Posture, SumOfSinusoids
+from adaptive_blf_control.control.reference import Posture, ReferencePoint, SumOfSinusoids
 from adaptive_blf_control.limits.pace import Pace
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 from adaptive_blf_control.limits.prior import prior_of
@@ -80,3 +80,30 @@ def test_the_loop_slows_down_instead_of_leaving_a_set(repository):
     assert np.abs(run.e1).max() < 0.05
     assert filter_.counts[1:] == [0, 0, 0]
     assert 0.7 < filter_.governor.pace.time < 1.45
+
+
+def test_a_reference_that_leaves_the_safety_set_is_followed_as_far_as_there_is_room():
+    class Beyond:
+        def at(self, t):
+            return ReferencePoint(np.array([3.0 * np.sin(0.5 * t), 0.0]),
+                                  np.array([1.5 * np.cos(0.5 * t), 0.0]),
+                                  np.array([-0.75 * np.sin(0.5 * t), 0.0]))
+
+        def range(self):
+            return np.array([-3.0, 0.0]), np.array([3.0, 0.0])
+
+    motion = blf.Controller(ARM, safety_filter='limits', torque_limit=[60.0, 15.0],
+                            safety={'lower': -1.0, 'upper': 1.0},
+                            performance={'lower': -0.1, 'upper': 0.1},
+                            limits={'velocity': [2.0, 2.0],
+                                    'prior': {'mass_error': 0.1, 'friction': [8.0, 2.0]}})
+    motion.follow(Beyond())
+    truth, q, qd = ARM.dynamics(ARM.nominal), np.zeros(2), np.zeros(2)
+    for k in range(2000):
+        output = motion.update(k * 1e-3, q, qd, ARM.nominal)
+        assert output.reference.position[0] <= 0.9 + 1e-9
+        assert (output.bounds.lower < output.e1).all()
+        assert (output.e1 < output.bounds.upper).all()
+        q, qd = truth.advance(q, qd, output.torque, 1e-3)
+        assert q[0] <= 1.0
+    assert q[0] > 0.85

@@ -11,6 +11,7 @@ import sys
 import numpy as np
 import pytest
 
+from adaptive_blf_control.arms.chain import Chain
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.control.constraints import Constraints, MotionState
 from adaptive_blf_control.control.controller import Controller
@@ -20,8 +21,10 @@ from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError, SetViolation
 from adaptive_blf_control.limits.filter_step import IDLE, SOFTENED
 from adaptive_blf_control.limits.limit_constraints import ClearanceConstraint
+from adaptive_blf_control.limits.link_spheres import LinkSpheres
+from adaptive_blf_control.limits.obstacles import sphere
 from adaptive_blf_control.limits.safety_filter import LimitsFilter
-from adaptive_blf_control.limits.scene import scene_of
+from adaptive_blf_control.limits.scene import own_pairs, scene_of
 
 pytest.importorskip('pinocchio')
 
@@ -131,3 +134,48 @@ def test_an_obstacle_that_contains_the_arm_at_the_start_is_refused_with_the_dist
     assert isinstance(near, ClearanceConstraint)
     with pytest.raises(SetViolation, match='arm.*start distance outside the clearance set'):
         Constraints([near], ('j1', 'j2', 'j3')).check_start(_state(np.zeros(3)))
+
+
+def test_an_obstacle_that_comes_is_kept_away_from_and_a_silence_stops_the_path():
+    arm, settings, _ = made()
+    swing = {f'j{i}': {'amplitude': [0.3 * (i == 1)], 'frequency': [2.0]} for i in (1, 2, 3)}
+    controller = Controller(arm, settings, k1=100.0, k2=[6.0, 6.0, 3.0], start=np.zeros(3),
+                            reference={'smooth_start': 0.5, **swing})
+    filter_ = controller.safety_filter
+    controller.update(0.0, np.zeros(3), np.zeros(3), arm.nominal)
+    before = filter_.report.clearance
+    for k in (1, 2):  # 20 mm a sample towards the tip, at 10 m/s no faster than stated
+        filter_.see({'cart': sphere([1.1 - 0.02 * k, 0.0, 0.4], 0.1)}, frozenset())
+        controller.update(0.002 * k, np.zeros(3), np.zeros(3), arm.nominal)
+    assert filter_.report.clearance < min(before, 0.25)
+    assert filter_.constraints[1].scene.obstacles.velocity[-1].tolist() == [-1.0, 0.0, 0.0]
+    assert filter_.complaint == ''
+    for k in range(3, 400):  # nothing is heard for longer than half a second
+        controller.update(0.002 * k, np.zeros(3), np.zeros(3), arm.nominal)
+    assert 'nothing was heard' in filter_.complaint
+    assert filter_.governor.pace.rate < 1e-6
+    filter_.see({}, frozenset(['cart']))
+    controller.update(0.8, np.zeros(3), np.zeros(3), arm.nominal)
+    assert filter_.complaint == ''
+    assert filter_.report.clearance == before
+
+
+def test_what_is_watched_is_the_worst_since_the_last_call():
+    _, _, filter_ = made()
+    assert np.isnan(filter_.watch()).all()
+    for qd in (0.0, 1.0, 0.0):
+        filter_.filtered(FilterSample(0.0, np.zeros(3), np.array([qd, 0.0, 0.0]), np.zeros(3),
+                                      -LIMIT, LIMIT))
+        if qd:
+            worst = filter_.report.stop_clearance
+    watched = dict(zip(filter_.watched, filter_.watch()))
+    assert watched['stop_clearance'] == worst
+    assert watched['kind'] in (0.0, 1.0, 2.0, 3.0)
+    assert {'j1.reserve', 'j2.reserve', 'j3.reserve', 'path_rate', 'path_off'} <= set(watched)
+
+
+def test_links_with_three_joints_between_them_keep_apart_where_asked_for():
+    chain = Chain(np.zeros((5, 3, 4)), np.zeros((5, 3)), np.zeros(5, dtype=bool),
+                  np.arange(5), np.arange(5), np.zeros(3))
+    spheres = LinkSpheres(np.array([1, 2, 4, 5]), np.zeros((4, 3)), np.ones(4))
+    assert own_pairs(chain, spheres).tolist() == [[2, -1], [3, -1], [3, -2]]
