@@ -101,8 +101,9 @@ def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarra
                                                         ROTOR * torque_limit) ** 2
     nominal = arm.nominal[arm.base_count:]
     least = LEAST_FRICTION * torque_limit
+    viscous = np.minimum(least / speed, MOST_FRICTION * damping)
     smallest = np.concatenate([np.zeros(0), *(
-        np.minimum(least / speed, MOST_FRICTION * damping) if name == 'fv' else least for name in _friction_kinds(arm))])
+        viscous if name == 'fv' else least for name in _friction_kinds(arm))])
     friction = np.maximum(part * np.abs(nominal), smallest)
     square = np.concatenate([base, friction ** 2])
     if arm.payload_direction is not None:
