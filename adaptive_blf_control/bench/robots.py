@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.bench.arms import ARMS, node_data, off_by
 from adaptive_blf_control.configuration.build import build_closed_loop
@@ -30,6 +29,7 @@ from adaptive_blf_control.simulation.sample import Sample
 from adaptive_blf_control.tuning.node_values import node_settings_of
 from adaptive_blf_control.tuning.recipe import Recipe, recipe
 from adaptive_blf_control.tuning.robot import Robot
+from adaptive_blf_control.tuning.stated_friction import arm_with_friction
 
 __all__ = ['CONDITIONS', 'add_options', 'run']
 
@@ -54,7 +54,8 @@ class Condition(NamedTuple):
         name: What it is called.
         stated: What ``configure`` is told, beside the delay.
         plant: Changes of the plant, from name and recipe.
-        learned: Whether dry friction and rotor inertia are learned.
+        learned: Whether dry friction and rotor inertia are learned; dry friction also where the
+            URDF states any.
         start: ``nominal``, ``zero``, or ``off``: every link by 25 %.
         seconds: Length of a run that answers it [s].
     """
@@ -249,8 +250,8 @@ def _run(case: Case) -> Run:
     name, arm_name, seed, seconds, suspicion = case
     condition = CONDITIONS[name]
     urdf, joints = ARMS[arm_name]
-    arm = load_arm(f'package://{urdf}', joints, coulomb=condition.learned,
-                   rotor_inertia=condition.learned)
+    arm = arm_with_friction(f'package://{urdf}', joints, coulomb=condition.learned or None,
+                            rotor_inertia=condition.learned)
     payload = LOADS[arm_name] if name.startswith('load') else 0.0
     found = recipe(arm, Robot(delay=0.005, payload=payload, **condition.stated))
     changes = {'arm_driver.plant': 'mujoco', 'arm_driver.sensors.seed': seed,
@@ -300,7 +301,7 @@ def _judged(name: str, done: Any, watch: _Watch, arm: UrdfArm) -> Run:
                float((np.abs(done.e1) / bound).max()),
                {key: pred(at) for key, at in asked.items()},
                tuple(_first(watch.alarms, event) for event in events),
-               _frozen(watch, t, touched), sum(a < min(events, default=np.inf)
+               _frozen(watch, t, touched), sum(bool(a < min(events, default=np.inf))
                                                for a in watch.alarms),
                loop.identifier.found, float(done.figures['real_time_factor']), word)
 

@@ -149,8 +149,8 @@ class ControllerSettings(Settings, where='controller'):
         'How the barrier acts on the torque: per_joint (smooth) or the pseudoinverse of the '
         'paper.', choices=COUPLINGS, live=True)
     coupling_reach: float = parameter(
-        INTERIOR, 'Part of a performance bound up to which that torque grows. Below 1 a joint that '
-        'a contact held near its bound comes to rest again in a loop with delay; Theorem 2 '
+        INTERIOR, 'Part of a performance bound up to which that torque grows. Below 1 a joint '
+        'that a contact held near its bound comes to rest again in a loop with delay; Theorem 2 '
         'then holds for errors below it.', '', 0.0, INTERIOR, exclusive=True, live=True)
     torque_limit: np.ndarray = parameter(
         [100.0], 'Largest commanded torque.',

@@ -140,9 +140,9 @@ def sections(recordings: Sequence[Recording],
         Section('history', 'History stack', 'Full rank makes θ̂ converge (Assumption 2), σ_min '
                 'sets how fast.', maker.history(), 2),
         Section('external', 'External torque', 'Measured minus predicted torque behind the '
-                'filters; dotted: up to there it means nothing. Where a joint is beyond, the plots '
-                'over time are shaded in red and the tip is marked: a contact, a push, or an arm '
-                'that is no longer the one that was recorded.',
+                'filters; dotted: up to there it means nothing. Where a joint is beyond, the '
+                'plots over time are shaded in red and the tip is marked: a contact, a push, or '
+                'an arm that is no longer the one that was recorded.',
                 maker.per_joint(maker.external), maker.columns),
         Section('payload', 'Load', 'Mass at `payload.frame`, as found beside the model of the '
                 'arm without it, with two standard deviations; 0 while there is none.',

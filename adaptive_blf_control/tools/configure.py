@@ -11,7 +11,6 @@ import argparse
 from pathlib import Path
 import sys
 
-from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.command_line import joint_names, seconds
 from adaptive_blf_control.configuration.written_file import written_file
 from adaptive_blf_control.errors import BlfError
@@ -20,6 +19,7 @@ from adaptive_blf_control.tuning.node_values import node_settings_of, reasons_of
 from adaptive_blf_control.tuning.recipe import recipe
 from adaptive_blf_control.tuning.recipe_text import recipe_text
 from adaptive_blf_control.tuning.robot import Robot
+from adaptive_blf_control.tuning.stated_friction import arm_with_friction
 
 __all__ = ['main']
 
@@ -33,8 +33,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--joints', nargs='+', metavar='JOINT',
                         help='joints of the arm, from the base on, separated by spaces or commas; '
                         'default: all')
-    parser.add_argument('--coulomb', action='store_true',
-                        help='learn a Coulomb friction per joint as well')
+    parser.add_argument('--coulomb', action=argparse.BooleanOptionalAction,
+                        help='learn a Coulomb friction per joint as well; default: where the URDF '
+                        'states any')
     parser.add_argument('--rotor-inertia', action='store_true',
                         help="learn the inertia of each joint's rotor as well")
     parser.add_argument('--from-zero', action='store_true',
@@ -84,8 +85,9 @@ def main(args: list[str] | None = None) -> int:
         robot = Robot(torque_limit=_several(options.torque_limit),
                       centre=_several(options.centre),
                       **{name: getattr(options, name) for name in _OF_ROBOT})
-        found = recipe(load_arm(options.urdf, joint_names(options.joints), coulomb=options.coulomb,
-                                rotor_inertia=options.rotor_inertia), robot)
+        found = recipe(arm_with_friction(
+            options.urdf, joint_names(options.joints), coulomb=options.coulomb,
+            rotor_inertia=options.rotor_inertia), robot)
         text = written_file(node_settings_of(found, _address(options.urdf)),
                             _title(sys.argv[1:] if args is None else args), reasons_of(found))
         if options.output is not None:

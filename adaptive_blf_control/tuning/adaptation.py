@@ -29,6 +29,7 @@ __all__ = ['Adaptation', 'adaptation_for', 'parameter_deviation']
 
 LINKS = 0.25  # part by which inertial parameters of a URDF's links are usually wrong
 FRICTION, LEAST_FRICTION = 0.5, 0.002  # of the URDF's friction; of the torque limit at full speed
+MOST_FRICTION = 0.5  # of the damping, where the URDF has none
 ROTOR = 1e-3  # s², inertia of a rotor as seen from its joint, over the torque limit
 HORIZON = 30.0  # s
 INTEGRATION = 5e-5  # part of the torque by which even exact samples contradict each other
@@ -71,18 +72,22 @@ def adaptation_for(arm: UrdfArm, deviation: np.ndarray, masses: np.ndarray,
 
 
 def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarray,
-                        payload: float, *, from_zero: bool = False) -> np.ndarray:
+                        payload: float, damping: np.ndarray, *,
+                        from_zero: bool = False) -> np.ndarray:
     """Return standard deviations of θ around its start, shape (m,).
 
     Mass, first moments and inertia of every link are off by a quarter of m, m l and m l², with l
     its distance from the joint axis or its radius of gyration, whichever is larger; a base
-    parameter sums what is lumped into it. Rotors count where their inertia is learned.
+    parameter sums what is lumped into it. Rotors count where their inertia is learned. A viscous
+    friction that the URDF does not have is at most half of the damping: what noise makes of it in
+    a joint that needs next to no torque must not drive that joint.
 
     Args:
         arm: The arm.
         speed: Speed limits, shape (n,) [rad/s].
         torque_limit: Torque limits, shape (n,) [N·m].
         payload: Mass that may be at the tip besides [kg].
+        damping: k2 without the share of friction in it, shape (n,) [N·m·s/rad].
         from_zero: Whether θ̂ starts at 0, off by all of the URDF's values instead.
     """
     mass, moment = arm.inertial[:, :1], arm.inertial[:, 1:4]
@@ -96,8 +101,9 @@ def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarra
                                                         ROTOR * torque_limit) ** 2
     nominal = arm.nominal[arm.base_count:]
     least = LEAST_FRICTION * torque_limit
+    viscous = np.minimum(least / speed, MOST_FRICTION * damping)
     smallest = np.concatenate([np.zeros(0), *(
-        least / speed if name == 'fv' else least for name in _friction_kinds(arm))])
+        viscous if name == 'fv' else least for name in _friction_kinds(arm))])
     friction = np.maximum(part * np.abs(nominal), smallest)
     square = np.concatenate([base, friction ** 2])
     if arm.payload_direction is not None:

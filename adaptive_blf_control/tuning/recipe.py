@@ -124,7 +124,7 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
     filters = filters._replace(motion_error=filter_cost(
         arm, motion.reference, loaded, filters.state_order, filters.state_time_constant))
     deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload,
-                                    from_zero=robot.from_zero)
+                                    gains.k2 - FRICTION * friction, from_zero=robot.from_zero)
     adaptation = adaptation_for(arm, deviation, masses, states, delay, filters.noise, usual)
     coulomb = _coulomb_friction(arm, torque_limit)
     start = Start(mass_matrices(arm, arm.nominal, motion.centre[None])[0],
@@ -142,7 +142,7 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
             start._replace(known=0.0 * friction) if robot.from_zero else start,
             arm.nominal[:, None] if robot.from_zero else np.diag(deviation)),
         payload_error=start_error(start, (loaded - arm.nominal)[:, None]),
-        assumed=limits.assumed + assumed)
+        assumed=limits.assumed + assumed + _stated_friction(arm))
 
 
 def _loaded(arm: UrdfArm, robot: Robot) -> np.ndarray:
@@ -173,6 +173,16 @@ def _torque_limit(arm: UrdfArm, limits: Limits,
     return np.where(unknown, assumed, limits.torque), (
         f'no torque limit in the URDF: {USED:g} times what the reference needs assumed, {names}; '
         '--torque-limit states those of the drives',)
+
+
+def _stated_friction(arm: UrdfArm) -> tuple[str, ...]:
+    stated = arm.friction(arm.nominal)[1]
+    if not stated.any():
+        return ()
+    names = ', '.join(f'{joint} {value:g} N·m' for joint, value in zip(arm.joints, stated)
+                      if value)
+    return (f'the URDF states a Coulomb friction, which is learned: {names} (--no-coulomb leaves '
+            'it out)',)
 
 
 def _coulomb_friction(arm: UrdfArm, torque_limit: np.ndarray) -> np.ndarray:

@@ -56,8 +56,8 @@ def write_run(path: Path, seconds: float = 2.0, arm: str = 'two_link', error: fl
     """Write a run: q follows sin t with an error that decays from ``error`` within 0.5 s.
 
     θ̂ approaches θ* as 2⁻ᵗ·θ* would, ten times as fast. States whose number is in ``skip`` are
-    missing on every topic; estimates start at ``first_estimate`` [s]. In the interval ``pushed`` [s]
-    5 N·m act on the first joint from outside, of which 1 N·m means nothing.
+    missing on every topic; estimates start at ``first_estimate`` [s]. In the interval ``pushed``
+    [s] 5 N·m act on the first joint from outside, of which 1 N·m means nothing.
     """
     data = run_parameters(arm, 2 if arm == 'two_link' else 3)
     model = build_arm(node_settings(data, ControllerNodeSettings))

@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.control.barrier import barrier_gradient, INTERIOR
+from adaptive_blf_control.control.law import stabilising_function
 from adaptive_blf_control.control.reference import Posture
 from adaptive_blf_control.tuning.gains import (
     adaptation_stiffness,
     FRICTION,
     GAIN_MARGIN,
     law_gains,
+    REACH,
     total_rate,
 )
 from adaptive_blf_control.tuning.inertia import (
@@ -95,3 +98,38 @@ def test_the_stiffness_of_the_adaptation_is_that_of_a_frozen_loop() -> None:
     x = ARM.X(states.q[0], states.qd[0], states.qd[0], states.qdd[0])
     expected = np.diag(np.linalg.inv(MASSES[0]) @ x @ np.diag(gamma) @ x.T)
     np.testing.assert_allclose(adaptation_stiffness(ARM, MASSES, states, gamma), expected)
+
+
+def released(reach: float, part: float) -> float:
+    """Return the largest |e1| over its bound from 2 s on, of a joint released at rest at ``part``.
+
+    ë = −k2 e2 − g − ∫e2 Λ²/8, all late by the delay, g no larger than at ``reach`` of the bound.
+    """
+    step, bound, rate = 5e-4, 0.15, total_rate(DELAY)
+    gains = law_gains(seen_inertia(np.eye(1)[None]), np.zeros(1), np.array([bound]), DELAY)
+    k1, k2, weight = (float(each[0]) for each in gains)
+    late = [0.0] * round(DELAY.total / step)
+    e1, speed, learned, largest = part * bound, 0.0, 0.0, 0.0
+    for k in range(8000):
+        alpha, alpha_dot = stabilising_function(e1, speed, 0.0, 0.0, bound, k1)
+        e2 = speed - alpha
+        learned += step * e2 * rate ** 2 / 8.0
+        near = max(-reach * bound, min(e1, reach * bound))
+        late.append(alpha_dot - k2 * e2 - barrier_gradient(near, bound, weight) - learned)
+        speed += step * late.pop(0)
+        e1 += step * speed
+        if k > 4000:
+            largest = max(largest, abs(e1) / bound)
+        if not abs(e1) < 1e3 * bound:
+            return np.inf
+    return largest
+
+
+@pytest.mark.parametrize('part', [0.5, 0.9, 0.99, 1.5])
+def test_a_joint_that_was_held_at_its_bound_comes_to_rest_behind_a_delay(part: float) -> None:
+    assert released(REACH, part) < 0.05
+
+
+def test_with_the_barrier_of_the_paper_it_does_not() -> None:
+    assert released(INTERIOR, 0.5) < 0.05
+    assert released(INTERIOR, 0.99) > 1.0

@@ -99,7 +99,8 @@ def test_the_adaptation_is_as_stiff_as_its_part_of_the_budget(arm: UrdfArm) -> N
 def test_noise_is_weighted_against_what_is_known_of_the_urdf(arm: UrdfArm) -> None:
     """t k_h against Γ⁻¹ is Σ 1/σ² against 1/s² at t = 30 s."""
     found = recipe(arm, Robot(**SENSORS))
-    deviation = parameter_deviation(arm, found.limits.velocity, found.torque_limit, 0.0)
+    deviation = parameter_deviation(arm, found.limits.velocity, found.torque_limit, 0.0,
+                                    found.gains.k2 - 0.5 * found.friction)
     ratio = 30.0 * found.adaptation.kh * found.adaptation.gamma
     torque = inverse_dynamics(arm, arm.nominal, *found.states)
     square = found.filters.noise ** 2 + 25e-10 * np.mean(torque ** 2)
@@ -107,16 +108,25 @@ def test_noise_is_weighted_against_what_is_known_of_the_urdf(arm: UrdfArm) -> No
 
 
 def test_parameters_deviate_by_a_quarter_and_by_the_payload(arm: UrdfArm) -> None:
-    usual = parameter_deviation(arm, np.array([2.0, 3.0]), np.array([40.0, 10.0]), 0.0)
+    stated = np.array([2.0, 3.0]), np.array([40.0, 10.0])
+    usual = parameter_deviation(arm, *stated, 0.0, np.ones(2))
     by_name = dict(zip(arm.parameters, usual))
     assert by_name['fv_shoulder'] == pytest.approx(0.25)  # half of what the URDF says
     assert by_name['fv_elbow'] == pytest.approx(0.002 * 10.0 / 3.0)
     radius = np.sqrt(0.5 * (0.004 + 2 * (0.01 + 0.15 ** 2)))  # of gyration, about the joint
     assert by_name['elbow.mx'] == pytest.approx(0.25 * radius)
     assert (usual > 0.0).all()
-    loaded = parameter_deviation(arm, np.array([2.0, 3.0]), np.array([40.0, 10.0]), 2.0)
+    loaded = parameter_deviation(arm, *stated, 2.0, np.ones(2))
     np.testing.assert_allclose(loaded ** 2 - usual ** 2, (2.0 * arm.payload_direction) ** 2,
                                atol=1e-12)
+
+
+def test_a_friction_that_the_urdf_does_not_have_is_off_by_half_the_damping_at_most(
+        arm: UrdfArm) -> None:
+    stated = np.array([2.0, 3.0]), np.array([40.0, 10.0]), 0.0
+    light = dict(zip(arm.parameters, parameter_deviation(arm, *stated, np.array([1e-3, 2e-3]))))
+    assert light['fv_elbow'] == pytest.approx(1e-3)  # of which the URDF has none
+    assert light['fv_shoulder'] == pytest.approx(0.25)  # half of what it says
 
 
 def test_a_start_from_zero_gets_bounds_as_wide_as_the_fall_that_it_begins_with(

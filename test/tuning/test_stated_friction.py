@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the URDF says of dry friction decides whether it is learned, unless the owner does."""
+
+from __future__ import annotations
+
+import pytest
+
+from adaptive_blf_control.tuning.recipe import recipe
+from adaptive_blf_control.tuning.robot import Robot
+from adaptive_blf_control.tuning.stated_friction import arm_with_friction
+
+
+@pytest.fixture
+def dry_urdf(urdf: str) -> str:
+    """Return the URDF of the tests with 0.7 N·m of dry friction in one joint."""
+    stated = '<dynamics damping="0.5"/>'
+    assert urdf.count(stated) == 1
+    return urdf.replace(stated, '<dynamics damping="0.5" friction="0.7"/>')
+
+
+def test_dry_friction_is_learned_where_the_urdf_states_any(urdf: str, dry_urdf: str) -> None:
+    assert not [name for name in arm_with_friction(urdf).parameters if name.startswith('fc_')]
+    arm = arm_with_friction(dry_urdf)
+    nominal = dict(zip(arm.parameters, arm.nominal.tolist()))
+    assert [nominal[f'fc_{joint}'] for joint in arm.joints] == [0.7, 0.0]
+
+
+@pytest.mark.parametrize('coulomb', [True, False])
+def test_the_owner_decides_if_he_wants_to(urdf: str, dry_urdf: str, coulomb: bool) -> None:
+    for each in (urdf, dry_urdf):
+        arm = arm_with_friction(each, coulomb=coulomb)
+        assert ('fc_elbow' in arm.parameters) is coulomb
+
+
+def test_it_is_said_that_it_is_learned(urdf: str, dry_urdf: str) -> None:
+    said = [' '.join(recipe(arm_with_friction(each), Robot()).assumed)
+            for each in (urdf, dry_urdf)]
+    assert 'Coulomb' not in said[0]
+    assert 'shoulder 0.7 N·m (--no-coulomb' in said[1]
