@@ -88,22 +88,48 @@ def delay_findings(pairs: Pairs, arm: Arm) -> Iterator[Finding]:
     """Efforts that fit the motion better when they are shifted in time.
 
     Joints whose torque is friction for the most part are left out: friction follows a reversal
-    late, which looks the same.
+    late, which looks the same. Where less than half of the others tell enough alone, all of these
+    are asked together.
     """
     zero = int(np.flatnonzero(pairs.lags == 0)[0])
     inertial = getattr(arm, 'base_count', arm.m)
+    asked, found, together = 0, 0, np.zeros(len(pairs.lags))
     for joint, name in enumerate(arm.joints):
         torque = pairs.torques[zero:zero + 1, :, joint]
         if _left_over(pairs.regressors[:, joint, inertial:], torque)[0] < 0.75 * torque.std():
             continue
         left = _left_over(pairs.regressors[:, joint], pairs.torques[:, :, joint])
-        best = int(np.argmin(left))
-        delay = float(pairs.lags[best] * pairs.period)
-        if abs(delay) >= max(LEAST_DELAY, 2.0 * pairs.period) and left[best] < 0.87 * left[zero]:
-            yield Finding('delay', name, WARNING, delay, f'the effort is {abs(1e3 * delay):.0f} '
-                          f'ms {"behind" if delay > 0.0 else "ahead of"} the motion (error '
-                          f'{left[best] / left[zero]:.0%} without that)',
-                          option('effort_delay', f'{delay:.3g}'))
+        left = left / max(left[zero], 1e-300)
+        together += np.log(np.maximum(left, 1e-12))
+        asked += 1
+        finding = _delay_finding(name, pairs, left, 0.87, LEAST_DELAY)
+        if finding is not None:
+            found += 1
+            yield finding
+    if 2 * found < asked:
+        finding = _delay_finding(None, pairs, np.exp(together), 0.93, 0.6 * LEAST_DELAY)
+        if finding is not None:
+            yield finding
+
+
+def _delay_finding(joint: str | None, pairs: Pairs, left: np.ndarray, enough: float,
+                   least: float) -> Finding | None:
+    """Return a finding where a shift of ``least`` [s] or more leaves less than ``enough``.
+
+    Args:
+        joint: The joint, or None for all.
+        pairs: The pairs.
+        left: What is left of the error with each lag, 1 without one, shape (lags,).
+        enough: Part of the error below which a shift counts.
+        least: Smallest shift that counts [s].
+    """
+    best = int(np.argmin(left))
+    delay = float(pairs.lags[best] * pairs.period)
+    if abs(delay) < max(least, 2.0 * pairs.period if joint else 0.0) or left[best] >= enough:
+        return None
+    return Finding('delay', joint, WARNING, delay, f'the effort is {abs(1e3 * delay):.0f} ms '
+                   f'{"behind" if delay > 0.0 else "ahead of"} the motion (error '
+                   f'{left[best]:.0%} without that)', option('effort_delay', f'{delay:.3g}'))
 
 
 def gravity_findings(pairs: Pairs, weightless: Pairs, arm: Arm,
@@ -130,7 +156,7 @@ def gravity_findings(pairs: Pairs, weightless: Pairs, arm: Arm,
 
 
 def unit_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Finding]:
-    """Efforts of another size than the masses of the URDF ask for: currents, for one.
+    """Efforts of another size or sign than the masses of the URDF ask for: currents, for one.
 
     Args:
         pairs: Filtered pairs of the arm.
@@ -147,7 +173,11 @@ def unit_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Findi
         ratio = float(described @ measured) / energy
         alike = float(described @ measured) / max(
             np.sqrt(energy * float(measured @ measured)), 1e-300)
-        if alike > 0.6 and not 0.25 < ratio < 4.0:
+        if alike < -0.6:
+            yield Finding('unit', name, WARNING, ratio, 'the effort has the sign opposite to that '
+                          'of what the masses of the URDF need', option(
+                              'gain', f'{{{name!r}: -1}}', f'{name}:-1') + ' turns it')
+        elif alike > 0.6 and not 0.25 < ratio < 4.0:
             yield Finding('unit', name, WARNING, ratio, f'the effort is {ratio:.2g} times what '
                           'the masses of the URDF need: a current in A, or another unit?',
                           gain_of(name) + ' multiplies it by K N·m per unit')

@@ -55,7 +55,8 @@ def model_figures(identifier: Identifier, result: LogPass, consistent: Consisten
             'theta': consistent.estimate}
     if judged is None:
         return figures
-    inside, half_width = _intervals(result.prediction)
+    inside, half_width = (_intervals(result.prediction) if test.count else
+                          ([None] * arm.n, [None] * arm.n))
     told = confidence(identifier.arm, identifier.theta, judged, stack.regressors[:stack.count])
     unsure = [name for name, word in zip(arm.parameters, told, strict=True) if word != DETERMINED]
     figures |= {
@@ -67,17 +68,17 @@ def model_figures(identifier: Identifier, result: LogPass, consistent: Consisten
         'condition': judged.condition if math.isfinite(judged.condition) else None,
         'residual': judged.residual.tolist(),
         'unexplained': judged.unexplained.tolist(),
-        'test_coverage': inside if test.count else [None] * arm.n,
-        'test_half_width': half_width if test.count else [None] * arm.n}
+        'test_coverage': inside, 'test_half_width': half_width}
     return figures
 
 
-def _intervals(prediction: Prediction) -> tuple[list[float], list[float]]:
+def _intervals(prediction: Prediction) -> tuple[list[float | None], list[float | None]]:
     """Return the part of the torques inside their intervals and the median half width, by joint.
 
     Joint by joint: all of them may not fit the memory.
     """
-    inside, half_width = [], []
+    inside: list[float | None] = []
+    half_width: list[float | None] = []
     for measured, predicted, half in zip(
             prediction.measured.T, prediction.predicted.T, prediction.half_width.T, strict=True):
         inside.append(float(np.mean(np.abs(measured - predicted) <= half)))

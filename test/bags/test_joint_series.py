@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from adaptive_blf_control.bags import row_store
 from adaptive_blf_control.bags.reader import read_bag
-from adaptive_blf_control.bags.row_store import keep_rows, RowStore
+from adaptive_blf_control.bags.row_store import keep_rows, new_table, row_blocks, RowStore
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.joint_state import JointStateCodec
@@ -103,3 +106,28 @@ def test_a_full_disk_is_a_bag_error(monkeypatch):
         store.append([0.0])
     with pytest.raises(BagError, match='No space left'):
         store.append([0.0])
+
+
+def resident() -> int:
+    """Return the memory of this process [bytes]."""
+    return int(Path('/proc/self/statm').read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE')
+
+
+def test_rows_of_a_large_table_that_were_passed_leave_the_memory_and_keep_their_values():
+    table = new_table(400_000, 20, limit=1)  # 64 MB
+    before, most = resident(), 0
+    for some in row_blocks(table):
+        table[some] = np.arange(some.start, some.stop)[:len(table[some]), None]
+        most = max(most, resident() - before)
+    assert most < 0.6 * table.nbytes
+    assert resident() - before < 0.1 * table.nbytes
+    for some in row_blocks(table):
+        assert (table[some][:, 7] == np.arange(some.start, some.stop)[:len(table[some])]).all()
+
+
+def test_a_disk_without_room_for_a_table_is_a_bag_error(monkeypatch):
+    def full(*_):
+        raise OSError(28, 'No space left on device')
+    monkeypatch.setattr(row_store.os, 'posix_fallocate', full)
+    with pytest.raises(BagError, match='No space left'):
+        new_table(10, 1, limit=1)

@@ -21,6 +21,7 @@ from adaptive_blf_control.report.identification_page import identification_page
 from adaptive_blf_control.report.identification_panels import identification_sections
 from adaptive_blf_control.report.png import write_png
 from adaptive_blf_control.runs.identification import Identification, identify
+from adaptive_blf_control.tools.report import main as report
 from planar_arm import planar_urdf
 
 Browse = Callable[[Path, str], Any]
@@ -99,3 +100,34 @@ def test_pictures_have_the_names_of_the_panels(result: Identification, tmp_path:
     assert [file.name for file in files] == [
         'torque_shoulder.png', 'torque___script___--_script_.png']
     assert all(file.stat().st_size > 5000 for file in files)
+
+
+def test_report_prints_the_figures_of_a_page_and_of_saved_json(page, result, tmp_path, capsys):
+    assert report([str(page)]) == 0
+    text = capsys.readouterr().out
+    assert f'rank {result.rank} of {result.arm.m}' in text
+    assert f'{np.mean(result.test_rmse):.4f}' in text
+    assert report([str(page), '--json']) == 0
+    figures = json.loads(capsys.readouterr().out)['identifications'][str(page)]
+    assert figures['theta_hat'] == pytest.approx(result.estimate)
+    (tmp_path / 'figures.json').write_text(json.dumps(figures))
+    assert report([str(tmp_path / 'figures.json')]) == 0
+    assert f'rank {result.rank} of {result.arm.m}' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(('name', 'text', 'words'), [
+    ('theta_hat.yaml', 'theta_hat: {}', 'holds a model'), ('a.urdf', '<robot/>', 'holds a model'),
+    ('a.html', '<html>', 'has no figures of an identification'),
+    ('a.html', '<script type="application/json" id="figures">{"bags":[]}</script>',
+     'is the page of a run'), ('a.json', '[', 'has no figures of an identification')])
+def test_report_says_what_to_call_for_other_files(tmp_path, capsys, name, text, words):
+    (tmp_path / name).write_text(text)
+    assert report([str(tmp_path / name)]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_report_draws_no_identification_again(page, tmp_path, capsys):
+    assert report([str(page), '--png', str(tmp_path / 'pictures')]) == 2
+    assert 'identify LOG --urdf FILE' in capsys.readouterr().err
+    assert report([str(page), str(tmp_path)]) == 2
+    assert 'expected one kind' in capsys.readouterr().err

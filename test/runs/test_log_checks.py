@@ -8,11 +8,13 @@ import pytest
 
 pytest.importorskip('pinocchio')
 
+from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.bags.logs import MeasuredLog, read_log
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.runs.finding import excerpt, listed, REFUSED, WARNING
+from adaptive_blf_control.runs.identification import REAL_ROBOT
 from adaptive_blf_control.runs.log_checks import check_log, refuse
 
 LINK = """<link name="{0}"><inertial><origin xyz="0.2 0.03 0"/><mass value="2.5"/>
@@ -164,6 +166,13 @@ def test_effort_behind_or_ahead_of_the_motion_is_found(sound, arm, rows):
     assert [each[3] for each in delays] == pytest.approx([PERIOD * rows] * 2, abs=0.003)
 
 
+def test_effort_of_the_opposite_sign_is_found(sound, arm):
+    log = with_joint(sound, 'tau', lambda tau: -tau)
+    sign = [each for each in check_log(log, arm, SETTINGS) if each.check == 'unit']
+    assert [(each.joint, each.level) for each in sign] == [('elbow', WARNING)]
+    assert "gain={'elbow': -1}" in sign[0].hint
+
+
 def test_effort_without_gravity_is_found_where_gravity_is_to_be_expected(sound, arm):
     base, zero = arm.base_count, np.zeros(2)
     weight = np.array([arm.Y(q, zero, zero)[:, :base] @ arm.nominal[:base] for q in sound.q])
@@ -202,3 +211,49 @@ def test_logs_of_real_robots_pass_without_a_word(realdata, log, urdf):
     arm = UrdfArm(str(realdata / urdf), **options)
     assert check_log(read_log(realdata / log, joints=arm.joints), arm, SETTINGS, lambda: UrdfArm(
         str(realdata / urdf), gravity=(0.0, 0.0, 0.0), **options)) == []
+
+
+MEASURED = {'panda': ('panda_gaz2019/panda_exciting_traj.csv', 'panda_gaz2019/panda_gaz2019.urdf'),
+            'ur10': ('ur10_unisa2025/ur10_exciting.csv', 'ur10_unisa2025/ur10_dh.urdf')}
+
+
+@pytest.fixture(scope='module')
+def measured(realdata):
+    """Return how a change of a measured log is checked."""
+    made = {}
+
+    def check(robot, change):
+        if robot not in made:
+            log, urdf = (realdata / part for part in MEASURED[robot])
+            made[robot] = (load_arm(str(urdf), **REAL_ROBOT['friction']),
+                           load_arm(str(urdf), gravity=(0.0, 0.0, 0.0), **REAL_ROBOT['friction']))
+            made[robot] += read_log(log, joints=list(made[robot][0].joints)),
+        arm, light, log = made[robot]
+        return check_log(change(log), arm, IdentifierSettings(filter=REAL_ROBOT['filter']),
+                         lambda: light)
+    return check
+
+
+@pytest.mark.parametrize(('robot', 'seconds', 'least', 'most'), [
+    ('panda', 0.02, 0.005, 0.035), ('ur10', 0.02, 0.008, 0.03), ('ur10', -0.02, -0.035, -0.01)])
+def test_a_delay_of_a_measured_effort_is_found(measured, robot, seconds, least, most):
+    def late(log):
+        return log._replace(tau=np.column_stack([
+            np.interp(log.t - seconds, log.t, column) for column in log.tau.T]))
+    delays = [each for each in measured(robot, late) if each.check == 'delay']
+    assert delays
+    assert least <= np.median([each.value for each in delays]) <= most
+
+
+@pytest.mark.parametrize('robot', ['panda', 'ur10'])
+def test_a_measured_effort_of_the_opposite_sign_is_found(measured, robot):
+    found = [each for each in measured(robot, lambda log: log._replace(tau=-log.tau))
+             if 'sign opposite' in each.text]
+    assert found
+    assert all(each.check == 'unit' for each in found)
+
+
+@pytest.mark.parametrize('robot', ['panda', 'ur10'])
+def test_a_measured_effort_in_amperes_is_suspected(measured, robot):
+    found = measured(robot, lambda log: log._replace(tau=log.tau / 13.0))
+    assert 'unit' in {each.check for each in found}

@@ -309,6 +309,14 @@ def test_nothing_is_overwritten_without_being_told_to(capsys, tmp_path, files):
         assert path.read_text() == 'kept'
 
 
+def test_two_options_never_name_the_same_file(capsys, tmp_path, files):
+    same = str(tmp_path / 'other' / '..' / 'theta.yaml')
+    (tmp_path / 'other').mkdir()
+    text = complaint(capsys, [*files, '--model-out', same])
+    assert "'--model-out'" in text
+    assert 'expected another file than --output' in text
+
+
 def test_a_log_that_is_too_short_says_how_long_it_has_to_be(capsys, tmp_path, files, motion):
     write_csv(tmp_path / 'log.csv', motion[:240])
     text = complaint(capsys, files)
