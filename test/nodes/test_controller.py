@@ -683,6 +683,7 @@ LEFT = 'left what Theorem 2 guarantees at [s]'
 
 @pytest.mark.parametrize(('change', 'still'), [
     (None, True), (('torque_limit', [150.0]), True), (('k1', [900.0]), False),
+    (('k1', None), True),  # the value that it has
     (('performance.upper', [0.19]), False), (('reference.joint1.offset', 0.001), False)])
 def test_a_live_change_of_what_theorem_2_rests_on_takes_the_guarantee_back(rig, change,
                                                                           still) -> None:
@@ -690,7 +691,9 @@ def test_a_live_change_of_what_theorem_2_rests_on_takes_the_guarantee_back(rig, 
               state_timeout=60.0, safety__lower=[-3.0], safety__upper=[3.0])
     rig.answer(_state(0.0))
     if change is not None:
-        result = rig.node.set_parameters([Parameter(change[0], value=change[1])])[0]
+        name, value = change
+        value = list(rig.node.get_parameter(name).value) if value is None else value
+        result = rig.node.set_parameters([Parameter(name, value=value)])[0]
         assert result.successful, result.reason
     rig.answer(_state(1.0, [0.18, 2.0]))  # inside the performance set, beyond the guarantee
     assert (LEFT in rig.node.status()[2]) is still

@@ -39,6 +39,14 @@ def test_what_waits_is_dated_after_ten_seconds_and_at_the_end() -> None:
     assert [message.data for message in dates.take()] == [b'zero torque']
 
 
+def test_of_several_states_sent_before_a_message_the_newest_is_its_date() -> None:
+    dates = SampleDates()
+    for k in (1, 2, 3):
+        dates.state(1000 * k, k)
+    dates.add(2500, 'commands', 'type', b'torque')
+    assert [message.stamp_ns for message in dates.take(3100)] == [2]
+
+
 def test_states_that_nothing_waits_for_are_forgotten() -> None:
     dates, sizes = SampleDates(), []
     for k in range(1, 2001):
