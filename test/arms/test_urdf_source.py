@@ -163,7 +163,7 @@ def test_prismatic_and_continuous_joints_make_an_arm() -> None:
     assert arm.mass_matrix(np.zeros(2))[0, 0] == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize('written', ['1.7976931348623157e+308', '1e301', '0', 'inf'])
+@pytest.mark.parametrize('written', ['1.7976931348623157e+308', '1e301', '0'])
 def test_a_limit_of_the_largest_double_or_zero_is_none(written: str) -> None:
     pytest.importorskip('pinocchio')
     arm = UrdfArm(GOOD.replace('effort="9"', f'effort="{written}"'))

@@ -527,6 +527,16 @@ def test_of_several_states_that_wait_the_newest_usable_one_is_answered(rig) -> N
     assert rig.node.on_joint_states(serialize_message(_state(2.0)), {}) is True
 
 
+def test_a_newest_state_that_cannot_be_answered_lets_no_older_one_through(rig) -> None:
+    rig = rig()
+    rig.answer(_state(0.0))
+    answered = rig.node.statistics.samples
+    for newest in (_state(3.0, [math.nan, 2.0]), _state(0.0), _state(1e7)):
+        # True: it was this source's, so that the channel offers no older one.
+        assert rig.node.on_joint_states(serialize_message(newest), {}) is True
+    assert rig.node.statistics.samples == answered
+
+
 def test_a_trajectory_that_took_long_to_compute_begins_later(rig, monkeypatch) -> None:
     rig = rig(state_timeout=10.0)
     rig.answer(_state(0.0))
