@@ -106,3 +106,22 @@ def test_a_joint_that_brakes_harder_than_stated_stays_in_its_box_which_shrinks()
                          -np.sign(qd) * np.minimum(braking * random.uniform(1.0, 2.0, 3),
                                                    np.abs(qd) / h))
         assert not qd.any()
+
+
+def test_the_box_holds_every_stop_after_a_sample_whose_acceleration_is_within_its_error():
+    random, period = np.random.default_rng(5), 0.01
+    for _ in range(300):
+        braking = random.uniform(0.5, 5.0, 20)
+        speed = random.uniform(-30.0, 30.0, 20) * braking * period
+        wanted = random.uniform(-30.0, 30.0, 20) * braking
+        error = random.uniform(0.0, 3.0, 20) * braking
+        low, high, _ = stop_box(speed, wanted, error, braking, period)
+        for part in (-1.0, 0.0, 1.0):
+            a = wanted + part * error
+            end = speed + period * a
+            moved = 0.5 * period * (speed + end)
+            turned = np.where(speed * end < 0.0, -0.5 * speed ** 2 / np.where(a, a, 1.0), moved)
+            stands = moved + end * np.abs(end) / (2.0 * braking)
+            for where in (moved, turned, stands):
+                assert (low <= where).all()
+                assert (where <= high).all()
