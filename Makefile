@@ -70,9 +70,11 @@ test: env  ## run all tests; ARGS go to pytest
 	$(PY) -m pytest -m real_time $(ARGS) || second=$$?; \
 	case $$first-$$second in 0-0 | 0-5 | 5-0) ;; *) exit 1 ;; esac
 
-# What changes nothing but the speed without numba, and what takes too long then, is left out.
-test-plain: env  ## the laws' tests again as plain numpy, without numba; ARGS go to pytest
-	@NUMBA_DISABLE_JIT=1 $(PY) -m pytest -n 2 -m 'not real_time and not slow_plain' $(ARGS)
+# The rooms in which numba compiles; what takes minutes then is left out. The nodes may be asked for:
+# make test-plain PLAIN=test/nodes
+PLAIN ?= test/arms test/control test/identification test/limits test/simulation
+test-plain: env  ## test the laws as plain numpy, without numba; ARGS go to pytest
+	@NUMBA_DISABLE_JIT=1 $(PY) -m pytest -n 2 -m 'not slow_plain' $(PLAIN) $(ARGS)
 
 mutants: env  ## break each law on purpose: which tests notice? ARGS: words of some mutants
 	@$(PY) test/mutation/run_mutants.py $(ARGS)

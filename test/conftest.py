@@ -65,12 +65,23 @@ def _default_signals() -> Iterator[None]:
 _REAL_TIME = ('nodes', 'bench', 'runtime')
 
 
+# They solve thousands of eigenvalue problems, or simulate for long: minutes without numba.
+_SLOW_PLAIN = {
+    'test_an_arm_in_mujoco_is_varied_as_any', 'test_integration_is_of_fourth_order',
+    'test_pruned_search_equals_brute_force_with_more_parameters_than_kept_directions',
+    'test_rank_never_falls_while_the_stack_is_deficient',
+    'test_sums_stay_exact_over_hundreds_of_replacements',
+    'test_the_rank_grows_whenever_some_replacement_makes_it_grow'}
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that are not to run beside others."""
+    """Mark the tests that are not to run beside others, and those that need compiled laws."""
     for item in items:
         room = item.path.relative_to(REPOSITORY / 'test').parts[0]
         if room in _REAL_TIME:
             item.add_marker(pytest.mark.real_time)
+        if getattr(item, 'originalname', item.name) in _SLOW_PLAIN:
+            item.add_marker(pytest.mark.slow_plain)
 
 
 @pytest.fixture(scope='session')

@@ -96,11 +96,19 @@ def test_topics_page_and_security_policy_equal_the_declarations(repository: Path
 
 @pytest.mark.parametrize('page', [*DOCS, ROOT / 'README.md'], ids=lambda path: path.name)
 def test_links_and_configs_named_in_a_page_exist(page: Path) -> None:
-    text = page.read_text(encoding='utf-8')
-    for target in re.findall(r'\]\(([^)#:]+)\)', text):
-        assert (page.parent / target).exists(), f'{page.name}: {target}'
-    for config in re.findall(r'config/([a-z_0-9]+\.(?:yaml|xml|json))', text):
-        assert (ROOT / 'config' / config).exists(), f'{page.name}: config/{config}'
+    assert _missing(page, page.read_text(encoding='utf-8')) == []
+
+
+def _missing(page: Path, text: str) -> list[str]:
+    """Return what a page links to or names below config/ that is not there."""
+    links = [page.parent / target for target in re.findall(r'\]\(([^)#:]+)[^):]*\)', text)]
+    configs = [ROOT / found for found in re.findall(r'config/[a-z_0-9]+\.(?:yaml|xml|json)', text)]
+    return [path.name for path in (*links, *configs) if not path.exists()]
+
+
+def test_a_link_or_config_that_is_not_there_is_found() -> None:
+    text = '[a](nothing.md), [b](README.md), [c](gone.md#part), `config/none.yaml`, [d](http://x)'
+    assert _missing(ROOT / 'README.md', text) == ['nothing.md', 'gone.md', 'none.yaml']
 
 
 def test_readme_names_every_executable(repository: Path) -> None:

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """``attack``: strangers attack the four processes while an observer judges the commands.
 
-Each round makes every attack once; between two of them the motion has to go on.
+Each round makes every attack once; between two of them the motion has to go on. The memory of each
+process is compared between the time after the first minute and the end: in ten minutes it may grow
+by 1 %, where the first minute has had a round of each attack.
 
 Exit status: 0 nothing was broken, 1 something was, 2 it could not be run.
 """
@@ -17,6 +19,8 @@ import tempfile
 import time
 
 from adaptive_blf_control.bench.command_observer import CommandObserver
+from adaptive_blf_control.bench.rate_figures import usage_of
+from adaptive_blf_control.bench.soak_figures import growth_of
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.nodes.stranger import Stranger, TELLS
 from adaptive_blf_control.runtime.processes import NodeProcesses, scenario
@@ -25,6 +29,8 @@ __all__ = ['main']
 
 LIMIT, RATE, TIMEOUT = 200.0, 5000.0, 0.1  # N·m, N·m/s, s
 RECOVERY = 60.0  # s within which the motion has to go on
+START_UP, LEAST_WATCHED = 60.0, 300.0  # s before figures of the memory, and for them
+MOST_GROWTH = 1.0  # %
 SETTINGS = {'controller': [f'torque_limit:=[{LIMIT}]', f'torque_rate_limit:=[{RATE}]',
                            # A stalled machine must not end the attack: the motion may begin
                            # again wherever the arm has coasted.
@@ -46,7 +52,11 @@ def main(args: Sequence[str] | None = None) -> int:
         stranger = Stranger(nodes.domain, nodes.processes, observer.command, observer.state)
         try:
             _goes_on(observer, nodes)
-            broken = _rounds(stranger, observer, nodes, time.monotonic() + 60.0 * options.minutes)
+            watch = _Memory(nodes)
+            broken = _rounds(stranger, observer, nodes, watch,
+                             time.monotonic() + 60.0 * options.minutes)
+            broken = watch.report() or broken
+            print(f'{stranger.answered} of {stranger.asked} requests for the state answered')
         except BlfError as error:
             print(error, file=sys.stderr)
             broken = True
@@ -55,12 +65,40 @@ def main(args: Sequence[str] | None = None) -> int:
     return int(broken)
 
 
-def _rounds(stranger: Stranger, observer: CommandObserver, nodes: NodeProcesses,
+class _Memory:
+    """Resident memory of each process."""
+
+    def __init__(self, nodes: NodeProcesses) -> None:
+        self._nodes, self._begin = nodes, time.monotonic()
+        self._t: list[float] = []
+        self._sizes: dict[str, list[float]] = {name: [] for name in nodes.processes}  # MB
+
+    def look(self) -> None:
+        """Take a sample."""
+        self._t.append(time.monotonic() - self._begin)
+        for name, process in self._nodes.processes.items():
+            usage = usage_of(process.pid)
+            self._sizes[name].append(float('nan') if usage is None else usage[1])
+
+    def report(self) -> bool:
+        """Print the memory after the first minute and at the end; whether one grew too much."""
+        if self._t[-1] < LEAST_WATCHED:
+            print(f'no figures of the memory in less than {LEAST_WATCHED:g} s')
+            return False
+        growths = {name: growth_of(self._t, sizes, START_UP)
+                   for name, sizes in self._sizes.items()}
+        for name, growth in growths.items():
+            print(f'{name:<12}{growth.first:8.1f} MB after {START_UP:g} s '
+                  f'{growth.last:8.1f} MB at the end {growth.percent:+7.2f} %')
+        return any(growth.percent > MOST_GROWTH for growth in growths.values())
+
+
+def _rounds(stranger: Stranger, observer: CommandObserver, nodes: NodeProcesses, watch: _Memory,
             end: float) -> bool:
     attacks: tuple[Callable[[], None], ...] = (
         stranger.shout_commands, stranger.shout_estimates, stranger.shout_states,
-        stranger.long_trajectory, stranger.long_list, stranger.pause_controller,
-        stranger.pause_driver, stranger.second_driver, stranger.ask)
+        stranger.long_trajectory, stranger.long_lists, stranger.pause_controller,
+        stranger.pause_driver, stranger.second_graph, stranger.ask)
     rounds = 0
     while not rounds or time.monotonic() < end:
         rounds += 1
@@ -68,6 +106,7 @@ def _rounds(stranger: Stranger, observer: CommandObserver, nodes: NodeProcesses,
             before = observer.count
             attack()
             _goes_on(observer, nodes)
+            watch.look()
             found = observer.count - before
             print(f'{attack.__name__:<18}{"held" if not found else f"{found} faults"}', flush=True)
     for fault in observer.faults:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 import os
 import signal
 import subprocess
@@ -38,10 +38,16 @@ __all__ = ['TELLS', 'Stranger']
 TELLS = 77.0  # N·m that only strangers send
 LENGTH = 3.0  # s of one attack
 STEP = 1e-3  # s between the messages of a stranger
+START_TIMEOUT = 90.0  # s within which a second node has to have ended
 
 
 class Stranger(Node):
-    """A node that attacks, and hears what the observer judges."""
+    """A node that attacks, and hears what the observer judges.
+
+    Attributes:
+        asked: Requests that were made of the controller's lifecycle.
+        answered: How many of them were answered.
+    """
 
     def __init__(self, domain: int, processes: Mapping[str, Popen[bytes]],
                  command: Callable[[bytes, int], None], state: Callable[[bytes], None]) -> None:
@@ -57,6 +63,7 @@ class Stranger(Node):
         self._own_context.init(domain_id=domain)
         super().__init__('stranger', context=self._own_context, start_parameter_services=False)
         self._domain, self._processes = domain, processes
+        self.asked = self.answered = 0
 
         def hear(data: bytes, info: dict[str, int]) -> None:
             command(data, info['source_timestamp'])
@@ -98,11 +105,13 @@ class Stranger(Node):
         message.points = [JointTrajectoryPoint(positions=[0.0, 0.0])] * 100_000
         self._shout(JointTrajectory, JOINT_TRAJECTORY, message, once=True)
 
-    def long_list(self) -> None:
-        """A million gains."""
+    def long_lists(self) -> None:
+        """A million gains, and a hundred thousand sinusoids."""
         client = AsyncParameterClient(self, 'controller')
         if client.wait_for_services(10.0):
             client.set_parameters([Parameter('k2', value=[1.0] * 10**6)])
+            client.set_parameters([Parameter(f'reference.joint1.{name}', value=[1.0] * 10**5)
+                                   for name in ('amplitude', 'frequency', 'phase')])
         time.sleep(LENGTH)
 
     def pause_controller(self) -> None:
@@ -113,20 +122,40 @@ class Stranger(Node):
         """The driver likewise."""
         self._pause('arm_driver')
 
-    def second_driver(self) -> None:
-        """Another driver for the same arm does not start."""
+    def second_graph(self) -> None:
+        """The whole graph is started a second time: none of its nodes may stay."""
         environment = {**os.environ, 'ROS_DOMAIN_ID': str(self._domain)}
-        second = subprocess.run([sys.executable, '-m', 'adaptive_blf_control', 'arm_driver'],
-                                env=environment, capture_output=True, timeout=60.0, check=False)
-        if second.returncode != 2:
-            raise BlfError(f'a second driver ended with {second.returncode}: expected 2')
+        with ExitStack() as stack:
+            seconds = {name: stack.enter_context(subprocess.Popen(
+                [sys.executable, '-m', 'adaptive_blf_control', name], env=environment,
+                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+                for name in self._processes}
+            try:
+                ended = {name: second.wait(START_TIMEOUT) for name, second in seconds.items()}
+            except subprocess.TimeoutExpired:
+                stay = ', '.join(name for name, second in seconds.items()
+                                 if second.poll() is None)
+                raise BlfError(f'{stay} of a second graph stays beside the first') from None
+            finally:
+                for second in seconds.values():
+                    second.kill()
+        if wrong := {name: status for name, status in ended.items() if status != 2}:
+            raise BlfError(f'of a second graph ended: {wrong}: expected 2 for each')
 
     def ask(self) -> None:
-        """Ask for the state of the controller, 300 times."""
-        client = self.create_client(GetState, 'controller/get_state')
-        for _ in range(300):
-            client.call_async(GetState.Request())
-            time.sleep(LENGTH / 300)
+        """Ask for the state of the controller, by three clients 50 times a second each."""
+        clients = [self.create_client(GetState, 'controller/get_state') for _ in range(3)]
+        answers = []
+        for _ in range(round(50 * LENGTH)):
+            answers += [client.call_async(GetState.Request()) for client in clients]
+            time.sleep(0.02)
+        give_up = time.monotonic() + LENGTH
+        while time.monotonic() < give_up and not all(answer.done() for answer in answers):
+            time.sleep(0.02)
+        self.asked += len(answers)
+        self.answered += sum(answer.done() for answer in answers)
+        for client in clients:
+            self.destroy_client(client)
 
     def _pause(self, name: str) -> None:
         for seconds in (0.15, 1.0):

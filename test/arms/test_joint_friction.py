@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adaptive_blf_control.arms.joint_friction import JointFriction
+from adaptive_blf_control.arms.joint_friction import finite_array, JointFriction
 from adaptive_blf_control.errors import ParameterError
 
 
@@ -29,6 +29,14 @@ def test_kinds_that_were_not_chosen_are_zero() -> None:
     assert friction.first_columns(4).tolist() == [-1, -1, 4, -1]
     np.testing.assert_array_equal(friction.coefficients(np.array([5.0, 6.0])),
                                   [[0.0, 0.0], [0.0, 0.0], [5.0, 6.0], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize('value', [2.0, [2.0, 2.0], np.array([2.0, 2.0])])
+def test_numbers_are_an_array_of_their_own_that_may_be_written_to(value) -> None:
+    array = finite_array('viscous', value, 2)
+    array[0] = 7.0
+    assert array.tolist() == [7.0, 2.0]
+    assert np.ravel(value)[0] == 2.0
 
 
 @pytest.mark.parametrize('kind', ['viscous', 'coulomb', 'square_root'])

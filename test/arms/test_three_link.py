@@ -176,6 +176,16 @@ def test_inertia_that_is_not_positive_definite_is_refused():
         ThreeLinkArm().dynamics(theta)
 
 
+@pytest.mark.parametrize(('place', 'value', 'posture'), [
+    (9, 3.0, [0.0, 0.0, np.pi]), (6, 3.0, [0.0, np.pi, 0.0]), (6, -3.0, [0.0, 0.0, 0.0])])
+def test_inertia_that_is_indefinite_in_some_postures_only_is_refused(place, value, posture):
+    theta = three_link_parameters()
+    theta[place] = value
+    assert np.linalg.eigvalsh(three_link_mass(np.array(posture), theta))[0] < 0.0
+    with pytest.raises(ArmError, match='not positive definite'):
+        ThreeLinkArm().dynamics(theta)
+
+
 @pytest.mark.parametrize('joints', [('a', 'b'), ('a', 'b', 'a')])
 def test_other_than_three_distinct_joints_are_refused(joints):
     with pytest.raises(ArmError, match='three joints'):

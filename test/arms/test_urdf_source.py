@@ -163,6 +163,14 @@ def test_prismatic_and_continuous_joints_make_an_arm() -> None:
     assert arm.mass_matrix(np.zeros(2))[0, 0] == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize('written', ['1.7976931348623157e+308', '1e301', '0'])
+def test_a_limit_of_the_largest_double_or_zero_is_none(written: str) -> None:
+    pytest.importorskip('pinocchio')
+    arm = UrdfArm(GOOD.replace('effort="9"', f'effort="{written}"'))
+    np.testing.assert_array_equal(arm.torque_limit, np.inf)
+    np.testing.assert_array_equal(arm.velocity_limit, 3.0)
+
+
 def test_massless_link_between_two_joints_can_be_simulated() -> None:
     pytest.importorskip('pinocchio')
     arm = UrdfArm(GOOD.replace(link('a'), link('a', None)))

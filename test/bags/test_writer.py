@@ -11,7 +11,12 @@ import numpy as np
 import pytest
 import yaml
 
-from adaptive_blf_control.bags.metadata import default_qos, load_metadata
+from adaptive_blf_control.bags.metadata import (
+    BagMetadata,
+    default_qos,
+    FileInformation,
+    load_metadata,
+)
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import BagError
@@ -22,6 +27,7 @@ from adaptive_blf_control.messages.cdr import (
     JointStateCodec,
 )
 from adaptive_blf_control.messages.definitions import embedded_definition, message_definition
+from disk import synced_files
 from patience import PATIENCE
 
 START = 1_700_000_000_000_000_000
@@ -293,6 +299,52 @@ def test_a_disk_that_is_full_from_the_start_is_reported_with_the_path(tmp_path):
     pytest.importorskip('resource')
     told = run(BEGIN_ON_A_FULL_DISK, tmp_path / 'run')
     assert 'run_0.mcap: cannot be written' in told
+
+
+def test_what_is_flushed_with_fsync_and_what_is_closed_is_on_the_disk(tmp_path, monkeypatch):
+    writer = BagWriter(tmp_path / 'run')
+    writer.add_topic('/rank', TOPICS['/rank'])
+    synced = synced_files(monkeypatch)
+    writer.write('/rank', encode_int32(1), START)
+    writer.flush()
+    assert 'run_0.mcap' not in synced
+    writer.flush(fsync=True)
+    assert synced.count('run_0.mcap') == 1
+    writer.close()
+    assert synced.count('run_0.mcap') == 2
+
+
+def test_a_bag_that_is_removed_or_replaced_while_it_is_written_is_told_with_the_next_flush(
+        tmp_path):
+    for change in (lambda file: file.unlink(), lambda file: file.rename(tmp_path / 'elsewhere'),
+                   lambda file: (file.rename(tmp_path / 'mine'), file.touch())):
+        writer = BagWriter(tmp_path / f'run{len(list(tmp_path.iterdir()))}')
+        writer.add_topic('/rank', TOPICS['/rank'])
+        writer.write('/rank', encode_int32(1), START)
+        writer.flush()
+        change(writer.file)
+        with pytest.raises(BagError, match='was removed or renamed'):
+            writer.flush()
+        writer.close()
+
+
+def test_the_duration_is_that_from_the_earliest_to_the_latest_message_whatever_their_order(
+        tmp_path):
+    with BagWriter(tmp_path / 'run') as writer:
+        writer.add_topic('/rank', TOPICS['/rank'])
+        for late in (5, 9, 2, 7):
+            writer.write('/rank', encode_int32(late), START + late)
+    (file,) = load_metadata(writer.path).files
+    assert (file.start_ns, file.duration_ns) == (START + 2, 7)
+
+
+@pytest.mark.parametrize('order', [(0, 1), (1, 0)])
+def test_a_bag_begins_with_the_file_that_begins_first_and_ends_with_the_one_that_ends_last(order):
+    files = (FileInformation('a.mcap', START, 1000, 3), FileInformation('b.mcap', START - 5, 7, 2))
+    written = BagMetadata(tuple(files[i] for i in order)).to_dict()
+    assert written['starting_time'] == {'nanoseconds_since_epoch': START - 5}
+    assert written['duration'] == {'nanoseconds': 1005}
+    assert written['message_count'] == 5
 
 
 def test_a_long_recording_does_not_grow_and_has_the_index_of_every_chunk(tmp_path):

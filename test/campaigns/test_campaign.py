@@ -12,7 +12,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -32,6 +31,7 @@ from adaptive_blf_control.configuration.parameter_file import apply_settings, lo
 from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.tools import campaign as command
 from adaptive_blf_control.tools.simulate import main as simulate
+from patience import PATIENCE, wait_until
 
 VARY = {'vary': {
     'arm_driver.true_parameters': {'scale': {'uniform': [0.7, 1.3]}},
@@ -145,21 +145,14 @@ def test_ctrl_c_ends_a_campaign_between_two_runs_and_keeps_what_is_done(config, 
                  '--chunk', '1', '--workers', '2', '--output', str(output)]
     with subprocess.Popen([sys.executable, '-m', 'adaptive_blf_control', *arguments],
                           stderr=subprocess.PIPE, text=True) as process:
-        wait_for(lambda: list(output.glob('results/part-*')) or process.poll() is not None)
+        wait_until(lambda: list(output.glob('results/part-*')) or process.poll() is not None)
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60.0)
+        _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130, errors
     assert '--resume goes on' in errors
     assert 'Traceback' not in errors
     assert 0 < len(list(output.glob('results/part-*'))) < 400
     assert not list(output.glob('results/.*'))
-
-
-def wait_for(condition, timeout: float = 120.0) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end, 'nothing happened'
-        time.sleep(0.01)
 
 
 def test_a_thread_whose_outcomes_are_not_wanted_ends_before_its_next_run(config):

@@ -24,6 +24,12 @@ def test_a_section_reaches_the_nodes_that_ros_gives_it_to(key, reached):
     assert tuple(reaches(key, node) for node in NODES) == tuple(map(bool, reached))
 
 
+def test_all_but_stars_in_a_name_stands_for_itself():
+    assert not reaches('/left.controller', '/left/controller')
+    assert not reaches('/lef?/controller', '/left/controller')
+    assert reaches('/left+/controller', '/left+/controller')
+
+
 @pytest.mark.parametrize(('key', 'words'), [
     ('controller', '/left/controller'), ('/right/controller', '/\\*\\*/controller'),
     ('/**/controler', 'did you mean controller'), ('/**/identifer', 'did you mean identifier'),

@@ -449,3 +449,29 @@ def test_a_blend_time_that_is_none_is_named(blend):
 def test_settings_that_do_not_fit_each_other_are_refused_when_they_are_made(settings, message):
     with pytest.raises(ParameterError, match=message):
         ControllerSettings().replace(**settings)
+
+
+class PushingFilter:
+    """A safety filter that asks for as much as it is allowed, and notes what that is."""
+
+    def __init__(self, arm, settings):
+        self.allowed = []
+
+    def filtered(self, sample):
+        self.allowed.append((sample.least.copy(), sample.most.copy()))
+        return sample.most.copy()
+
+
+def test_a_safety_filter_stays_within_limit_and_rate_from_what_it_let_through(monkeypatch):
+    monkeypatch.setattr('adaptive_blf_control.control.safety_filter.PushingFilter', PushingFilter,
+                        raising=False)
+    law = Controller(ARM, torque_limit=5.0, torque_rate_limit=500.0, k2=1.0,
+                     safety={'lower': -2.0, 'upper': 2.0},
+                     safety_filter='adaptive_blf_control.control.safety_filter:PushingFilter')
+    torques = [law.update(k * 2e-3, [0.1, 0.1], [0.0, 0.0], np.zeros(5)).torque
+               for k in range(8)]
+    # Half of 1 N·m in the first interval, 1 ms, then 1 N·m in each of 2 ms, up to the limit.
+    expected = np.minimum(0.5 + 1.0 * np.arange(8), 5.0)
+    np.testing.assert_allclose(torques, np.column_stack([expected, expected]), rtol=1e-12)
+    least, _ = law.safety_filter.allowed[-1]
+    np.testing.assert_allclose(least, 4.0, rtol=1e-12)

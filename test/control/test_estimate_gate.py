@@ -27,7 +27,9 @@ def test_an_estimate_up_to_the_limit_is_used_at_once():
     ([np.nan, 1.0], 'non-finite estimate', 'the last one is kept', False),
     ([1.0, np.inf], 'non-finite estimate', 'the last one is kept', False),
     ([10.5, -7.5], 'estimate beyond its limit',
-     'friction = -7.5 is beyond estimate_limit 5: the last estimate is kept', True)])
+     'friction = -7.5 is beyond estimate_limit 5: the last estimate is kept', True),
+    ([10.5, 1.0], 'estimate beyond its limit',  # one of them is enough
+     'mass = 10.5 is beyond estimate_limit 10: the last estimate is kept', True)])
 def test_an_estimate_that_cannot_be_trusted_leaves_the_last_one(theta, reason, detail, fault):
     subject = gate()
     assert subject.offer(np.array(theta)) == (reason, detail, fault)
@@ -56,3 +58,13 @@ def test_in_lockstep_only_a_few_estimates_are_kept():
     for stamp in range(10):
         subject.offer_after(stamp, GOOD)
     assert [stamp for stamp in range(10) if subject.use_after(stamp)] == [6, 7, 8, 9]
+
+
+def test_in_lockstep_each_state_is_answered_with_its_own_estimate_and_no_other():
+    subject, other = gate(), np.array([1.0, 1.0])
+    subject.offer_after(100, GOOD)
+    subject.offer_after(200, other)
+    assert subject.use_after(200)
+    assert subject.theta is other
+    assert not subject.use_after(150)
+    assert subject.theta is other

@@ -109,6 +109,43 @@ def test_after_lost_states_the_motion_begins_again_from_where_the_arm_is(arm, ms
     assert not arm.answers(ms - 1.0, POSTURE, REST)
 
 
+LIMITED = SETTINGS.replace(torque_limit=50.0, torque_rate_limit=1000.0)  # N·m, N·m/s
+
+
+def _pushed() -> Arm:
+    """Return an arm that is pushed with 10 N·m or more in joint 1, at 1 N·m in each ms."""
+    arm = Arm(LIMITED)
+    for ms in range(40):
+        assert arm.answers(ms, Q, QD + [1.0, 0.0])
+    assert np.abs(arm.motion.torque[0]) > 10.0
+    return arm
+
+
+def test_a_motion_that_begins_on_another_clock_changes_the_torque_at_its_rate():
+    arm = _pushed()
+    before = arm.motion.torque
+    assert not arm.answers(9000.0, POSTURE, REST)
+    assert arm.answers(9001.0, POSTURE, REST)  # on its reference the law asks for little
+    assert np.abs(arm.motion.torque - before).max() == pytest.approx(1.0)
+
+
+def test_after_lost_states_the_torque_rises_from_the_zero_that_was_sent():
+    arm = _pushed()
+    arm.motion.lose('joint states lost')
+    assert not arm.motion.torque.any()
+    assert arm.answers(500.0, POSTURE, [1.0, 0.0])
+    assert np.abs(arm.motion.torque).max() <= 1.0
+
+
+@pytest.mark.parametrize(('elapsed', 'step'), [(None, 50.0), (0.002, 2.0), (10.0, 50.0)])
+def test_the_torque_changes_by_the_real_time_where_stamps_run_ahead_of_it(elapsed, step):
+    arm = _pushed()
+    before = arm.motion.torque
+    stamp = EPOCH + 89 * MS  # 50 ms after the last one
+    arm.motion.answer(stamp, Q, QD - [1.0, 0.0], THETA, elapsed=elapsed)
+    assert np.abs(arm.motion.torque - before).max() == pytest.approx(step)
+
+
 def test_after_lost_states_a_source_that_repeats_its_last_one_begins_nothing(arm):
     arm.motion.lose('joint states lost')
     assert not arm.answers(0.0)

@@ -8,6 +8,7 @@ import pytest
 
 from adaptive_blf_control.control.reference import SmoothStart, SumOfSinusoids
 from adaptive_blf_control.control.sets import (
+    check_no_further_out,
     check_performance_inside_safety,
     GrowingBounds,
     JointInterval,
@@ -148,3 +149,30 @@ def test_bounds_at_many_times_are_those_at_each():
 def test_bounds_before_the_start_are_those_at_the_start():
     grown = GrowingBounds(PERFORMANCE, SAFETY, np.array([1.15, -2.1]), 2.0)
     np.testing.assert_array_equal(grown.at(-0.5), grown.at(0.0))
+
+
+@pytest.mark.parametrize(('value', 'refused'), [
+    (0.5, False),   # inside
+    (1.3, False),   # as far out as before
+    (1.2, False),   # nearer, and still outside
+    (1.4, True),    # further out
+    (-1.2, False),  # as little outside on the other side
+])
+def test_who_has_left_a_set_may_come_nearer_and_not_get_further_out(value, refused):
+    def check():
+        check_no_further_out(np.array([-1.0]), np.array([1.0]), np.array([value]),
+                             np.array([1.0 - 1.3]), ('joint1',), 'outside')
+
+    if refused:
+        with pytest.raises(SetViolation, match='outside') as error:
+            check()
+        assert (error.value.joint, error.value.value, error.value.bound) == ('joint1', 1.4, 1.0)
+    else:
+        check()
+
+
+@pytest.mark.parametrize('value', [1.0, 1.001, -1.0])
+def test_who_is_inside_has_to_stay_strictly_inside(value):
+    with pytest.raises(SetViolation):
+        check_no_further_out(np.array([-1.0]), np.array([1.0]), np.array([value]),
+                             np.array([0.1]), ('joint1',), 'outside')

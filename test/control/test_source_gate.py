@@ -92,3 +92,10 @@ def test_a_unique_source_may_count_as_it_likes(gate):
     (b'/a#0123abcd ', False), (b'/a#0123ABCD', False)])
 def test_only_what_the_nodes_call_themselves_is_unique(source, unique):
     assert is_unique(source) is unique
+
+
+@pytest.mark.parametrize('number', [1, 5000])
+def test_a_source_that_has_been_silent_may_count_from_anywhere(gate, number):
+    assert not _refused(gate, b'base_link', 500, 1.0)
+    assert not _refused(gate, b'base_link', number, 1.101)  # another process of the same driver
+    assert not _refused(gate, b'base_link', number + 1, 1.11)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from adaptive_blf_control.identification.identifier import (
     IdentifierSettings,
     Snapshot,
 )
+from disk import synced_files
 
 ARM = TwoLinkArm()
 NOON = '2026-03-01T12:00:00.250000+00:00'
@@ -286,3 +288,22 @@ def test_a_time_that_yaml_reads_as_such_is_understood(tmp_path):
     path.write_text(f'written_at: {NOON}\ntheta_hat: {{p1: 1.0, p2: 2.0}}\n')
     np.testing.assert_array_equal(recent(path, NOON, 1.0), [1.0, 2.0])
     assert recent(path, '2026-03-01T12:00:05+00:00', 1.0) is None
+
+
+def test_a_time_without_an_offset_is_utc_wherever_the_machine_stands(written, monkeypatch):
+    monkeypatch.setenv('TZ', 'Asia/Tokyo')
+    time.tzset()
+    try:
+        np.testing.assert_array_equal(recent(written, '2026-03-01T12:00:05', 10.0), [3.0, 4.0])
+        assert recent(written, '2026-03-01T21:00:05', 10.0) is None
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+
+
+def test_an_estimate_is_on_the_disk_when_the_call_returns(tmp_path, monkeypatch):
+    synced = synced_files(monkeypatch)
+    write_estimate(tmp_path / 'theta.yaml', snapshot(p1=3.0), NOON)
+    data, folder = synced  # first what is in it, then that it is there
+    assert data.startswith('.theta.yaml.')
+    assert folder == tmp_path.name

@@ -222,3 +222,15 @@ def test_another_filter_can_be_named(monkeypatch):
     np.testing.assert_array_equal(given[1].torque, 0.5 * given[0].torque)
     assert half.arrays is None
     assert isinstance(LimitsFilter, type)
+
+
+def test_a_torque_counts_as_held_for_as_long_as_the_one_before_was():
+    q, qd, wanted = np.array([0.2, 0.0]), np.array([1.0, 0.0]), np.array([60.0, 0.0])
+    answers = []
+    for times in ((0.0, H), (0.0, 0.05), (0.0, 5.0)):  # as usual, late, after a gap
+        filter_ = controller().safety_filter
+        for t in times:
+            torque = filter_.filtered(FilterSample(t, q, qd, wanted, -TORQUE, TORQUE))
+        answers.append(torque)
+    assert answers[1][0] < answers[0][0] - 1.0  # what is held for longer may be less
+    np.testing.assert_array_equal(answers[2], answers[0])

@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import contextlib
+import pickle
 import struct
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -218,10 +220,66 @@ def test_flipped_bits_raise_nothing_but_bag_errors(flips, cut):
 
 
 @given(st.integers(1, 50), st.integers(0, 2**32 - 1))
-def test_huge_counts_are_refused_without_memory(word, value):
+def test_a_word_of_any_value_raises_nothing_but_bag_errors(word, value):
     data = bytearray(reference(['joint1', 'joint2'], 7, 'base', [1, 2], [3, 4], [5, 6]))
     struct.pack_into('<I', data, 4 * (word % (len(data) // 4)), value)
     refuse_or_decode(bytes(data))
+
+
+@pytest.mark.parametrize('claimed', [1000, 2**31, 2**32 - 1])
+@pytest.mark.parametrize('what', ['name', 'position', 'velocity', 'effort'])
+def test_a_count_beyond_the_message_is_refused_without_memory(what, claimed):
+    whole = reference(['joint1', 'joint2'], 7, 'base', [1, 2], [3, 4], [5, 6])
+    counts = [at for at in range(4, len(whole) - 3, 4) if whole[at:at + 4] == b'\2\0\0\0']
+    assert len(counts) == 4
+    data = bytearray(whole)
+    struct.pack_into('<I', data, counts[['name', *FIELDS].index(what)], claimed)
+    reader = JointStateReader(['joint1', 'joint2'])
+    reader.read(whole)  # one that knows the layout, too
+    tracemalloc.start()
+    try:
+        for decode in (decode_joint_state, JointStateReader(['joint1']).read, reader.read):
+            with pytest.raises(BagError):
+                decode(bytes(data))
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < 100_000
+
+
+def test_an_array_of_more_numbers_than_bytes_is_refused_without_memory():
+    data = bytearray(Float64MultiArrayCodec(2).encode([1.0, 2.0]))
+    struct.pack_into('<I', data, 12, 2**31)
+    tracemalloc.start()
+    try:
+        with pytest.raises(BagError, match='truncated'):
+            decode_float64_array(bytes(data))
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < 100_000
+
+
+def test_what_is_read_of_a_message_is_the_readers_own_each_time():
+    reader = JointStateReader(['b', 'a'])
+    data = reference(['a', 'b'], 7, 'base', [1, 2])
+    for _ in range(3):  # of a new layout, then of a known one
+        _, position, velocity, effort = reader.read(data)
+        assert position.tolist() == [2.0, 1.0]
+        assert np.isnan([velocity, effort]).all()
+        for array in (position, velocity, effort):
+            array[:] = 7.0  # that of the next message is another
+    torque = decode_float64_array(Float64MultiArrayCodec(2).encode([1.0, 2.0]))
+    torque[:] = 7.0  # may be written to
+
+
+def test_publishers_without_number_do_not_make_a_reader_grow():
+    reader = JointStateReader(['a'])
+    sizes = []
+    for k in range(200):
+        reader.read(reference(['a'], 7, f'publisher {k:03d}', [1.0]))
+        sizes.append(len(pickle.dumps(reader)))
+    assert max(sizes[50:]) == sizes[50]
 
 
 def test_message_serialised_by_rclpy_is_read():

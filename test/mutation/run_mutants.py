@@ -7,7 +7,8 @@ The mutants are data: the files of the folder ``mutants``, one for each room. Ea
     file:   source below adaptive_blf_control/
     text:   what stands there, once; a text of several lines is found at any indentation
     mutant: what stands there instead
-    tests:  files below test/, or tests of them as ``file::test``, one of which has to fail
+    tests:  files below test/, or tests of them as ``file::test``, perhaps with ``[parameters]``;
+            one of them has to fail
 
 A mutant is killed where one of its tests fails, or does not end. Everything runs in temporary
 copies of the repository, one for each worker; the repository itself is not touched. The tests
@@ -157,7 +158,7 @@ def check(mutants: Iterable[Mutant], repository: Path = REPOSITORY) -> None:
 def _check_test(mutant: Mutant, folder: Path, test: str) -> None:
     name, _, function = test.partition('::')
     text = (folder / name).read_text(encoding='utf-8')
-    if function and f'def {function}(' not in text:
+    if function and f'def {function.partition("[")[0]}(' not in text:
         raise WrongList(f'{mutant}: test/{name} has no test {function}')
 
 

@@ -8,9 +8,10 @@ import time
 from typing import Any
 
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.srv import ChangeState, GetState
 import numpy as np
 import pytest
+from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -19,6 +20,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from adaptive_blf_control.messages.command import read_command
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, JOINT_TRAJECTORY
 from adaptive_blf_control.nodes.controller import ControllerNode
+from patience import PATIENCE
 
 RATE = 200.0  # N·m/s
 TASK = {'k2': [60.0, 8.0], 'torque_limit': [200.0, 100.0], 'torque_rate_limit': [RATE],
@@ -36,14 +38,15 @@ class _Driver:
         self.peer = graph.peer()
         self.commands = self.peer.listen(Float64MultiArray, COMMANDS, 5000)
         self.states = self.peer.create_publisher(JointState, JOINT_STATES, 10)
-        self.stamp = EPOCH
+        self.stamp, self.side = EPOCH, 1.0
         graph.run(self.node)
         wait_until(self.push, 'the torque')
 
     def send(self, ms: float = 5.0) -> None:
         self.stamp += round(ms * 1e6)
-        message = JointState(name=['joint1', 'joint2'], position=[0.15, 0.1],
-                             velocity=[0.5, 0.5])
+        position, velocity = self.side * np.array([[0.15, 0.1], [0.5, 0.5]])
+        message = JointState(name=['joint1', 'joint2'], position=position.tolist(),
+                             velocity=velocity.tolist())
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.stamp, 10**9)
         self.states.publish(message)
         time.sleep(2e-3)  # the pace of the states, not a wait for something
@@ -73,9 +76,11 @@ def driver(graph, wait_until):
 def test_over_a_clock_that_jumps_ahead_the_torque_changes_no_faster(
         driver, wait_until, jump_ms) -> None:
     driver = driver()
-    before = len(driver.commands)
+    pushed, last = driver.node.motion.torque.copy(), driver.stamp
+    driver.side = -1.0  # where the law asks for the opposite torque
     driver.send(jump_ms)
-    wait_until(lambda: driver.push() and len(driver.commands) > before + 20)
+    wait_until(lambda: driver.push() and driver.node.motion.gate.last_ns > last + jump_ms * 1e6)
+    wait_until(lambda: driver.push() and driver.node.motion.torque @ pushed < 0.0)
     driver.check_rate()
 
 
@@ -129,6 +134,48 @@ def test_what_is_too_long_is_refused_by_its_length(driver) -> None:
     assert not result.successful
     assert len(result.reason) < 1000
     assert 'at most 1000' in result.reason
+
+
+def test_lists_of_a_million_are_refused_by_service_while_the_motion_goes_on(
+        driver, wait_until) -> None:
+    driver = driver(state_timeout=30.0)
+    client = driver.peer.create_client(SetParameters, '/controller/set_parameters')
+    assert client.wait_for_service(PATIENCE)
+    gains = [Parameter('k2', value=[1.0] * 10**6)]
+    sinusoids = [Parameter(f'reference.joint1.{name}', value=[1.0] * 10**5)
+                 for name in ('amplitude', 'frequency', 'phase')]
+    answers = [client.call_async(SetParameters.Request(
+        parameters=[each.to_parameter_msg() for each in asked])) for asked in (gains, sinusoids)]
+    answered = driver.node.statistics.samples
+
+    def both() -> bool:
+        driver.send()
+        return all(answer.done() for answer in answers)
+
+    wait_until(both, 'both refusals')
+    for result in (each for answer in answers for each in answer.result().results):
+        assert not result.successful
+        assert 'at most 1000' in result.reason
+        assert len(result.reason) < 1000
+    wait_until(lambda: driver.push() and driver.node.statistics.samples > answered + 20)
+    assert not driver.node.motion.lost
+    driver.check_rate()
+
+
+def test_each_of_three_clients_is_answered_however_often_it_asks(driver, wait_until) -> None:
+    driver = driver(state_timeout=30.0)
+    clients = [driver.peer.create_client(GetState, '/controller/get_state') for _ in range(3)]
+    assert all(client.wait_for_service(PATIENCE) for client in clients)
+    for _ in range(50):
+        answers = [client.call_async(GetState.Request()) for client in clients]
+
+        def all_answered(answers: list = answers) -> bool:
+            driver.send()
+            return all(answer.done() for answer in answers)
+
+        wait_until(all_answered)
+        assert {answer.result().current_state.label for answer in answers} == {'active'}
+    assert not driver.node.motion.lost
 
 
 def test_no_path_can_be_set_while_a_node_runs() -> None:

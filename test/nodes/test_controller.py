@@ -527,6 +527,16 @@ def test_of_several_states_that_wait_the_newest_usable_one_is_answered(rig) -> N
     assert rig.node.on_joint_states(serialize_message(_state(2.0)), {}) is True
 
 
+def test_a_newest_state_that_cannot_be_answered_lets_no_older_one_through(rig) -> None:
+    rig = rig()
+    rig.answer(_state(0.0))
+    answered = rig.node.statistics.samples
+    for newest in (_state(3.0, [math.nan, 2.0]), _state(0.0), _state(1e7)):
+        # True: it was this source's, so that the channel offers no older one.
+        assert rig.node.on_joint_states(serialize_message(newest), {}) is True
+    assert rig.node.statistics.samples == answered
+
+
 def test_a_trajectory_that_took_long_to_compute_begins_later(rig, monkeypatch) -> None:
     rig = rig(state_timeout=10.0)
     rig.answer(_state(0.0))
@@ -683,6 +693,7 @@ LEFT = 'left what Theorem 2 guarantees at [s]'
 
 @pytest.mark.parametrize(('change', 'still'), [
     (None, True), (('torque_limit', [150.0]), True), (('k1', [900.0]), False),
+    (('k1', None), True),  # the value that it has
     (('performance.upper', [0.19]), False), (('reference.joint1.offset', 0.001), False)])
 def test_a_live_change_of_what_theorem_2_rests_on_takes_the_guarantee_back(rig, change,
                                                                           still) -> None:
@@ -690,7 +701,9 @@ def test_a_live_change_of_what_theorem_2_rests_on_takes_the_guarantee_back(rig, 
               state_timeout=60.0, safety__lower=[-3.0], safety__upper=[3.0])
     rig.answer(_state(0.0))
     if change is not None:
-        result = rig.node.set_parameters([Parameter(change[0], value=change[1])])[0]
+        name, value = change
+        value = list(rig.node.get_parameter(name).value) if value is None else value
+        result = rig.node.set_parameters([Parameter(name, value=value)])[0]
         assert result.successful, result.reason
     rig.answer(_state(1.0, [0.18, 2.0]))  # inside the performance set, beyond the guarantee
     assert (LEFT in rig.node.status()[2]) is still

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
@@ -19,6 +20,7 @@ import yaml
 
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
+from adaptive_blf_control.identification.given_parameters import read_estimate
 from adaptive_blf_control.messages.cdr import decode_float64, decode_int32
 from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
@@ -189,6 +191,27 @@ def test_a_saved_estimate_is_where_a_later_run_starts(graph, repository, tmp_pat
     assert later.set_parameters([Parameter('kt', value=3.0)])[0].successful
 
 
+@pytest.mark.parametrize(('period', 'written'), [(3600.0, True), (0.0, False)])
+def test_what_was_learned_is_written_at_the_end_unless_on_request_only(
+        graph, wait_until, tmp_path, period, written) -> None:
+    path = tmp_path / 'theta.yaml'
+    node = graph.make(IdentifierNode, estimate_file=str(path), estimate_period=period)
+    states = graph.peer().create_publisher(JointState, JOINT_STATES, 10)
+    runner = graph.run(node)
+    stamps = itertools.count()
+
+    def learned() -> bool:
+        states.publish(deserialize_message(_state(next(stamps)), JointState))
+        return node.identifier.updates > 3
+
+    wait_until(learned)
+    assert not path.exists()
+    assert runner.end() == 0
+    assert path.exists() is written
+    if written:
+        np.testing.assert_array_equal(read_estimate(path, PARAMETERS), node.identifier.theta)
+
+
 def test_an_estimate_that_cannot_be_saved_is_answered_with_the_reason(graph, tmp_path) -> None:
     path = tmp_path / 'no_such_folder' / 'theta_hat.yaml'
     node = graph.make(IdentifierNode, estimate_file=str(path))
@@ -264,6 +287,17 @@ def test_repeated_and_older_stamps_are_counted_and_a_clock_that_jumped_back_is_f
         node.on_joint_states(_state(k), {})
     assert node.identifier.restarts == restarts + 1
     assert node.identifier.theta is not theta
+
+
+def test_terms_of_the_run_before_do_not_act_when_time_begins_again(graph) -> None:
+    node = graph.make(IdentifierNode, adaptation_term_timeout=10.0)
+    for ms in (0, 1, 2):
+        node.terms.receive(_named(EPOCH + ms * 10**6, PARAMETERS, [30.0] * 5), {})
+        node.on_joint_states(_state(ms), {})
+    assert node.terms.held(EPOCH + 3 * 10**6) is not None
+    node.on_joint_states(_state(-5000), {})
+    node.on_joint_states(_state(2.5), {})  # the new run comes to where the old one was
+    assert node.terms.held(EPOCH + 3 * 10**6) is None
 
 
 def test_after_a_gap_the_filter_begins_anew(graph) -> None:

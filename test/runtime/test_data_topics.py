@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 pytest.importorskip('rclpy', reason='no ROS 2 here: the nodes cannot run')
 
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Int32
 
@@ -14,6 +17,7 @@ from adaptive_blf_control.messages.cdr import decode_int32, encode_int32
 from adaptive_blf_control.messages.topics import published_by
 from adaptive_blf_control.runtime.data_topics import DataTopics
 from adaptive_blf_control.runtime.loop_statistics import LoopStatistics
+from patience import PATIENCE
 
 
 @pytest.fixture
@@ -29,13 +33,14 @@ def _topics(node: Node, lockstep: bool = False) -> DataTopics:
 class _Senders:
     """Publishes numbers to two topics and waits until both have arrived at a listener."""
 
-    def __init__(self, graph, wait_until, topics: DataTopics) -> None:
+    def __init__(self, graph, wait_until, topics: DataTopics, first: int = 2,
+                 second: int = 2) -> None:
         peer = graph.peer()
         self._heard = {name: peer.listen(Int32, name) for name in ('first', 'second')}
         self._publishers = {name: peer.create_publisher(Int32, name, 100) for name in self._heard}
         self._wait_until = wait_until
-        wait_until(lambda: all(publisher.get_subscription_count() == 2
-                               for publisher in self._publishers.values()))
+        wait_until(lambda: [publisher.get_subscription_count()
+                            for publisher in self._publishers.values()] == [first, second])
 
     def send(self, **numbers: list[int]) -> None:
         for name, values in numbers.items():
@@ -80,6 +85,50 @@ def test_a_kind_of_node_has_a_publisher_for_each_topic_that_is_declared_for_it(n
     for publisher in list(made.values()):
         topics.end_publisher(publisher)
     assert topics.publishers == []
+
+
+@pytest.mark.parametrize('direct', [True, False])
+def test_a_message_between_the_look_and_the_wait_is_not_slept_over(
+        graph, wait_until, node, direct) -> None:
+    executor = SingleThreadedExecutor(context=graph.context)
+    executor.add_node(node)
+    topics = DataTopics(node, LoopStatistics(), lambda timeout: executor.spin_once(timeout),
+                        direct=direct, lockstep=False)
+    seen: list[int] = []
+    topics.subscribe(Int32, 'first', lambda data, _: seen.append(decode_int32(data)),
+                     reliable=True)
+    senders = _Senders(graph, wait_until, topics, second=1)
+    for number in range(5):
+        topics.handle()  # the look: nothing is there
+        wait = topics.ready()
+        senders.send(first=[number])  # has arrived at the host when it returns
+        begin = time.monotonic()
+        while len(seen) <= number:
+            wait.wait(PATIENCE)
+            topics.handle()
+        assert time.monotonic() - begin < 0.5 * PATIENCE
+    assert seen == list(range(5))
+    executor.shutdown()
+
+
+def test_a_message_that_comes_while_another_is_handled_is_not_slept_over(
+        graph, wait_until, node) -> None:
+    topics, seen = _topics(node), []
+
+    def handle(data: bytes, _: object) -> None:
+        seen.append(decode_int32(data))
+        if len(seen) < 5:
+            senders.send(first=[len(seen)])
+
+    topics.subscribe(Int32, 'first', handle, newest_only=True, reliable=True)
+    senders = _Senders(graph, wait_until, topics, second=1)
+    senders.send(first=[0])
+    begin = time.monotonic()
+    while len(seen) < 5:
+        topics.ready().wait(PATIENCE)
+        topics.handle()
+    assert time.monotonic() - begin < 0.5 * PATIENCE
+    assert seen == list(range(5))
 
 
 def test_an_ended_subscription_is_given_back_with_the_next_wait(node) -> None:

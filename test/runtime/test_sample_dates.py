@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import pytest
 
 pytest.importorskip('rclpy', reason='no ROS 2 here: the nodes cannot run')
@@ -35,6 +37,25 @@ def test_what_waits_is_dated_after_ten_seconds_and_at_the_end() -> None:
     assert [message.stamp_ns for message in dates.take(1101 + 10 * 10**9)] == [1]
     dates.add(1300, 'commands', 'type', b'zero torque')
     assert [message.data for message in dates.take()] == [b'zero torque']
+
+
+def test_of_several_states_sent_before_a_message_the_newest_is_its_date() -> None:
+    dates = SampleDates()
+    for k in (1, 2, 3):
+        dates.state(1000 * k, k)
+    dates.add(2500, 'commands', 'type', b'torque')
+    assert [message.stamp_ns for message in dates.take(3100)] == [2]
+
+
+def test_states_that_nothing_waits_for_are_forgotten() -> None:
+    dates, sizes = SampleDates(), []
+    for k in range(1, 2001):
+        dates.state(1000 * k, k)
+        dates.add(1000 * k + 1, 'commands', 'type', b'torque')
+        taken = list(dates.take(1000 * k + 2))
+        assert [message.stamp_ns for message in taken] == ([k - 1] if k > 1 else [])
+        sizes.append(len(pickle.dumps(dates)))
+    assert max(sizes[1000:]) < 2 * sizes[10]
 
 
 def test_a_stamp_is_known_by_the_type() -> None:
