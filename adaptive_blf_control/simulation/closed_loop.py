@@ -31,7 +31,7 @@ from adaptive_blf_control.simulation.sample import Sample, sample_time, sample_t
 __all__ = ['ClosedLoop', 'Trace']
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trace:
     """A run as arrays over N samples.
 
