@@ -83,7 +83,7 @@ _WAYS = {
 
 
 class ControlOutput(NamedTuple):
-    """What one sample of the controller gives; arrays of shape (n,) unless another is said.
+    """What one sample of the controller gives; arrays of shape (n,) unless another is given.
 
     Attributes:
         torque: Commanded torque after the limits [N·m]; always finite.

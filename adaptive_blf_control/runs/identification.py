@@ -272,8 +272,9 @@ def identify(log: Log, urdf: UrdfSource | None = None,
         degrees: Whether positions and velocities are in degrees.
         gain: What the effort of a joint is multiplied by, by joint [N·m per unit].
         effort_delay: How far the effort is behind the motion [s].
-        force: Whether a log is learned from that cannot be right.
-        options: The same as one object, which they take the place of one by one.
+        force: Whether to learn even from a log that the checks refuse.
+        options: How the log is read, as one object; what is also given by keyword takes
+            precedence.
         settings: Those of the identifier; `REAL_ROBOT`'s where None.
         progress: Called now and then with the number of samples done and that of all.
         changes: Settings by name, e.g. ``kh=100.0, history={'size': 200}``.
