@@ -70,7 +70,6 @@ from adaptive_blf_control.parameters.settings import Settings
 __all__ = ['Controller', 'ControlOutput']
 
 
-
 class ControlOutput(NamedTuple):
     """What one sample of the controller gives; arrays of shape (n,) unless another is given.
 
