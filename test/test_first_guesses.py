@@ -411,7 +411,8 @@ def test_bounds_are_a_pair_where_that_has_one_meaning():
 
 @pytest.mark.parametrize('given', [
     (0.5, 1.0), [1.0, 1.0], (1.0, -1.0), (0.0, 1.0), (-1.0, 0.0), (-1.0, 0.0, 1.0), 1.0,
-    (True, 2.0), (-1.0, True), ([-1.0, -1.0], [1.0, 1.0]), [[-1.0, 1.0], [-1.0, 1.0]], (-1.0, float('nan'))])
+    (True, 2.0), (-1.0, True), ([-1.0, -1.0], [1.0, 1.0]),
+    [[-1.0, 1.0], [-1.0, 1.0]], (-1.0, float('nan'))])
 def test_bounds_that_could_mean_two_things_are_refused_with_the_spelling(given):
     with pytest.raises(door.ParameterError, match=r"'safety' is .*{'lower': \.\.\., 'upper': "):
         door.Controller(ARM, safety=given)
