@@ -498,7 +498,8 @@ def test_an_identification_is_saved_as_what_an_identifier_starts_from(tmp_path):
     assert result.train_rmse.tolist() == result.figures['train_rmse']
     assert result.sigma_min == result.identifier.stack.sigma_min
     path = result.save(tmp_path / 'theta.yaml')
-    for given in (str(path), result.theta, result.estimate):
+    backwards = dict(reversed(result.estimate.items()))
+    for given in (str(path), result.theta, result.estimate, backwards):
         other = door.Identifier(ARM, initial_estimate=given)
         np.testing.assert_array_equal(other.theta, result.theta)
     run = door.simulate(ARM, 1e-3, initial_estimate=result.estimate)
@@ -615,6 +616,22 @@ def test_a_table_has_its_time_as_index_or_as_dates():
 def test_a_table_that_is_no_log_is_told_what_is_missing(table, message):
     with pytest.raises(door.LogError, match=message):
         door.read_log(table)
+
+
+def test_columns_are_named_one_by_one_in_a_list():
+    table = {'zeit': T, 'a': Q[:, 0], 'b': Q[:, 1], 'c': QD[:, 0], 'd': QD[:, 1], 'e': Q[:, 0],
+             'f': Q[:, 1]}
+    log = door.read_log(table, columns={'t': 'zeit', 'q': ['a', 'b'], 'qd': ('c', 'd'),
+                                        'tau': ['e', 'f']})
+    np.testing.assert_array_equal(log.qd, QD)
+    for wrong in ({'q': ['a', 2]}, {'t': ['zeit']}, {'q': None}):
+        with pytest.raises(door.ParameterError, match="'columns' is .*a name or a list of names"):
+            door.read_log(table, columns=wrong)
+
+
+def test_joints_beside_an_arm_have_no_effect_and_are_refused():
+    with pytest.raises(door.ParameterError, match="'joints' is .*nothing beside an arm"):
+        door.identify(LOG, ARM, joints=['a', 'b'])
 
 
 def test_a_log_of_one_joint_needs_no_second_axis():

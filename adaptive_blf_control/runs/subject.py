@@ -80,6 +80,8 @@ def subject_of(urdf: Any, joints: Sequence[str] | None, arm: Arm | str | None,
     checked_arm('arm', arm)
     if urdf is not None:
         raise ParameterError('urdf', urdf, 'nothing beside an arm')
+    if joints is not None and tuple(joints) != tuple(arm.joints):
+        raise ParameterError('joints', joints, f'nothing beside an arm, which has {arm.joints}')
     return Subject(arm, chosen, filled)
 
 
