@@ -64,11 +64,12 @@ def _problem(function: Callable[..., Any], arguments: tuple[Any, ...],
     try:
         signature.bind(*arguments, **named)
         return None
-    except TypeError as error:
-        reason = str(error)
+    except TypeError:
+        pass
     declared = {name: each for name, each in signature.parameters.items() if name != 'self'}
+    open_ended = any(each.kind is each.VAR_KEYWORD for each in declared.values())
     for name, value in named.items():
-        if name not in declared and 'unexpected' in reason:
+        if name not in declared and not open_ended:
             return UnknownParameter(name, value, _takable(declared))
     given = len(arguments) - ('self' in signature.parameters)
     places = [name for name, each in declared.items() if each.kind in (

@@ -104,7 +104,8 @@ def same_meaning(name: str, known: Iterable[str]) -> list[str]:
     """
     meanings = [words for words in _SAME if name in words or name.lower() in words]
     by_end: dict[str, list[str]] = {}
-    for other in sorted(known, key=lambda each: each.count('.')):
+    for other in known:
         by_end.setdefault(other.rpartition('.')[2], []).append(other)
-    return [other for words in meanings for word in words for other in by_end.get(word, ())
-            if other != name]
+    found = [other for words in meanings for word in words for other in by_end.get(word, ())
+             if other != name]
+    return sorted(dict.fromkeys(found), key=lambda other: other.count('.'))

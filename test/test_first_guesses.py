@@ -411,7 +411,8 @@ def test_bounds_are_a_pair_where_that_has_one_meaning():
 
 @pytest.mark.parametrize('given', [
     (0.5, 1.0), [1.0, 1.0], (1.0, -1.0), (0.0, 1.0), (-1.0, 0.0), (-1.0, 0.0, 1.0), 1.0,
-    (True, 2.0), ([-1.0, -1.0], [1.0, 1.0]), [[-1.0, 1.0], [-1.0, 1.0]], (-1.0, float('nan'))])
+    (True, 2.0), (-1.0, True), ([-1.0, -1.0], [1.0, 1.0]),
+    [[-1.0, 1.0], [-1.0, 1.0]], (-1.0, float('nan'))])
 def test_bounds_that_could_mean_two_things_are_refused_with_the_spelling(given):
     with pytest.raises(door.ParameterError, match=r"'safety' is .*{'lower': \.\.\., 'upper': "):
         door.Controller(ARM, safety=given)
@@ -430,7 +431,7 @@ def test_a_group_that_is_given_a_value_is_told_its_members():
     ({'recorder': {'bag': 'x'}}, r"recorder uses it.*simulate\(\.\.\., bag='run'\)"),
     ({'executor': 'plain'}, 'runs no nodes'), ({'on_violation': 'stop'}, 'node controller'),
     ({'controller.state_timeout': 0.1}, 'node controller'),
-    ({'gravity': [0.0, 0.0, 0.0]}, 'the arm is given'), ({'friction.coulomb': True}, 'the arm is')])
+    ({'gravity': [0.0, 0.0, 0.0]}, 'the arm is given'), ({'friction.coulomb': True}, 'arm is')])
 def test_what_would_have_no_effect_on_a_run_is_refused(changes, reason):
     with pytest.raises(door.ParameterError, match=f'expected nothing: .*{reason}'):
         door.simulate(ARM, 0.01, **changes)
@@ -497,7 +498,8 @@ def test_an_identification_is_saved_as_what_an_identifier_starts_from(tmp_path):
     assert result.train_rmse.tolist() == result.figures['train_rmse']
     assert result.sigma_min == result.identifier.stack.sigma_min
     path = result.save(tmp_path / 'theta.yaml')
-    for given in (str(path), result.theta, result.estimate):
+    backwards = dict(reversed(result.estimate.items()))
+    for given in (str(path), result.theta, result.estimate, backwards):
         other = door.Identifier(ARM, initial_estimate=given)
         np.testing.assert_array_equal(other.theta, result.theta)
     run = door.simulate(ARM, 1e-3, initial_estimate=result.estimate)
@@ -614,6 +616,22 @@ def test_a_table_has_its_time_as_index_or_as_dates():
 def test_a_table_that_is_no_log_is_told_what_is_missing(table, message):
     with pytest.raises(door.LogError, match=message):
         door.read_log(table)
+
+
+def test_columns_are_named_one_by_one_in_a_list():
+    table = {'zeit': T, 'a': Q[:, 0], 'b': Q[:, 1], 'c': QD[:, 0], 'd': QD[:, 1], 'e': Q[:, 0],
+             'f': Q[:, 1]}
+    log = door.read_log(table, columns={'t': 'zeit', 'q': ['a', 'b'], 'qd': ('c', 'd'),
+                                        'tau': ['e', 'f']})
+    np.testing.assert_array_equal(log.qd, QD)
+    for wrong in ({'q': ['a', 2]}, {'t': ['zeit']}, {'q': None}):
+        with pytest.raises(door.ParameterError, match="'columns' is .*a name or a list of names"):
+            door.read_log(table, columns=wrong)
+
+
+def test_joints_beside_an_arm_have_no_effect_and_are_refused():
+    with pytest.raises(door.ParameterError, match="'joints' is .*nothing beside an arm"):
+        door.identify(LOG, ARM, joints=['a', 'b'])
 
 
 def test_a_log_of_one_joint_needs_no_second_axis():

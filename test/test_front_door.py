@@ -188,6 +188,8 @@ def test_torques_of_many_samples_are_those_of_each():
 @pytest.mark.parametrize(('call', 'message'), [
     (lambda: door.Identifier(ARM).update(0.0, [1.0], [0.0, 0.0], [0.0, 0.0]),
      r"'q' is \[1\.0\]: expected shape \(2,\) \(one for each of joint1, joint2\), not \(1,\)"),
+    (lambda: door.Identifier(ARM).update(0.0, [[0.0], [0.0]], [0.0, 0.0], [0.0, 0.0]),
+     r"'q' is .*expected shape \(2,\).*, not \(2, 1\)"),
     (lambda: door.Identifier(ARM).update(0.0, [0.0, 0.0], None, [0.0, 0.0]), r"'qd' is None"),
     (lambda: door.Identifier(ARM).update(0.0, [0.0, 0.0], [0.0, 0.0], 'high'), r"'tau' is 'high'"),
     (lambda: door.Identifier(ARM).update(0.0, [0.0, 0.0], [[0.0, 0.0]], [0.0, 0.0]), r"'qd'"),

@@ -79,7 +79,6 @@ class UrdfArm(GuidedArm, instead={
         xml: Text of the URDF.
         model: Pinocchio model of the sub-chain (joints in the tree's order).
         chain: The same arm as arrays, what compiled functions take.
-        xml: Text of the URDF.
     """
 
     @checked_call

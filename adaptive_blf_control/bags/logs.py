@@ -108,8 +108,9 @@ def read_log(source: Log, *, topic: str | None = None, joints: Sequence[str] | N
         joints: For a bag, a log and named columns, which joints in which order, by name; else
             the names of the columns in order (``joint1``, ... where not given).
         velocity: Whether velocities are needed; where not, they are not read.
-        columns: Columns of a CSV file by kind, e.g. ``{'t': 'stamp[ms]', 'q': 'pos_*'}``; of a
-            mapping or ``.npz`` file names of arrays, e.g. ``{'t': 'time', 'tau': 'effort'}``.
+        columns: Columns of a CSV file or table by kind, e.g. ``{'t': 'stamp[ms]', 'q': 'pos_*'}``
+            or ``{'q': ['shoulder', 'elbow']}``; of a mapping or ``.npz`` file names of arrays,
+            e.g. ``{'t': 'time', 'tau': 'effort'}``.
         degrees: Whether positions and velocities are in degrees.
         gain: What the effort of a joint is multiplied by, by joint [N·m per unit].
         effort_delay: How far the effort is behind the motion [s].
@@ -127,12 +128,31 @@ def read_log(source: Log, *, topic: str | None = None, joints: Sequence[str] | N
     converted_by = conversion(degrees, gain, effort_delay)
     if columns is not None and not isinstance(columns, Mapping):
         raise ParameterError('columns', columns, "a mapping such as {'t': 'stamp[ms]'}")
-    for kind in columns or ():
+    log = _read(source, topic, joints, velocity, _one_by_one(columns))
+    return _converted(log, converted_by, source)
+
+
+def _one_by_one(columns: Mapping[str, Any] | None) -> dict[str, str] | None:
+    """Return columns by kind, those of a list by kind and number: ``q1``, ``q2``.
+
+    Raises:
+        ParameterError: a kind is not known, or what it has is no name.
+    """
+    if columns is None:
+        return None
+    single: dict[str, str] = {}
+    for kind, given in columns.items():
         if not re.fullmatch(r't|(q|qd|tau)\d*', str(kind)):
             raise ParameterError('columns', kind, 't, q, qd or tau, each with the name of a '
                                  "column or an array, as in {'t': 'time'}")
-    log = _read(source, topic, joints, velocity, columns)
-    return _converted(log, converted_by, source)
+        several = isinstance(given, (list, tuple)) and kind in ('q', 'qd', 'tau')
+        named = {f'{kind}{k}': each for k, each in enumerate(given, 1)} if several else {
+            kind: given}
+        for name in named.values():
+            if not isinstance(name, str):
+                raise ParameterError('columns', given, f'a name or a list of names for {kind}')
+        single.update(named)
+    return single
 
 
 def _read(source: Log, topic: str | None, joints: Sequence[str] | None, velocity: bool,

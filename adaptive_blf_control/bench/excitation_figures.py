@@ -16,7 +16,7 @@ from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.experiment.design import best_motion, random_motions
 from adaptive_blf_control.experiment.expectation import expectation
 from adaptive_blf_control.experiment.statement import Statement, task_of
-from adaptive_blf_control.runs.identification import REAL_ROBOT
+from adaptive_blf_control.runs.subject import REAL_ROBOT
 
 __all__ = ['ROBOTS', 'add_options', 'run']
 

@@ -27,9 +27,10 @@ from adaptive_blf_control.configuration.payload import build_payload
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.load_fit import squares, sums_of
 from adaptive_blf_control.parameters.table import NOMINAL
-from adaptive_blf_control.runs.identification import identify, joints_of, real_robot_settings
+from adaptive_blf_control.runs.identification import identify
 from adaptive_blf_control.runs.log_options import LogOptions
 from adaptive_blf_control.runs.log_pairs import LogPairs
+from adaptive_blf_control.runs.subject import joints_of, real_robot_settings
 
 __all__ = ['add_options', 'run']
 

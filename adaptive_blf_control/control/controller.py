@@ -21,6 +21,7 @@ from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.constraints import Constraint, Constraints, MotionState
+from adaptive_blf_control.control.given_parts import given_part, Group, is_group
 from adaptive_blf_control.control.law import limited_answer, unwound_term
 from adaptive_blf_control.control.laws.ablf import AblfLaw
 from adaptive_blf_control.control.laws.choice import checked_law, make_law, retuned_law
@@ -65,25 +66,12 @@ from adaptive_blf_control.control.step import (
 from adaptive_blf_control.errors import ParameterError, without_attribute
 from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.parameters.settings import Settings
-from adaptive_blf_control.parameters.table import bounds_of
 
 __all__ = ['Controller', 'ControlOutput']
 
-_Group = Mapping[str, Any] | Settings
-# Of a part that is given as an object: what it has to have, and in which other ways it is given.
-_ASKED = {'safety': ('lower', 'upper', 'margin'), 'performance': ('lower', 'upper', 'margin'),
-          'reference': ('at', 'range')}
-_BOUNDS = ("{'lower': ..., 'upper': ...} with numbers or lists, one for each joint, "
-           '(-a, b) for all joints, or a part with lower, upper, margin')
-_WAYS = {
-    'safety': _BOUNDS, 'performance': _BOUNDS,
-    'reference': "{'joint1': {'amplitude': 0.5, 'frequency': 1.0, 'offset': 0.0}, ...} by joint, "
-                 'a SumOfSinusoids, or an object with at(t), which returns a ReferencePoint of '
-                 'position, velocity and acceleration, and range(), the bounds of its positions'}
-
 
 class ControlOutput(NamedTuple):
-    """What one sample of the controller gives; arrays of shape (n,) unless another is said.
+    """What one sample of the controller gives; arrays of shape (n,) unless another is given.
 
     Attributes:
         torque: Commanded torque after the limits [N·m]; always finite.
@@ -176,9 +164,9 @@ class Controller(Guided, settings=ControllerSettings,
 
     @checked_call
     def __init__(self, arm: Arm, settings: ControllerSettings | None = None,
-                 safety: JointInterval | _Group | None = None,
-                 performance: JointInterval | _Group | None = None,
-                 reference: Reference | _Group | None = None,
+                 safety: JointInterval | Group | None = None,
+                 performance: JointInterval | Group | None = None,
+                 reference: Reference | Group | None = None,
                  law: Law | type[Law] | str | None = None,
                  constraints: OwnConstraints = (), *, start: Any = None,
                  velocity: Any = None, **changes: Any) -> None:
@@ -210,14 +198,14 @@ class Controller(Guided, settings=ControllerSettings,
         """
         self.arm = checked_arm('arm', arm)
         groups = {'safety': safety, 'performance': performance, 'reference': reference}
-        changes.update((name, value) for name, value in groups.items() if _is_group(name, value))
+        changes.update((name, value) for name, value in groups.items() if is_group(name, value))
         if isinstance(law, str):
             changes['law'] = law
         settings = ControllerSettings.taken(settings, changes)
         parts: dict[str, Any] = controller_parts(settings, arm.joints)._asdict()
         for name, value in groups.items():
             if value is not None and name not in changes:
-                parts[name] = _part(name, value)
+                parts[name] = given_part(name, value)
         follow: Reference = parts['reference']
         _check_reference(follow, arm)
         if start is not None:
@@ -356,9 +344,9 @@ class Controller(Guided, settings=ControllerSettings,
     @checked_call
     def retune(self, t: float | None = None, q: Any = None, *,
                settings: ControllerSettings | None = None,
-               safety: JointInterval | _Group | None = None,
-               performance: JointInterval | _Group | None = None,
-               reference: Reference | _Group | None = None, blend_time: float = 0.0,
+               safety: JointInterval | Group | None = None,
+               performance: JointInterval | Group | None = None,
+               reference: Reference | Group | None = None, blend_time: float = 0.0,
                **changes: Any) -> None:
         """Change what is given, from ``t`` on: all of it or, with an error, nothing.
 
@@ -387,14 +375,14 @@ class Controller(Guided, settings=ControllerSettings,
                                  'or as retune(settings=...)')
         groups: dict[str, Any] = {'safety': safety, 'performance': performance,
                                   'reference': reference}
-        changes.update((name, value) for name, value in groups.items() if _is_group(name, value))
+        changes.update((name, value) for name, value in groups.items() if is_group(name, value))
         wanted = None
         if settings is not None or changes:
             wanted = ControllerSettings.taken(self.settings if settings is None else settings,
                                               changes)
         for name, value in groups.items():
             if value is not None and name not in changes:
-                _part(name, value)
+                given_part(name, value)
         made = controller_parts(wanted, joints)._asdict() if wanted and changes else {}
         for name in groups:
             if any(given.partition('.')[0] == name for given in changes):
@@ -566,19 +554,6 @@ class Controller(Guided, settings=ControllerSettings,
         output = trial.update(0.5, start, np.zeros(self.arm.n), theta)
         trial.lyapunov(output, theta)
         trial.margins(output)
-
-
-def _is_group(name: str, value: Any) -> bool:
-    """Return whether a caller gave settings: a mapping, a group, or bounds as a pair."""
-    return isinstance(value, (Mapping, Settings)) or (
-        name != 'reference' and bounds_of(value) is not None)
-
-
-def _part(name: str, value: Any) -> Any:
-    """Return a set or reference that is given as an object; ParameterError where it is none."""
-    if isinstance(value, type) or not all(hasattr(value, each) for each in _ASKED[name]):
-        raise ParameterError(name, value, _WAYS[name])
-    return value
 
 
 def _with_safety(settings: ControllerSettings, safety: JointInterval) -> ControllerSettings:

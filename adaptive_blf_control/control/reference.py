@@ -140,7 +140,7 @@ class SumOfSinusoids:
                                                 self._frequency, self._phase))
 
     def range(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return what is never left: offset ∓ Σ |amplitude|, or less of harmonics (`extremes`)."""
+        """Return the range that is never left: offset ∓ Σ |amplitude|, or less (`extremes`)."""
         ends = np.array([extremes(*terms) for terms in zip(
             self._amplitude, self._frequency, self._phase)]).reshape(-1, 2)
         return self._offset + ends[:, 0], self._offset + ends[:, 1]

@@ -88,10 +88,7 @@ class ChangeMonitor(Protocol):
 
     @abstractmethod
     def retune(self, window: float, threshold: float, resolution: float) -> None:
-        """Use other values of the parameters of ``change`` that have these names.
-
-        They have been checked.
-        """
+        """Take new values of the parameters of ``change`` with these names, already checked."""
         ...
 
 

@@ -22,13 +22,13 @@ class History(Protocol):
 
     θ̂ converges once its rank is m (Theorem 1), the faster the larger σ_min.
 
-    What follows may as well be attributes.
+    The properties below may as well be plain attributes.
     """
 
     @property
     @abstractmethod
     def regressors(self) -> np.ndarray:
-        """Y_fj, shape (at least ``count``, n, m), zero where no pair is."""
+        """Y_fj, shape (at least ``count``, n, m), zero in slots without a pair."""
         ...
 
     @property
@@ -70,7 +70,7 @@ class History(Protocol):
     @property
     @abstractmethod
     def revision(self) -> int:
-        """Another number whenever the pairs are others."""
+        """A number that changes whenever the recorded pairs do."""
         ...
 
     @property
@@ -87,7 +87,7 @@ class History(Protocol):
 
     @abstractmethod
     def offer(self, regressor: np.ndarray, torque: np.ndarray) -> int:
-        """Take a pair, or not.
+        """Consider a pair: take it or leave it.
 
         Args:
             regressor: Y_f, shape (n, m); a copy of it is kept.
@@ -105,9 +105,9 @@ class History(Protocol):
 
     @abstractmethod
     def retune(self, size: int, epsilon: float, minimum_growth: float) -> None:
-        """Use other values of the parameters of ``history`` that have these names.
+        """Take new values of the parameters of ``history`` with these names, already checked.
 
-        The recorded pairs stay. The values have been checked.
+        The recorded pairs stay.
         """
         ...
 

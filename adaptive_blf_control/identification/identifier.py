@@ -340,7 +340,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
 
     @property
     def external_torque(self) -> ExternalTorque | None:
-        """What is measured beyond what the recorded pairs predict; None with a foreign monitor."""
+        """What is measured beyond what the recorded pairs predict; None with a plug-in monitor."""
         monitor = self._parts.monitor
         return monitor.external_torque if isinstance(monitor, ResidualMonitor) else None
 

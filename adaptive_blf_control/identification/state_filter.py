@@ -68,7 +68,7 @@ class StateFilter(Protocol):
     It is made again when a parameter of ``filter`` that begins with ``state_`` changes.
 
     Attributes:
-        memory: How long it remembers a sample [s]; the pairs settle accordingly later.
+        memory: How long it remembers a sample [s]; the filters settle that much later.
     """
 
     memory: float = 0.0

@@ -66,7 +66,7 @@ class UpdateLaw(Protocol):
 
     @abstractmethod
     def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
-        """Return θ̂ after ``dt`` [s], shape (m,); ``theta`` is left as it is."""
+        """Return θ̂ after ``dt`` [s], shape (m,); ``theta`` is not changed."""
         ...
 
 

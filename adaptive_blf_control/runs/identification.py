@@ -4,25 +4,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import copy
 from dataclasses import dataclass
 import os
 from pathlib import Path
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import Arm, checked_arm
+from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.urdf_export import export_urdf, ExportedUrdf
-from adaptive_blf_control.arms.urdf_inertials import with_inertials
-from adaptive_blf_control.arms.urdf_source import read_urdf, UrdfSource
+from adaptive_blf_control.arms.urdf_source import UrdfSource
 from adaptive_blf_control.bags.logs import Log
 from adaptive_blf_control.calls import argument_names, checked_call
-from adaptive_blf_control.configuration.build import build_arm, build_identifier
-from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
-from adaptive_blf_control.configuration.parameter_file import node_settings
-from adaptive_blf_control.errors import ArmError, LogError, ParameterError, UnknownParameter
+from adaptive_blf_control.configuration.build import build_identifier
+from adaptive_blf_control.errors import ArmError, LogError, ParameterError
 from adaptive_blf_control.identification.consistent_model import (
     consistent_model,
     ConsistentModel,
@@ -50,25 +46,10 @@ from adaptive_blf_control.runs.log_pass import (
 from adaptive_blf_control.runs.log_reader import LogReader
 from adaptive_blf_control.runs.log_report import figures_of, table
 from adaptive_blf_control.runs.model_report import model_figures
+from adaptive_blf_control.runs.subject import subject_of
 
-__all__ = ['Identification', 'REAL_ROBOT', 'identify', 'real_robot_settings']
+__all__ = ['Identification', 'identify']
 
-REAL_ROBOT: dict[str, Any] = {
-    'arm': 'urdf',
-    'friction': {'viscous': True, 'coulomb': True, 'offset': True, 'square_root': True,
-                 'rotor_inertia': True},
-    'update_law': 'concurrent',
-    'kt': 1.0,
-    'kh': 1000.0,
-    'filter': {'time_constant': 0.1, 'settle': 5.0},
-    'history': {'size': 1000, 'epsilon': 0.05},
-    'change': {'window': 0.0},
-    'excitation': {'window': 0.0},
-}
-"""The identifier's parameters where no ``--config`` is given; ``docs/benchmarks.md`` tells why."""
-
-
-_NAMED = ('two_link', 'three_link')
 _DRAWN = ('matplotlib draws arrays: plt.plot(result.prediction.t, result.prediction.measured); '
           '`python -m adaptive_blf_control identify LOG --html page.html` draws all of it')
 _NOT_THERE = {
@@ -230,12 +211,6 @@ class Identification(Guided, instead=_NOT_THERE):
         return table(self.figures, self.source)
 
 
-def real_robot_settings() -> IdentifierNodeSettings:
-    """Return the settings for a measured robot, those of `REAL_ROBOT`."""
-    return node_settings({'/**/identifier': {'ros__parameters': copy.deepcopy(REAL_ROBOT)}},
-                         IdentifierNodeSettings)
-
-
 @checked_call
 def identify(log: Log, urdf: UrdfSource | None = None,
              joints: Sequence[str] | None = None, *, arm: Arm | str | None = None,
@@ -272,8 +247,9 @@ def identify(log: Log, urdf: UrdfSource | None = None,
         degrees: Whether positions and velocities are in degrees.
         gain: What the effort of a joint is multiplied by, by joint [N·m per unit].
         effort_delay: How far the effort is behind the motion [s].
-        force: Whether a log is learned from that cannot be right.
-        options: The same as one object, which they take the place of one by one.
+        force: Whether to learn even from a log that the checks refuse.
+        options: How the log is read, as one object; what is also given by keyword takes
+            precedence.
         settings: Those of the identifier; `REAL_ROBOT`'s where None.
         progress: Called now and then with the number of samples done and that of all.
         changes: Settings by name, e.g. ``kh=100.0, history={'size': 200}``.
@@ -288,7 +264,7 @@ def identify(log: Log, urdf: UrdfSource | None = None,
         ArmError: no arm can be made of the URDF and the joints.
         MissingExtra: Pinocchio, which reads the URDF, is not installed.
     """
-    subject = _subject(urdf, joints, arm, settings, changes)
+    subject = subject_of(urdf, joints, arm, settings, changes, argument_names(identify))
     options = LogOptions.taken(options, {
         'topic': topic, 'columns': columns, 'degrees': degrees, 'gain': gain,
         'effort_delay': effort_delay, 'force': force})
@@ -300,46 +276,6 @@ def identify(log: Log, urdf: UrdfSource | None = None,
     source = ', '.join(map(name_of, logs))
     _check_used(result, subject.settings.filter, source, test == NO_TEST and validate is None)
     return _judged(identifier, sections, result, source, reader)
-
-
-class _Subject(NamedTuple):
-    """Whose parameters are learned, and with which settings.
-
-    Attributes:
-        arm: The arm.
-        settings: Those of the identifier, and what the arm was made of.
-        filled: Links of the URDF that had to be given a mass.
-    """
-
-    arm: Arm
-    settings: IdentifierNodeSettings
-    filled: tuple[str, ...]
-
-
-def _subject(urdf: Any, joints: Sequence[str] | None, arm: Arm | str | None,
-             settings: IdentifierSettings | None, changes: dict[str, Any]) -> _Subject:
-    """Return the arm that `identify` is asked about, and the settings with their changes."""
-    if arm is None and (urdf in _NAMED if isinstance(urdf, str) else _is_arm(urdf)):
-        urdf, arm = None, urdf
-    urdf = getattr(urdf, 'xml', urdf)
-    if urdf is not None and not isinstance(urdf, (str, os.PathLike)):
-        raise ParameterError('urdf', urdf, 'a path, package://..., XML text or an arm')
-    given = {'arm': arm if isinstance(arm, str) else None, 'urdf': urdf and os.fspath(urdf),
-             'joints': joints}
-    changes.update((name, value) for name, value in given.items() if value is not None)
-    chosen, filled = with_masses(_changed(_node_settings(settings), changes),
-                                 joints is None and urdf is not None)
-    if arm is None or isinstance(arm, str):
-        return _Subject(_named_arm(chosen), chosen, filled)
-    checked_arm('arm', arm)
-    if urdf is not None:
-        raise ParameterError('urdf', urdf, 'nothing beside an arm')
-    return _Subject(arm, chosen, filled)
-
-
-def _is_arm(given: Any) -> bool:
-    """Return whether an arm is given where a URDF could be; one of a URDF stands for its text."""
-    return all(hasattr(given, name) for name in ('Y1', 'parameters')) and not hasattr(given, 'xml')
 
 
 def _judged(identifier: Identifier, sections: Sequence[Section], result: LogPass, source: str,
@@ -365,55 +301,6 @@ def _consistent(identifier: Identifier, arm: InertialArm, judged: Uncertainty) -
     stack = identifier.stack
     return consistent_model(arm, stack.regressors[:stack.count], stack.torques[:stack.count],
                             judged.alike)
-
-
-def _node_settings(settings: IdentifierSettings | None) -> IdentifierNodeSettings:
-    """Return the settings of the node: with those of the identifier alone, `REAL_ROBOT`'s arm."""
-    if settings is None or isinstance(settings, IdentifierNodeSettings):
-        return settings or real_robot_settings()
-    given = IdentifierSettings.taken(settings, {})
-    return real_robot_settings().replace(**given.values())
-
-
-def _changed(settings: IdentifierNodeSettings,
-             changes: Mapping[str, Any]) -> IdentifierNodeSettings:
-    """Return settings with changes; a name that is unknown may also be one of an argument."""
-    try:
-        return settings.replace(**changes)
-    except UnknownParameter as error:
-        name = error.name.removeprefix('identifier.')
-        raise UnknownParameter(name, error.value, error.known).beside(
-            argument_names(identify)) from None
-
-
-def _named_arm(settings: IdentifierNodeSettings) -> Arm:
-    """Build the arm that the settings name."""
-    if settings.arm == 'urdf' and (not settings.urdf or settings.urdf.startswith('topic:')):
-        raise ParameterError('urdf', settings.urdf, "a file: identify(log, 'robot.urdf'), or an "
-                             'arm: identify(log, arm=...)')
-    return build_arm(settings)
-
-
-def with_masses(settings: IdentifierNodeSettings,
-                whole: bool) -> tuple[IdentifierNodeSettings, tuple[str, ...]]:
-    """Return settings whose URDF has masses, and the links that had to be given one.
-
-    With ``whole`` the joints become all those of the URDF. See `with_inertials`.
-    """
-    if settings.arm != 'urdf' or not settings.urdf or settings.urdf.startswith('topic:'):
-        return settings, ()
-    xml, filled = with_inertials(read_urdf(settings.urdf), None if whole else settings.joints)
-    if filled:
-        settings = settings.replace(urdf=xml)
-    if whole:
-        settings = settings.replace(joints=joints_of(xml))
-    return settings, filled
-
-
-def joints_of(urdf: str) -> list[str]:
-    """Return the joints of a URDF that have one axis and mimic no other, base first."""
-    from adaptive_blf_control.arms.urdf_model import reduced_model
-    return list(reduced_model(with_inertials(read_urdf(urdf), None)[0], None)[1])
 
 
 def _check_used(result: LogPass, filters: FilterSettings, source: str, untested: bool) -> None:

@@ -25,7 +25,7 @@ class LogOptions:
         degrees: Whether positions and velocities are in degrees.
         gain: What the effort of a joint is multiplied by, by joint [N·m per unit].
         effort_delay: How far the effort is behind the motion [s].
-        force: Whether logs are learned from that cannot be right.
+        force: Whether to learn even from logs that the checks refuse.
     """
 
     topic: str | None = None

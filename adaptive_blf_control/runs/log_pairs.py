@@ -14,10 +14,10 @@ from adaptive_blf_control.configuration.build import build_arm, build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.identification.identifier import BLOCK
-from adaptive_blf_control.runs.identification import with_masses
 from adaptive_blf_control.runs.log_options import LogOptions, name_of
 from adaptive_blf_control.runs.log_pass import NO_TEST
 from adaptive_blf_control.runs.log_reader import LogReader
+from adaptive_blf_control.runs.subject import with_masses
 
 __all__ = ['LogPairs']
 

@@ -31,7 +31,7 @@ from adaptive_blf_control.simulation.sample import Sample, sample_time, sample_t
 __all__ = ['ClosedLoop', 'Trace']
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trace:
     """A run as arrays over N samples.
 
@@ -143,8 +143,8 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
         """Run for ``duration`` [s] of arm time and return the trace.
 
         Where every part is ours, whole blocks of samples run in one compiled function, and the
-        observer is called with those of a block after it; else it goes sample by sample. Who
-        changes a part while the loop runs takes `samples`.
+        observer is called with those of a block after it; else it goes sample by sample. To
+        change a part while the loop runs, use `samples`.
 
         Args:
             duration: Length of the run [s]; the sample at its end is included.

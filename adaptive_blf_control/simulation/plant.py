@@ -32,9 +32,10 @@ TRUE_ARM = ('true_model', 'true_parameters', 'payload', 'schedule.')
 class Plant(Protocol):
     """What the driver and `simulate` drive: our simulated arm, or a simulator of the user's.
 
-    It needs no θ*, and it has sensors of its own. What it can do besides, it says by having the
-    method: `HasTruth`, `Retunable`. A class that inherits from it needs no more than q, qd, torque
-    and ``advance``: it is measured perfectly.
+    It needs no θ*, and it has sensors of its own. Optional abilities are methods that it may have:
+    ``truth`` (`HasTruth`), ``retune`` (`Retunable`) and those of `simulation.abilities`. A class
+    that inherits from it needs no more than q, qd, torque and ``advance``: it is measured
+    perfectly.
 
     Attributes:
         q: True positions, shape (n,) [rad].
@@ -56,7 +57,7 @@ class Plant(Protocol):
         return Measurement(self.q, self.qd, torque)
 
     def measured_position(self) -> np.ndarray:
-        """Return what the sensors show of q now, shape (n,) [rad]; it is no sample."""
+        """Return what the sensors show of q now, shape (n,) [rad], without taking a sample."""
         return self.q
 
     def apply(self, torque: np.ndarray) -> None:
@@ -172,7 +173,7 @@ class SimulatedArm:
         return self.sensor.measure(self.q, self.qd, torque, dt)
 
     def measured_position(self) -> np.ndarray:
-        """Return what the sensors show of q now, shape (n,) [rad]; it is no sample."""
+        """Return what the sensors show of q now, shape (n,) [rad], without taking a sample."""
         return self.sensor.position(self.q)
 
     def apply(self, torque: np.ndarray) -> None:

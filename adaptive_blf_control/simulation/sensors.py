@@ -43,7 +43,7 @@ class Measurement(NamedTuple):
 class Sensor(Protocol):
     """What is measured of a simulated arm, made as ``sensor(settings, arm)``.
 
-    The settings are those of ``arm_driver.sensors``; it is made again where one of them changes.
+    The settings are those of ``arm_driver.sensors``; it is made again when one of them changes.
     A class that inherits from it needs no more than ``measure``.
     """
 
@@ -62,7 +62,7 @@ class Sensor(Protocol):
         ...
 
     def position(self, q: np.ndarray) -> np.ndarray:
-        """Return what is shown of true positions q, shape (n,) [rad]; it is no sample."""
+        """Return what would be shown of true positions q, (n,) [rad], without taking a sample."""
         return q
 
 

@@ -27,7 +27,7 @@ from adaptive_blf_control.experiment.written_motion import (
     joint_trajectory,
     reference_parameters,
 )
-from adaptive_blf_control.runs.identification import REAL_ROBOT
+from adaptive_blf_control.runs.subject import REAL_ROBOT
 from adaptive_blf_control.tools.output_files import check_writable, write_output
 
 __all__ = ['main']

@@ -28,15 +28,11 @@ from adaptive_blf_control.identification.estimate_file import write_estimate
 from adaptive_blf_control.report.identification_page import identification_page
 from adaptive_blf_control.report.identification_panels import identification_sections
 from adaptive_blf_control.report.png import write_png
-from adaptive_blf_control.runs.identification import (
-    Identification,
-    identify,
-    joints_of,
-    REAL_ROBOT,
-)
+from adaptive_blf_control.runs.identification import Identification, identify
 from adaptive_blf_control.runs.log_report import table
 from adaptive_blf_control.runs.model_report import parameter_table
 from adaptive_blf_control.runs.rmse_requirement import RmseRequirement
+from adaptive_blf_control.runs.subject import joints_of, REAL_ROBOT
 from adaptive_blf_control.spelling import argument, as_command
 from adaptive_blf_control.tools.identify_load import (
     add_load_arguments,

@@ -19,7 +19,7 @@ __all__ = ['Law', 'LawAnswer', 'LawSample', 'own_estimate', 'uses_estimate']
 
 
 class LawSample(NamedTuple):
-    """What a law is asked about; arrays of shape (n,) unless said.
+    """What a law is asked about; arrays of shape (n,) unless another is given.
 
     Attributes:
         t: Time since the start of the motion [s].
@@ -42,7 +42,7 @@ class LawSample(NamedTuple):
 
 
 class LawAnswer(NamedTuple):
-    """What a law answers; arrays of shape (n,) unless said.
+    """What a law answers; arrays of shape (n,) unless another is given.
 
     Attributes:
         torque: Torque before any limit [N·m].
