@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+import ctypes
 from functools import singledispatch
+import hashlib
 import math
+import struct
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from adaptive_blf_control.machine_code import cache_folder
+from adaptive_blf_control.machine_code import alone_with, cache_folder
 
 __all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation',
            'before_own_compilations', 'borrowed', 'by_type', 'handle', 'inlined', 'jit',
@@ -24,11 +27,31 @@ __all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilatio
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 try:
+    from llvmlite import ir
     import numba
-    from numba.core import event as numba_event, sigutils
+    from numba.core import cgutils, event as numba_event, sigutils
     from numba.core.caching import FunctionCache
-    from numba.experimental import structref
-    from numba.extending import intrinsic, overload, register_jitable
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import compile_extra, Flags
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.environment import lookup_environment
+    from numba.core.imputils import impl_ret_borrowed, lower_builtin, lower_getattr_generic
+    from numba.core.registry import CPUDispatcher
+    from numba.core.typing.templates import (
+        AbstractTemplate,
+        AttributeTemplate,
+        infer_getattr,
+        infer_global,
+        signature,
+    )
+    from numba.extending import (
+        lower_getattr,
+        models,
+        NativeValue,
+        register_model,
+        typeof_impl,
+        unbox,
+    )
     import scipy.linalg  # noqa: F401 (numba's np.linalg is scipy's LAPACK)
     COMPILED: bool = not numba.config.DISABLE_JIT
 except ImportError:  # plain numpy is the documented fallback
@@ -60,6 +83,104 @@ if COMPILED:
                 super().save_overload(sig, data)
 
 
+if COMPILED:
+    class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
+        """Code that is optimised, and made machine code, in the functions that it is linked to.
+
+        numba does both for every function on its own and again in each that calls it, so that a
+        call tree costs its depth times as much.
+        """
+
+        def _optimize_final_module(self) -> None:
+            pass
+
+        def _finalize_final_module(self) -> None:
+            self._finalize_dynamic_globals()
+            self._finalized = True
+
+    class _Part(CPUDispatcher):  # type: ignore[misc]
+        """A function as compiled functions call it."""
+
+        def compile(self, sig: Any) -> Any:
+            """Compile for a signature, and return what stands for it in compiled functions."""
+            arguments, result = sigutils.normalize_signature(sig)
+            arguments = tuple(arguments)
+            with global_compiler_lock:
+                if arguments not in self.overloads:
+                    data = {'dispatcher': self, 'args': arguments, 'return_type': result}
+                    with self._compiling_counter, numba_event.trigger_event('numba:compile', data):
+                        self.overloads[arguments] = self._compiled_part(arguments, result)
+                return self.overloads[arguments].entry_point
+
+        def _compiled_part(self, arguments: Any, result: Any) -> Any:
+            flags = Flags()
+            self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
+            flags = self._compiler._customize_flags(flags)
+            flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+            context = self.targetdescr.target_context
+            library = _PartLibrary(context.codegen(), self.py_func.__qualname__)
+            found = compile_extra(self.targetdescr.typing_context, context, self.py_func,
+                                  args=arguments, return_type=result, flags=flags,
+                                  locals=self.locals, library=library)
+            key = object()
+            context.insert_user_function(key, found.fndesc, [library])
+            return found._replace(entry_point=key)
+
+    class _Entry(CPUDispatcher):  # type: ignore[misc]
+        """A function as Python calls it; compiled functions call its part."""
+
+        def __init__(self, function: Any, options: dict[str, Any], folder: str) -> None:
+            super().__init__(function, targetoptions=options)
+            self._part = _Part(function, targetoptions=options)
+            self._folder = folder
+            if folder:
+                before = numba.config.CACHE_DIR
+                numba.config.CACHE_DIR = folder
+                try:
+                    self._cache = _CacheOfOurTypes(function)
+                finally:
+                    numba.config.CACHE_DIR = before
+
+        @property
+        def _numba_type_(self) -> Any:
+            return numba.types.Dispatcher(self._part)
+
+        def compile(self, sig: Any) -> Any:
+            """Compile for a signature, or wait for the process that does and take its result."""
+            with alone_with(self._folder, self.py_func.__name__):
+                return super().compile(sig)
+
+        def add_overload(self, cres: Any) -> None:
+            """Take what was compiled, and show it where its parts find what they need."""
+            for variable in cres.library._final_module.global_variables:
+                environment = lookup_environment(variable.name)
+                if environment is not None:
+                    cres.library.codegen.set_env(variable.name, environment)
+            super().add_overload(cres)
+
+    def _stands_for(function: Any, chosen: Callable[[Any], Any]) -> None:
+        """Let compiled functions that call ``function`` call another one.
+
+        Args:
+            function: What they call.
+            chosen: Returns a `_Part` for the type of the first argument, or None.
+        """
+        class _Chosen(AbstractTemplate):  # type: ignore[misc]
+            key = function
+
+            def generic(self, arguments: Any, keywords: Any) -> Any:
+                part = chosen(arguments[0])
+                return None if part is None else numba.types.Dispatcher(part).get_call_type(
+                    self.context, arguments, keywords)
+
+        infer_global(function, numba.types.Function(_Chosen))
+
+        @lower_builtin(function, numba.types.VarArg(numba.types.Any))
+        def _call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            part = numba.types.Dispatcher(chosen(signature.args[0]))
+            return context.get_function(part, signature)(builder, arguments)
+
+
 def jit(function: Function) -> Function:
     """Compile a module-level function; the machine code is cached on disk."""
     return _compiled(function)
@@ -74,18 +195,10 @@ def jit_without_gil(function: Function) -> Function:
 
 
 def _compiled(function: Function, **options: bool) -> Function:
-    if numba is None:
+    if not COMPILED:
         return function
-    folder = cache_folder(function.__module__) if COMPILED else ''
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = folder or before
-    try:
-        compiled = numba.njit(cache=bool(folder), error_model='numpy', **options)(function)
-        if folder:
-            compiled._cache = _CacheOfOurTypes(function)
-    finally:
-        numba.config.CACHE_DIR = before
-    return compiled  # type: ignore[no-any-return]
+    return _Entry(function, {'nopython': True, 'error_model': 'numpy', **options},  # type: ignore
+                  cache_folder(function.__module__))
 
 
 def inlined(function: Function) -> Function:
@@ -93,10 +206,7 @@ def inlined(function: Function) -> Function:
 
     For what takes long to compile and has few callers: on its own it would be optimised twice.
     """
-    if numba is None:
-        return function
-    compiled = numba.njit(inline='always', error_model='numpy')(function)
-    return compiled  # type: ignore[no-any-return]
+    return _compiled(function)
 
 
 def jitable(function: Function) -> Function:
@@ -104,47 +214,168 @@ def jitable(function: Function) -> Function:
 
     For what is less work than a call from Python into compiled code, see `Handle`.
     """
-    if not COMPILED:
-        return function
-    return register_jitable(error_model='numpy')(function)  # type: ignore[no-any-return]
+    if COMPILED:
+        part = _Part(function, targetoptions={'nopython': True, 'error_model': 'numpy'})
+        _stands_for(function, lambda kind: part)
+    return function
 
 
 def borrowed(value: Any) -> Any:
-    """Return ``value``; in a compiled function, without counting the owners of its arrays.
+    """Return ``value``, for a compiled function as a reference to where it lies.
 
-    numba counts the owners of an array each time one is taken out of a tuple and when it is no
-    longer used, with atomic operations: with tuples of many arrays that takes most of the time.
-    ``pairs = borrowed(pairs)`` at the begin of a function lets numba see that nothing of this
-    argument is to be counted. The caller keeps it alive; nothing of it may be returned to Python.
+    A NamedTuple of arrays is hundreds of numbers, which compiled functions otherwise hand to each
+    other one by one, and numba counts the owners of each array. ``pairs = borrowed(pairs)`` at the
+    begin of a function makes one address of it: what is taken out of it is read from there, and
+    nothing is counted. A NamedTuple in it becomes a reference, too, so that the functions that are
+    called get one. The caller keeps it alive; nothing of it may be returned to Python.
     """
     return value
 
 
 if COMPILED:
-    @overload(borrowed, strict=False)
-    def _borrowed(value: Any) -> Callable[..., Any]:
-        return lambda value: _ownerless(value)
+    _ADDRESS = ir.IntType(8).as_pointer()
+    _WORD = ir.IntType(64)
 
-    @intrinsic  # type: ignore[untyped-decorator]
-    def _ownerless(typing: Any, value: Any) -> tuple[Any, Callable[..., Any]]:
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            return _without_owner(context, builder, signature.args[0], arguments[0])
+    class Reference(numba.types.Type):  # type: ignore[misc]
+        """numba's type of a reference to a NamedTuple, which does not change while it is used.
 
-        return value(value), generate
+        Attributes:
+            target: Type of the NamedTuple.
+        """
 
-    def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+        def __init__(self, target: Any) -> None:
+            self.target = target
+            digest = hashlib.sha256(target.name.encode()).hexdigest()[:16]
+            super().__init__(f'{type(self).__name__}({target.instance_class.__name__}_{digest})')
+
+        @property
+        def key(self) -> Any:
+            """What makes it equal to another type."""
+            return self.target
+
+        @property
+        def instance_class(self) -> Any:
+            """Class of the NamedTuple."""
+            return self.target.instance_class
+
+        @property
+        def types(self) -> Any:
+            """Types of its fields."""
+            return tuple(self.target)
+
+    class HandleType(Reference):
+        """numba's type of a `Handle`, whose ``value`` is a reference."""
+
+    @register_model(Reference)
+    @register_model(HandleType)
+    class _ReferenceModel(models.PrimitiveModel):  # type: ignore[misc]
+        def __init__(self, manager: Any, kind: Any) -> None:
+            super().__init__(manager, kind, _ADDRESS)
+
+    def _words(kind: Any) -> int:
+        """Return how many words of 64 bits a value of a type takes where references point to."""
         if isinstance(kind, numba.types.Array):
-            array = context.make_array(kind)(context, builder, value)
-            array.meminfo = context.get_constant_null(numba.types.MemInfoPointer(kind.dtype))
-            array.parent = context.get_constant_null(numba.types.pyobject)
-            return array._getvalue()
-        if isinstance(kind, numba.types.BaseTuple):
-            for place, inner in enumerate(kind):
-                part = _without_owner(context, builder, inner, builder.extract_value(value, place))
-                value = builder.insert_value(value, part, place)
-            return value
-        context.nrt.incref(builder, kind, value)  # what else has owners, a random generator
+            return 2 + 2 * int(kind.ndim)  # size, address of the data, shape, strides
+        if isinstance(kind, numba.types.BaseNamedTuple):
+            return sum(map(_words, kind))
+        return 8 if isinstance(kind, numba.types.NumPyRandomGeneratorType) else 1
+
+    def _field(kind: Any, name: str) -> tuple[Any, int]:
+        """Return the type of a field of a NamedTuple, and how many words are before it."""
+        place = kind.fields.index(name)
+        return kind[place], sum(map(_words, tuple(kind)[:place]))
+
+    @infer_getattr
+    class _FieldOfReference(AttributeTemplate):  # type: ignore[misc]
+        key = Reference
+
+        def generic_resolve(self, kind: Any, name: str) -> Any:
+            if isinstance(kind, HandleType):
+                return Reference(kind.target) if name == 'value' else None
+            if name not in kind.target.fields:
+                return None
+            field, _ = _field(kind.target, name)
+            return Reference(field) if isinstance(field, numba.types.BaseNamedTuple) else field
+
+    @lower_getattr_generic(Reference)
+    def _read_field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
+        field, before = _field(kind.target, name)
+        words = builder.bitcast(value, _WORD.as_pointer())
+        if isinstance(field, numba.types.BaseNamedTuple):
+            return builder.bitcast(cgutils.gep_inbounds(builder, words, before), _ADDRESS)
+        if isinstance(field, numba.types.Array):
+            return _read_array(context, builder, field, words, before)
+        result = _read(builder, words, before, context.get_value_type(field))
+        if isinstance(field, numba.types.NumPyRandomGeneratorType):  # without its owner
+            result = builder.insert_value(result, result.type.elements[1](None), 1)
+        return result
+
+    @lower_getattr(HandleType, 'value')
+    def _open_handle(context: Any, builder: Any, kind: Any, value: Any) -> Any:
         return value
+
+    def _read(builder: Any, words: Any, place: int, kind: Any = None) -> Any:
+        """Load what does not change, so that it may be loaded once for a whole loop."""
+        where = cgutils.gep_inbounds(builder, words, place)
+        if kind is not None:
+            where = builder.bitcast(where, kind.as_pointer())
+        loaded = builder.load(where)
+        loaded.set_metadata('invariant.load', builder.module.add_metadata([]))
+        return loaded
+
+    def _read_array(context: Any, builder: Any, kind: Any, words: Any, first: int) -> Any:
+        """Load an array without its owner."""
+        array = context.make_array(kind)(context, builder)
+        array.meminfo = context.get_constant_null(numba.types.MemInfoPointer(kind.dtype))
+        array.parent = context.get_constant_null(numba.types.pyobject)
+        array.itemsize = context.get_constant(
+            numba.types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+        array.nitems = _read(builder, words, first)
+        array.data = _read(builder, words, first + 1,
+                           context.get_data_type(kind.dtype).as_pointer())
+        numbers = [_read(builder, words, first + 2 + i) for i in range(2 * kind.ndim)]
+        array.shape = cgutils.pack_array(builder, numbers[:kind.ndim])
+        array.strides = cgutils.pack_array(builder, numbers[kind.ndim:])
+        return array._getvalue()
+
+    def _write(context: Any, builder: Any, kind: Any, value: Any, words: Any, first: int) -> None:
+        """Put a value where references point to."""
+        if isinstance(kind, numba.types.BaseNamedTuple):
+            for place, inner in enumerate(kind):
+                part = builder.extract_value(value, place)
+                _write(context, builder, inner, part, words, first)
+                first += _words(inner)
+            return
+        if not isinstance(kind, numba.types.Array):
+            where = cgutils.gep_inbounds(builder, words, first)
+            builder.store(value, builder.bitcast(where, value.type.as_pointer()))
+            return
+        array = context.make_array(kind)(context, builder, value)
+        numbers = [array.nitems, builder.ptrtoint(array.data, _WORD),
+                   *cgutils.unpack_tuple(builder, array.shape),
+                   *cgutils.unpack_tuple(builder, array.strides)]
+        for place, number in enumerate(numbers):
+            builder.store(number, cgutils.gep_inbounds(builder, words, first + place))
+
+    @infer_global(borrowed)
+    class _Borrowing(AbstractTemplate):  # type: ignore[misc]
+        def generic(self, arguments: Any, keywords: Any) -> Any:
+            kind, = arguments
+            named = isinstance(kind, numba.types.BaseNamedTuple)
+            return signature(Reference(kind) if named else kind, kind)
+
+    @lower_builtin(borrowed, numba.types.BaseNamedTuple)
+    def _borrow_tuple(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        """Put a tuple into the frame of the function; what is there must not seem to change."""
+        kind = signature.args[0]
+        words = cgutils.alloca_once(builder, _WORD, _words(kind))
+        _write(context, builder, kind, arguments[0], words, 0)
+        return builder.asm(ir.FunctionType(_ADDRESS, [_ADDRESS]), '', '=r,0,~{memory}',
+                           [builder.bitcast(words, _ADDRESS)], side_effect=True)
+
+    @lower_builtin(borrowed, numba.types.Any)
+    def _borrow_reference(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return impl_ret_borrowed(context, builder, signature.return_type, arguments[0])
 
 
 class ByType(Protocol):
@@ -186,44 +417,81 @@ def by_type(function: Callable[..., Any]) -> ByType:
 
     generic.register = register
     if COMPILED:
-        @overload(generic, jit_options={'error_model': 'numpy'}, strict=False)
-        def implementation(first: Any, *_: Any) -> Callable[..., Any] | None:
+        def implementation(first: Any) -> Any:
             chosen = generic.dispatch(getattr(first, 'instance_class', object))
-            return getattr(chosen, 'py_func', None)
+            return getattr(chosen, '_part', None)
+
+        _stands_for(generic, implementation)
     result: ByType = generic
     return result
 
 
 class Handle:
-    """A NamedTuple that compiled functions get as one argument; ``value`` is it there.
+    """A NamedTuple that compiled functions get as one argument; ``value`` is `borrowed` there.
 
-    Each array in an argument costs a call from Python 0.2 µs, whether it is used or not.
+    Each array in an argument costs a call from Python 0.2 µs, whether it is used or not, and who
+    takes many of them takes long to compile.
+
+    Attributes:
+        value: The NamedTuple.
     """
 
     def __init__(self, value: Any) -> None:
-        """Take the NamedTuple."""
+        """Take the NamedTuple; its arrays are shared, its scalars are those of now."""
         self.value = value
+        if COMPILED:
+            words: list[int] = []
+            key = _pack(value, words)
+            if key not in _handle_types:
+                _handle_types[key] = HandleType(numba.typeof(value))
+            self._numba_type_ = _handle_types[key]
+            self._words = np.array(words, dtype=np.uint64)
+            self.address = int(self._words.ctypes.data)
 
 
 if COMPILED:
-    @structref.register
-    class _HandleType(numba.types.StructRef):  # type: ignore[misc]
-        def preprocess_fields(self, fields: Any) -> Any:
-            return tuple((name, numba.types.unliteral(kind)) for name, kind in fields)
+    _handle_types: dict[Any, Any] = {}
 
-    class _CompiledHandle(structref.StructRefProxy):  # type: ignore[misc]
-        pass
+    def _pack(value: Any, words: list[int]) -> Any:
+        """Add the words of a value, and return what tells its type."""
+        if isinstance(value, tuple):
+            return (type(value), *[_pack(each, words) for each in value])
+        if isinstance(value, np.ndarray):
+            given, flags = value.__array_interface__, value.flags
+            words += (value.size, given['data'][0], *value.shape,
+                      *(stride % 2**64 for stride in value.strides))
+            return (value.dtype, value.ndim, flags.c_contiguous, flags.f_contiguous,
+                    flags.writeable, flags.aligned)
+        if isinstance(value, np.random.Generator):
+            words += (0, *_addresses(value), 0, 0)
+        elif isinstance(value, (float, np.floating)):
+            words += struct.unpack('Q', struct.pack('d', value))
+        else:
+            words.append(int(value) % 2**64)
+        return type(value)
 
-    structref.define_proxy(_CompiledHandle, _HandleType, ['value'])
+    def _addresses(generator: np.random.Generator) -> list[int]:
+        """Return what compiled functions call for random numbers, in numba's order."""
+        given = generator.bit_generator.ctypes
+        functions = (given.next_uint64, given.next_double, given.next_uint32)
+        return [given.state_address, given.state.value,
+                *(ctypes.cast(each, ctypes.c_void_p).value or 0 for each in functions)]
 
-    @jit
-    def _new_handle(value: Any) -> Any:
-        return _CompiledHandle(value)
+    @typeof_impl.register(Handle)
+    def _type_of_handle(value: Handle, context: Any) -> Any:
+        return value._numba_type_
+
+    @unbox(HandleType)
+    def _unbox_handle(kind: Any, value: Any, context: Any) -> Any:
+        number = context.pyapi.object_getattr_string(value, 'address')
+        address = context.pyapi.long_as_voidptr(number)
+        context.pyapi.decref(number)
+        return NativeValue(address)
 
 
-def handle(value: Any) -> Any:
-    """Return a `Handle` of a NamedTuple: its arrays are shared, its scalars are those of now."""
-    return _new_handle(value) if COMPILED else Handle(value)
+def handle(value: Any) -> Handle:
+    """Return a `Handle` of a NamedTuple."""
+    return Handle(value)
 
 
 def uncompiled(function: Function) -> Function:

@@ -9,8 +9,9 @@ digest of every source that its machine code can come from.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, ExitStack, suppress
+import fcntl
 from functools import cache
 import hashlib
 import os
@@ -18,7 +19,7 @@ from pathlib import Path
 import re
 import shutil
 
-__all__ = ['cache_folder']
+__all__ = ['alone_with', 'cache_folder']
 
 PACKAGE = Path(__file__).parent
 # Where the compiled functions are.
@@ -53,6 +54,24 @@ def cache_folder(module: str) -> str:
             _take_over(PACKAGE / '__pycache__' / 'machine_code' / folder.name, folder)
         return str(folder)
     return ''
+
+
+@contextmanager
+def alone_with(folder: str, name: str) -> Iterator[None]:
+    """Keep other processes from compiling the same function meanwhile.
+
+    Four nodes that start together need much of the same: who comes second finds it compiled.
+
+    Args:
+        folder: That of `cache_folder`; '' where nothing is kept.
+        name: Of the function.
+    """
+    with ExitStack() as stack:
+        with suppress(OSError):  # a full disk, or a file system without locks: everybody compiles
+            if folder:
+                lock = stack.enter_context(Path(folder, f'{name}.lock').open('w'))
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def _of_user() -> Path:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, Handle, handle, jit
 
 
 class Box(NamedTuple):
@@ -31,3 +31,53 @@ def test_borrowed_arrays_are_the_same_arrays():
     assert _sum_and_count_up(box) == 3.0
     assert box.values.tolist() == [3.0, 0.0]
     assert borrowed(box) is box  # in Python it is what is given
+
+
+class Inner(NamedTuple):
+    """A tuple in a tuple."""
+
+    column: np.ndarray
+    count: int
+    up: bool
+
+
+class Outer(NamedTuple):
+    """One field of each kind that the steps have."""
+
+    scale: float
+    inner: Inner
+    random: np.random.Generator
+    matrix: np.ndarray
+
+
+@jit
+def _of_inner(inner: Inner) -> float:
+    inner = borrowed(inner)
+    return inner.column[1] * inner.count + (1.0 if inner.up else 0.0)
+
+
+@jit
+def _of_outer(outer: Outer) -> float:
+    outer = borrowed(outer)
+    outer.matrix[0, 1] += outer.scale
+    return _of_inner(outer.inner) + outer.scale * outer.random.standard_normal()
+
+
+@jit
+def _of_handle(held: Handle) -> float:
+    return _of_outer(held.value)
+
+
+def _outer() -> Outer:
+    matrix = np.zeros((3, 4))[:, ::2]  # a view whose rows are not next to each other
+    return Outer(0.5, Inner(np.arange(6.0)[::2], -3, True), np.random.default_rng(1), matrix)
+
+
+def test_every_kind_of_field_is_read_through_a_reference():
+    random, given, held = np.random.default_rng(1), _outer(), _outer()
+    opened = handle(held)
+    for k in range(3):
+        expected = 2.0 * -3 + 1.0 + 0.5 * random.standard_normal()
+        assert _of_outer(given) == expected
+        assert _of_handle(opened) == expected
+        assert given.matrix[0].tolist() == held.matrix[0].tolist() == [0.0, 0.5 * (k + 1)]

@@ -13,7 +13,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from adaptive_blf_control.bench import (
     payload,
     rates,
     robots,
+    startup,
 )
 from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.compiled import COMPILED
@@ -59,8 +60,6 @@ def _machine() -> None:
 
 
 def _scenarios(options: argparse.Namespace) -> None:
-    print('## Closed loop offline (`simulate`)\n')
-    _machine()
     print('| scenario | samples outside | largest error [rad] | converged after [s] | '
           'parameter error | of | rank | x real time, median |')
     print('|---|---|---|---|---|---|---|---|')
@@ -84,12 +83,10 @@ def _scenarios(options: argparse.Namespace) -> None:
 
 
 def _against_c(options: argparse.Namespace) -> None:
-    print('\n## Against C (`two_link`, one thread)\n')
     if not options.c_reference.is_file() or compiler() is None:
         print('Skipped: there is no C compiler here.' if options.c_reference.is_file() else
               f'Skipped: no program in C to compare with (--c-reference {options.c_reference}).')
         return
-    _machine()
     measured = against_c(options.c_reference, options.config / 'two_link.yaml')
     print('| ours, us per step | the program in C, -O2 | ratio |')
     print('|---|---|---|')
@@ -97,8 +94,6 @@ def _against_c(options: argparse.Namespace) -> None:
 
 
 def _steps(options: argparse.Namespace) -> None:
-    print('\n## Steps of the identifier\n')
-    _machine()
     print('panda, 20 s: 50 parameters, 60 pairs; candidates after the history has full rank.\n')
     times = identifier_steps.times_of(load_yaml(options.config / 'panda.yaml'), 20.0)
     print(identifier_steps.table(times), flush=True)
@@ -118,8 +113,6 @@ def _run_json(arguments: list[str]) -> dict[str, Any]:
 
 
 def _processes(options: argparse.Namespace) -> None:
-    print('\n## Four processes, real time (`demo`)\n')
-    _machine()
     print('| run | samples outside | largest error [rad] | converged after [s] | '
           'parameter error | driver, controller, identifier [Hz] |')
     print('|---|---|---|---|---|---|')
@@ -138,11 +131,9 @@ def _processes(options: argparse.Namespace) -> None:
 
 
 def _measured(options: argparse.Namespace) -> None:
-    print('\n## Measured robots (`identify`)\n')
     if options.logs is None or not options.logs.is_dir():
         print(f'Skipped: the folder of measured logs does not exist (--logs {options.logs}).')
         return
-    _machine()
     print('Learned on the first half, tested on the second: RMSE of the filtered torque [N·m].\n')
     print('| robot | ours, joint by joint | mean | batch (given), mean | ratio | rank of '
           'columns | insertions | us per sample |')
@@ -163,11 +154,9 @@ def _measured(options: argparse.Namespace) -> None:
 
 
 def _models(options: argparse.Namespace) -> None:
-    print('\n## Models of measured robots (`identify`)\n')
     if options.logs is None or not options.logs.is_dir():
         print(f'Skipped: the folder of measured logs does not exist (--logs {options.logs}).')
         return
-    _machine()
     print('Learned on the first half, tested on the second: RMSE of the filtered torque [N·m].\n')
     print('| robot | M > 0, θ̂ | M > 0, consistent | θ̂, mean | consistent, mean | ratio | '
           'found in [ms] | 95 % intervals held | worst joint |')
@@ -185,59 +174,39 @@ def _models(options: argparse.Namespace) -> None:
               f'{min(figures["test_coverage"]):.1%} |', flush=True)
 
 
-def _coverage(options: argparse.Namespace) -> None:
-    print('\n## Coverage of 95 % intervals (`bench coverage`)\n')
-    _machine()
-    coverage.run(options)
+class Part(NamedTuple):
+    """A part of the benchmarks.
+
+    Attributes:
+        title: Heading of what it prints.
+        run: Measures and prints.
+        add_options: Adds options of its own to the command; None where it has none.
+        by_name_only: Whether it runs only where it is named, as it takes hours.
+    """
+
+    title: str
+    run: Callable[[argparse.Namespace], None]
+    add_options: Callable[[argparse.ArgumentParser], None] | None = None
+    by_name_only: bool = False
 
 
-def _payload(options: argparse.Namespace) -> None:
-    print('\n## The load (`bench payload`)\n')
-    _machine()
-    payload.run(options)
-
-
-def _rates(options: argparse.Namespace) -> None:
-    print('\n## Rate and latency (`bench rates`)\n')
-    _machine()
-    rates.run(options)
-
-
-def _campaigns(options: argparse.Namespace) -> None:
-    print('\n## Campaigns (`bench campaigns`)\n')
-    _machine()
-    campaigns.run(options)
-
-
-def _arms(options: argparse.Namespace) -> None:
-    print('\n## Arms as `configure` leaves them (`bench arms`)\n')
-    _machine()
-    arms.run(options)
-
-
-def _excite(options: argparse.Namespace) -> None:
-    print('\n## Motions to record (`bench excite`)\n')
-    _machine()
-    excitation_figures.run(options)
-
-
-def _limits(options: argparse.Namespace) -> None:
-    print('\n## The safety filter (`bench limits`)\n')
-    _machine()
-    limits.run(options)
-
-
-def _robots(options: argparse.Namespace) -> None:
-    print('\n## Six robots in MuJoCo (`bench robots`)\n')
-    _machine()
-    robots.run(options)
-
-
-PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
-    'scenarios': _scenarios, 'steps': _steps, 'against_c': _against_c, 'processes': _processes,
-    'measured': _measured, 'models': _models, 'coverage': _coverage, 'excite': _excite,
-    'payload': _payload, 'arms': _arms, 'robots': _robots, 'campaigns': _campaigns,
-    'rates': _rates, 'limits': _limits}
+PARTS = {
+    'scenarios': Part('Closed loop offline (`simulate`)', _scenarios),
+    'steps': Part('Steps of identifier and controller', _steps),
+    'against_c': Part('Against C (`two_link`, one thread)', _against_c),
+    'startup': Part('Start-up, warm', startup.run, startup.add_options),
+    'processes': Part('Four processes, real time (`demo`)', _processes),
+    'measured': Part('Measured robots (`identify`)', _measured),
+    'models': Part('Models of measured robots (`identify`)', _models),
+    'coverage': Part('Coverage of 95 % intervals', coverage.run, coverage.add_options),
+    'excite': Part('Motions to record', excitation_figures.run, excitation_figures.add_options),
+    'payload': Part('The load', payload.run, payload.add_options),
+    'arms': Part('Arms as `configure` leaves them', arms.run, arms.add_options),
+    'robots': Part('Six robots in MuJoCo', robots.run, robots.add_options, by_name_only=True),
+    'campaigns': Part('Campaigns', campaigns.run, campaigns.add_options),
+    'rates': Part('Rate and latency', rates.run, rates.add_options),
+    'limits': Part('The safety filter', limits.run, limits.add_options),
+}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -253,21 +222,18 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('--c-reference', type=Path, metavar='FILE',
                         default=Path('../shared/reference/two_link_closed_loop.c'),
                         help='source of a program in C that does the work of two_link')
-    coverage.add_options(parser)
-    payload.add_options(parser)
-    rates.add_options(parser)
-    arms.add_options(parser)
-    campaigns.add_options(parser)
-    excitation_figures.add_options(parser)
-    robots.add_options(parser)
-    limits.add_options(parser)
+    for part in PARTS.values():
+        if part.add_options is not None:
+            part.add_options(parser)
     options = parser.parse_args(args)
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:
         parser.error(f'no part {unknown[0]!r}: expected {", ".join(PARTS)}')
     try:
-        for part in options.parts or [part for part in PARTS if part != 'robots']:
-            PARTS[part](options)
+        for name in options.parts or [name for name in PARTS if not PARTS[name].by_name_only]:
+            print(f'\n## {PARTS[name].title} (`bench {name}`)')
+            _machine()
+            PARTS[name].run(options)
     except BlfError as error:
         print(f'bench: {error}', file=sys.stderr)
         return 1

@@ -273,7 +273,7 @@ class Learning(NamedTuple):
 @jit
 def learn_pair(learning: Handle, dt: float, term: np.ndarray) -> None:
     """Learn from the present pair as `learn_step` does, called from Python."""
-    pair, learner = learning.value
+    pair, learner = learning.value.pair, learning.value.learner
     learn_step(pair, learner, dt, term)
 
 
@@ -281,7 +281,7 @@ def learn_pair(learning: Handle, dt: float, term: np.ndarray) -> None:
 def observe_sample(running: Handle, t: float, q: np.ndarray, qd: np.ndarray,
                    tau: np.ndarray) -> float:
     """Take one sample as `observe_step` does, called from Python."""
-    arm, state = running.value
+    arm, state = running.value.arm, running.value.state
     return observe_step(arm, state.state_filter, state.pair, t, q, qd, tau)
 
 
@@ -289,7 +289,7 @@ def observe_sample(running: Handle, t: float, q: np.ndarray, qd: np.ndarray,
 def take_sample(running: Handle, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
                 term: np.ndarray) -> float:
     """Take one sample as `identifier_step` does, called from Python."""
-    arm, state = running.value
+    arm, state = running.value.arm, running.value.state
     return identifier_step(arm, state, t, q, qd, tau, term)
 
 
@@ -311,7 +311,7 @@ def take_samples(running: Handle, t: np.ndarray, q: np.ndarray, qd: np.ndarray, 
         usable: To be filled: whether the filters were settled in a sample they advanced by, (N,).
         recorded: To be filled: whether the history was another one after a sample, shape (N,).
     """
-    arm, state = running.value
+    arm, state = running.value.arm, running.value.state
     pair, learner = state.pair, state.learner
     m = learner.theta.size
     for k in range(t.size):

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, jit, jit_without_gil
+from adaptive_blf_control.compiled import borrowed, Handle, jit, jit_without_gil
 from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.control.step import Answer, controller_step, ControllerArrays
@@ -25,7 +25,7 @@ from adaptive_blf_control.simulation.step import (
     torque_step,
 )
 
-__all__ = ['BlockInputs', 'LoopArrays', 'LoopMemory', 'ObservedRows', 'TraceRows',
+__all__ = ['Block', 'BlockInputs', 'LoopArrays', 'LoopMemory', 'ObservedRows', 'TraceRows',
            'observed_rows', 'run_block', 'trace_rows']
 
 
@@ -131,6 +131,24 @@ class ObservedRows(NamedTuple):
     scale: np.ndarray
 
 
+class Block(NamedTuple):
+    """All that a block is run with; its arrays are changed in place.
+
+    Attributes:
+        loop: The parts.
+        memory: Of the loop.
+        given: What the samples are given.
+        trace: Its rows are written.
+        observed: Likewise, where it has rows.
+    """
+
+    loop: LoopArrays
+    memory: LoopMemory
+    given: BlockInputs
+    trace: TraceRows
+    observed: ObservedRows
+
+
 def trace_rows(samples: int, n: int, m: int) -> TraceRows:
     """Return room for the trace of so many samples."""
     q, qd, e1, torque = (np.empty((samples, n)) for _ in range(4))
@@ -149,19 +167,11 @@ def observed_rows(samples: int, n: int, m: int) -> ObservedRows:
 
 
 @jit_without_gil
-def run_block(loop: LoopArrays, memory: LoopMemory, given: BlockInputs, trace: TraceRows,
-              observed: ObservedRows) -> None:
-    """Run the samples of a block; the arm has moved on after each, the last one included.
-
-    Args:
-        loop: The parts; their arrays are changed in place.
-        memory: Of the loop; likewise.
-        given: What the samples are given.
-        trace: Its rows are written.
-        observed: Likewise, where it has rows.
-    """
-    loop, memory, given = borrowed(loop), borrowed(memory), borrowed(given)
-    trace, observed = borrowed(trace), borrowed(observed)
+def run_block(block: Handle) -> None:
+    """Run the samples of a `Block`; the arm has moved on after each, the last one included."""
+    parts = block.value
+    loop, memory, given = parts.loop, parts.memory, parts.given
+    trace, observed = parts.trace, parts.observed
     plant, sensor, controller = loop.plant, loop.sensor, loop.controller
     arm, identifier = loop.identifier_arm, loop.identifier
     theta, term, answer = memory.theta, memory.term, memory.answer

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.regressors import arrays_of
+from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.control.constraints import MotionState
 from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.control.reference import along, ReferencePoint
@@ -19,6 +20,7 @@ from adaptive_blf_control.identification.change_monitor import external_torque
 from adaptive_blf_control.identification.excitation import PARTS
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.simulation.block import (
+    Block,
     BlockInputs,
     LoopArrays,
     LoopMemory,
@@ -75,7 +77,7 @@ def parts_in_python(parts: LoopParts) -> tuple[str, ...]:
     return tuple(found)
 
 
-class _Block(NamedTuple):
+class _Span(NamedTuple):
     """A block of a run: its samples are those from ``begin`` to before ``end``."""
 
     begin: int
@@ -99,7 +101,7 @@ class BlockRun:
             given, observed = self._given(times, block), self._room(block, observer)
             before = self._parts.identifier.excitation if observer is not None else None
             arrays = self._arrays(block.end - block.begin)
-            run_block(arrays, self._memory, given, rows, observed)
+            run_block(handle(Block(arrays, self._memory, given, rows, observed)))
             self._plant.take(arrays.plant)
             if observer is not None:
                 for sample in self._samples(given, rows, observed, before):
@@ -108,9 +110,9 @@ class BlockRun:
     def warm_up(self) -> None:
         """Compile the block, without a trace in the loop."""
         arm = self._arm
-        given = self._given(np.zeros(1), _Block(0, 1), noise=np.zeros((1, arm.n)))
-        run_block(_copied(self._arrays(1)), _copied(self._memory), given,
-                  trace_rows(1, arm.n, arm.m), observed_rows(0, arm.n, arm.m))
+        given = self._given(np.zeros(1), _Span(0, 1), noise=np.zeros((1, arm.n)))
+        run_block(handle(Block(_copied(self._arrays(1)), _copied(self._memory), given,
+                               trace_rows(1, arm.n, arm.m), observed_rows(0, arm.n, arm.m))))
 
     def _arrays(self, samples: int) -> LoopArrays:
         plant: Any = self._plant
@@ -121,7 +123,7 @@ class BlockRun:
                           arrays_of(identifier.arm), identifier.state,
                           self._parts.known)
 
-    def _blocks(self, samples: int, observed: bool) -> Iterator[_Block]:
+    def _blocks(self, samples: int, observed: bool) -> Iterator[_Span]:
         """Yield blocks in which the true arm is one; each after the one before has been run."""
         longest, period = LONGEST if observed else LONGEST_UNSEEN, self._parts.period
         if observed:  # then at most one part of its window is completed in a block
@@ -131,10 +133,10 @@ class BlockRun:
         while begin < samples:
             self._plant.enter_epoch()
             length = self._plant.steady(min(longest, samples - begin), period)
-            yield _Block(begin, begin + length)
+            yield _Span(begin, begin + length)
             begin += length
 
-    def _given(self, times: np.ndarray, block: _Block,
+    def _given(self, times: np.ndarray, block: _Span,
                noise: np.ndarray | None = None) -> BlockInputs:
         controller, t = self._parts.controller, times[block.begin:block.end]
         if noise is None:
@@ -142,7 +144,7 @@ class BlockRun:
         return BlockInputs(t, along(controller.reference, t), controller.bounds_along(t), noise,
                            block.begin, self._parts.period)
 
-    def _room(self, block: _Block, observer: Observer | None) -> ObservedRows:
+    def _room(self, block: _Span, observer: Observer | None) -> ObservedRows:
         arm = self._arm
         return observed_rows(0 if observer is None else block.end - block.begin, arm.n, arm.m)
 

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``bench startup``: processor time until `simulate` is done and until each node has begun.
+
+A node has begun when the controller says that the motion begins: then driver and identifier have
+sent what it waits for, and the recorder has been found by the driver.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+import os
+from pathlib import Path
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+
+from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.runtime.processes import NodeProcesses, NODES
+
+__all__ = ['add_options', 'begun', 'run', 'simulated', 'table']
+
+SIMULATE = 'simulate --duration 0.001'
+DURATION = 0.5  # s of motion: what was used until its begin is looked at meanwhile
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this part."""
+    parser.add_argument('--starts', type=int, default=3, metavar='N',
+                        help='how often each is started after a first time (default: 3)')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print medians; the first start of each, which may compile, does not count."""
+    config = (options.config / 'two_link.yaml').resolve()
+    times: dict[str, list[float]] = {}
+    for _ in range(options.starts + 1):
+        for name, seconds in {SIMULATE: simulated(config), **begun(config)}.items():
+            times.setdefault(name, []).append(seconds)
+    print(table({name: seconds[1:] for name, seconds in times.items()}), flush=True)
+
+
+def simulated(config: Path) -> float:
+    """Return the processor time of a whole `simulate` of one period [s].
+
+    Raises:
+        BlfError: it fails.
+    """
+    before = _of_children()
+    done = subprocess.run([sys.executable, '-m', 'adaptive_blf_control', 'simulate', str(config),
+                           *SIMULATE.split()[1:]], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise BlfError(f'simulate {config}: {done.stderr.strip()}')
+    return _of_children() - before
+
+
+def begun(config: Path) -> dict[str, float]:
+    """Start the four nodes and return the processor time of each when the motion begins [s].
+
+    Raises:
+        BlfError: a node fails before.
+    """
+    found: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as folder, \
+            NodeProcesses(config, DURATION, Path(folder)) as nodes:
+
+        def look(moving: float | None) -> None:
+            if moving is not None and not found:
+                found.update((name, _of_process(nodes.processes[name].pid)) for name in NODES)
+
+        bad = nodes.until_done(look, 0.02)
+        if bad or not found:
+            raise BlfError(f'{", ".join(bad) or "arm_driver"} failed: '
+                           + nodes.text((bad or ['arm_driver'])[0])[-400:])
+    return found
+
+
+def _of_children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _of_process(pid: int) -> float:
+    fields = Path(f'/proc/{pid}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def table(times: Mapping[str, list[float]]) -> str:
+    """Return the medians as Markdown."""
+    lines = ['| what | processor time, median [s] | least | most |', '|---|---|---|---|']
+    for name, seconds in times.items():
+        lines.append(f'| {name} | {statistics.median(seconds):.2f} | {min(seconds):.2f} | '
+                     f'{max(seconds):.2f} |')
+    return '\n'.join(lines)
