@@ -5,14 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 import difflib
-from typing import Any
+from typing import Any, TypeVar
 
 from adaptive_blf_control.synonyms import same_meaning
 
 __all__ = ['GIT_LFS_POINTER', 'ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra',
            'ParameterError', 'SetViolation', 'UnknownParameter', 'close_names', 'shortened',
-           'shown', 'without_attribute']
+           'shown', 'with_hints', 'without_attribute']
 
+Kind = TypeVar('Kind')
 # How the file begins that Git leaves in place of a large one that was not fetched.
 GIT_LFS_POINTER = b'version https://git-lfs'
 _LONGEST = 400  # characters of a value in a message
@@ -68,6 +69,27 @@ def without_attribute(subject: object, name: str) -> AttributeError:
         hint = f': did you mean {" or ".join(close)}?' if close else (
             f': it has {", ".join(public)}' if public else '')
     return AttributeError(f'{kind.__name__} has no attribute {name!r}{hint}')
+
+
+def with_hints(kind: Class) -> Class:
+    """Let a NamedTuple answer wrong attributes with `without_attribute`; a class decorator.
+
+    A method in the class would hide misspelt attributes from type checkers.
+    """
+    def missing(self: object, name: str) -> Any:
+        raise without_attribute(self, name)
+
+    setattr(kind, '__getattr__', missing)  # noqa: B010 (type checkers are not to see it)
+    return kind
+
+
+def with_hints(cls: type[Kind]) -> type[Kind]:
+    """Decorate a class that inherits from nothing of ours: see `without_attribute`."""
+    def __getattr__(self: Kind, name: str) -> Any:
+        raise without_attribute(self, name)
+
+    cls.__getattr__ = __getattr__  # type: ignore[attr-defined]
+    return cls
 
 
 class BlfError(Exception):

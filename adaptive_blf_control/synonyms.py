@@ -19,7 +19,7 @@ tau torque torques effort efforts u control input action command commands joint_
 t time times timestamps timestamp
 e1 e error errors tracking_error tracking_errors position_error
 e2 velocity_error
-test_rmse train_rmse rmse rms error errors residual residuals accuracy score fit
+test_rmse train_rmse rmse rms error errors residual residuals accuracy score fit mse test_error
 theta theta_hat estimate estimates params values coefficients coef coef_ solution thetahat
 estimate parameters params parameter_names names labels theta_names
 joints joint_names names base_link tip end_effector chain
@@ -40,7 +40,8 @@ reference desired trajectory target setpoint yd y_d q_des q_ref ref goal waypoin
 stack history buffer memory
 undetermined unidentifiable undetermined_parameters missing
 prediction predicted predictions
-predict prediction inverse_dynamics id rnea
+predicted measured tau torque torques
+predict prediction predict_torque predict_torques inverse_dynamics id rnea
 update step compute control act call run compute_torque get_torque
 learn fit train identify learn_from
 dynamics forward_dynamics simulate simulator fd
@@ -75,7 +76,7 @@ urdf path file filename model robot
 arm robot model
 plant robot env environment simulator system
 observer callback hook on_sample
-save to_csv to_file dump write store to_npz
+save to_csv to_file dump write store to_npz to_yaml to_json export
 time_constant cutoff bandwidth tau_filter
 progress verbose
 position_lower lower q_min qmin lower_limit lower_limits position_limits joint_limits limits

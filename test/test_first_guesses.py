@@ -215,6 +215,9 @@ def test_a_history_too_small_for_its_rank_is_noted():
     (lambda: door.simulate(ARM, 0.01), 'colour', r'it has arm, controller, e1, estimate'),
     (lambda: identified(), 'rmse', r'did you mean test_rmse or train_rmse\?'),
     (lambda: identified(), 'tau', r'prediction has t, measured, predicted'),
+    (lambda: identified(), 'test_error', r'did you mean test_rmse'),
+    (lambda: identified(), 'to_yaml', r'did you mean save'),
+    (lambda: identified().prediction, 'tau', r'did you mean measured or predicted\?'),
     (lambda: identified(), 'to_urdf', r'did you mean urdf\?'),
     (lambda: identified(), 'coefficients', r'did you mean theta or estimate'),
     (lambda: door.Controller(ARM), 'k2', r'settings\.k2 has it, retune\(k2='),
@@ -616,6 +619,14 @@ def test_a_table_has_its_time_as_index_or_as_dates():
 def test_a_table_that_is_no_log_is_told_what_is_missing(table, message):
     with pytest.raises(door.LogError, match=message):
         door.read_log(table)
+
+
+def test_plants_and_sensors_are_named_as_laws_are():
+    run = door.simulate(ARM, 0.01, plant='builtin', sensor='encoder', law='pd')
+    assert run.plant.settings.sensors.model == 'encoder'
+    for part in ({'plant': 'mujuco'}, {'sensor': 'camera'}):
+        with pytest.raises(door.ParameterError, match=r"is '(mujuco|camera)': expected one of"):
+            door.simulate(ARM, 0.01, **part)
 
 
 def test_columns_are_named_one_by_one_in_a_list():

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 import re
 from types import MappingProxyType
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 import zipfile
 
 import numpy as np
@@ -29,7 +29,7 @@ from adaptive_blf_control.errors import (
     ParameterError,
     shown,
     UnknownParameter,
-    without_attribute,
+    with_hints,
 )
 from adaptive_blf_control.spelling import option, setting
 from adaptive_blf_control.synonyms import same_meaning
@@ -41,6 +41,8 @@ LOG_OPTIONS = ('topic', 'joints', 'velocity', 'columns', 'degrees', 'gain', 'eff
 _NO_GAIN: Mapping[str, float] = MappingProxyType({})
 
 
+@with_hints
+@with_hints
 class MeasuredLog(NamedTuple):
     """A log of N rows for n joints; all finite, times strictly increasing.
 
@@ -79,11 +81,6 @@ class MeasuredLog(NamedTuple):
                 + (f', {self.dropped} rows left out' if self.dropped else '')
                 + ('' if self.measured_velocity else ', without velocities')
                 + (f', {self.problem}' if self.problem else '') + '>')
-
-    if not TYPE_CHECKING:
-        def __getattr__(self, name: str) -> Any:
-            """Raise AttributeError for what is not there, with the one that is meant."""
-            raise without_attribute(self, name)
 
 
 Log = str | os.PathLike[str] | Mapping[str, Any] | MeasuredLog | np.ndarray | DataFrame

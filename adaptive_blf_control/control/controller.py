@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import copy
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,13 +63,15 @@ from adaptive_blf_control.control.step import (
     Memory,
     new_memory,
 )
-from adaptive_blf_control.errors import ParameterError, without_attribute
+from adaptive_blf_control.errors import ParameterError, with_hints
 from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.parameters.settings import Settings
 
 __all__ = ['Controller', 'ControlOutput']
 
 
+@with_hints
+@with_hints
 class ControlOutput(NamedTuple):
     """What one sample of the controller gives; arrays of shape (n,) unless another is given.
 
@@ -107,11 +109,6 @@ class ControlOutput(NamedTuple):
     def saturated(self) -> np.ndarray:
         """Where the limit of the torque or of its rate is at work, shape (n,), bool."""
         return self.torque != self.wanted
-
-    if not TYPE_CHECKING:
-        def __getattr__(self, name: str) -> Any:
-            """Raise AttributeError for what is not there, with the one that is meant."""
-            raise without_attribute(self, name)
 
 
 class _Sets(NamedTuple):

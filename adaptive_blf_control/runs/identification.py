@@ -60,6 +60,7 @@ _NOT_THERE = {
     'intervals': 'theta ± 1.96 std is the 95 % interval of a parameter, prediction.half_width '
                  'half of that of a torque',
     'model': 'consistent is the physically consistent model, urdf() a URDF with its values',
+    'history': 'identifier.stack has the recorded pairs',
     'log': 'read_log(...) returns it as arrays; source says where it came from',
     'summary': 'figures has it as a dictionary, print shows it as a table',
     **dict.fromkeys(('t', 'q', 'qd', 'tau', 'torque', 'measured', 'predicted'),

@@ -198,8 +198,8 @@ class Simulation(Trace, Guided, instead=_NOT_THERE):
 
 @checked_call
 def simulate(scenario: Scenario, duration: float | None = None, *,
-             plant: Plant | type[Plant] | None = None,
-             sensor: Sensor | type[Sensor] | None = None,
+             plant: Plant | type[Plant] | str | None = None,
+             sensor: Sensor | type[Sensor] | str | None = None,
              law: Law | type[Law] | str | None = None,
              update_law: UpdateLaw | type[UpdateLaw] | str | None = None,
              constraints: OwnConstraints = (),
@@ -212,10 +212,10 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
         scenario: A parameter file, e.g. ``config/two_link.yaml``, its data, an arm that is driven
             with the defaults of every parameter, or a `ClosedLoop` joined by hand.
         duration: Length of the run [s]; the scenario's, else 20 s, where None.
-        plant: What is driven in place of the simulated arm: a plant, or a class of plants, which
-            is called with the driver's settings and the arm.
-        sensor: What the simulated arm is measured with, or a class of such, in place of the
-            scenario's; see `Sensor`.
+        plant: What is driven in place of the simulated arm: a plant, a class of plants, which is
+            called with the driver's settings and the arm, or a name such as ``'mujoco'``.
+        sensor: What the simulated arm is measured with, a class of such, or a name such as
+            ``'encoder'``, in place of the scenario's; see `Sensor`.
         law: A control law, or a class of laws, in place of the scenario's; see `Controller`.
         update_law: An update law, or a class of them, likewise; see `Identifier`.
         constraints: What else counts as inside, beside the scenario's: one or several; see
@@ -241,6 +241,10 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
     """
     if isinstance(reference, (Mapping, Settings)):
         changes['reference'], reference = reference, None
+    if isinstance(plant, str):
+        changes['arm_driver.plant'], plant = plant, None
+    if isinstance(sensor, str):
+        changes['arm_driver.sensors.model'], sensor = sensor, None
     own = OwnParts(None, plant, sensor, law, update_law, constraints, reference)
     try:
         ready = joined(scenario, own, changes)
