@@ -13,13 +13,8 @@ import numpy as np
 
 from adaptive_blf_control.arrays import checked_number
 from adaptive_blf_control.bags.logs import MeasuredLog
-<<<<<<< HEAD
 from adaptive_blf_control.bags.row_store import row_blocks, RowStore
-from adaptive_blf_control.errors import LogError, ParameterError
-=======
-from adaptive_blf_control.bags.row_store import RowStore
 from adaptive_blf_control.errors import LogError, ParameterError, with_hints
->>>>>>> h/door
 from adaptive_blf_control.identification.identifier import Identifier, LearnedBlock
 from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import estimate_uncertainty, Uncertainty
