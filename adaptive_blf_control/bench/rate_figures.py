@@ -21,8 +21,8 @@ from adaptive_blf_control.messages.stamp import stamp_of
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.runtime.processes import nodes_in
 
-__all__ = ['Loop', 'RateFigures', 'Row', 'Seen', 'Usage', 'median', 'of_bag', 'of_bare', 'stolen_time',
-           'usage_of']
+__all__ = ['Loop', 'RateFigures', 'Row', 'Seen', 'Usage', 'median', 'of_bag', 'of_bare',
+           'stolen_time', 'usage_of']
 
 TAIL = 0.1  # s at the end that are left out: nodes that have ended answer no states
 CALLBACK = 'callback so far p50, p99, p99.9, largest [ms]'
