@@ -71,18 +71,6 @@ def without_attribute(subject: object, name: str) -> AttributeError:
     return AttributeError(f'{kind.__name__} has no attribute {name!r}{hint}')
 
 
-def with_hints(kind: Class) -> Class:
-    """Let a NamedTuple answer wrong attributes with `without_attribute`; a class decorator.
-
-    A method in the class would hide misspelt attributes from type checkers.
-    """
-    def missing(self: object, name: str) -> Any:
-        raise without_attribute(self, name)
-
-    setattr(kind, '__getattr__', missing)  # noqa: B010 (type checkers are not to see it)
-    return kind
-
-
 def with_hints(cls: type[Kind]) -> type[Kind]:
     """Decorate a class that inherits from nothing of ours: see `without_attribute`."""
     def __getattr__(self: Kind, name: str) -> Any:

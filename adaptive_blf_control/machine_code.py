@@ -120,10 +120,16 @@ def _reached(start: Iterable[Path]) -> set[Path]:
             continue
         reached.add(source)
         ahead += _imports(source)
-        by_type = set(_BY_TYPE.findall(_text(source)))
+        by_type = _names(_BY_TYPE, source)
         ahead += [other for other in _all_sources() if by_type and source in _imports(other)
-                  and by_type & set(_REGISTERED.findall(_text(other)))]
+                  and by_type & _names(_REGISTERED, other)]
     return reached
+
+
+@cache
+def _names(pattern: re.Pattern[str], source: Path) -> frozenset[str]:
+    """Return what a pattern finds in a source: each is asked about for many modules."""
+    return frozenset(pattern.findall(_text(source)))
 
 
 @cache

@@ -42,7 +42,6 @@ _NO_GAIN: Mapping[str, float] = MappingProxyType({})
 
 
 @with_hints
-@with_hints
 class MeasuredLog(NamedTuple):
     """A log of N rows for n joints; all finite, times strictly increasing.
 

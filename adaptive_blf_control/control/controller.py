@@ -71,7 +71,6 @@ __all__ = ['Controller', 'ControlOutput']
 
 
 @with_hints
-@with_hints
 class ControlOutput(NamedTuple):
     """What one sample of the controller gives; arrays of shape (n,) unless another is given.
 
