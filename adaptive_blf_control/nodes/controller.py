@@ -143,11 +143,9 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self._trajectory_topic = self.create_subscription(
             JointTrajectory, JOINT_TRAJECTORY, self.trajectories.offer, TRAJECTORY_QUEUE_DEPTH,
             raw=True)
-        self._obstacle_topic = None
-        if sees_obstacles(controller.safety_filter):
-            self._obstacle_topic = self.create_subscription(
-                MarkerArray, OBSTACLES, ObstacleInput(self, self.motion).receive,
-                OBSTACLE_QUEUE_DEPTH, raw=True)
+        self._obstacle_topic = self.create_subscription(
+            MarkerArray, OBSTACLES, ObstacleInput(self, self.motion).receive,
+            OBSTACLE_QUEUE_DEPTH, raw=True)
         self.hears_states = True
 
     def _subscribe(self) -> list[Subscription]:
@@ -166,8 +164,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         for subscription in self._inputs:
             self.topics.unsubscribe(subscription)
         self.destroy_subscription(self._trajectory_topic)
-        if self._obstacle_topic is not None:
-            self.destroy_subscription(self._obstacle_topic)
+        self.destroy_subscription(self._obstacle_topic)
         self.monitors.close()
 
     def _check_loop(self, settings: ControllerNodeSettings, count: int) -> None:

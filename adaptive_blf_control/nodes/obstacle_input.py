@@ -32,6 +32,10 @@ class ObstacleInput:
 
     def receive(self, data: bytes) -> None:
         """Take a message as CDR; a message that cannot be used is dropped as a whole."""
+        if self._node.settings.safety_filter == 'none':
+            self._node.faults.drop('obstacles without a safety filter', 'nothing keeps away from '
+                                   'them: controller.safety_filter is none')
+            return
         try:
             markers = read_markers(data)
             seen, gone, clears = self._told(markers)

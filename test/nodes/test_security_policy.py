@@ -12,7 +12,7 @@ import pytest
 from rclpy.node import Node, NodeNameNonExistentError
 
 from adaptive_blf_control.executables import NODES
-from adaptive_blf_control.messages.topics import JOINT_TRAJECTORY, TOPICS
+from adaptive_blf_control.messages.topics import JOINT_TRAJECTORY, OBSTACLES, TOPICS
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
@@ -63,9 +63,9 @@ def test_policy_grants_every_topic_of_ours_once_to_publish_and_nothing_foreign(
     ours = {_absolute(topic) for topic in TOPICS}
     published = [topic for rules in policy.values() for topic in rules['publish'] - COMMON
                  if topic != '/diagnostics']
-    # A trajectory comes from a planner, which is not one of ours.
-    assert sorted(published) == sorted(
-        (ours | MANAGED) - COMMON - {'/diagnostics', _absolute(JOINT_TRAJECTORY)})
+    # A trajectory comes from a planner, obstacles from who sees them: neither is one of ours.
+    assert sorted(published) == sorted((ours | MANAGED) - COMMON - {
+        '/diagnostics', _absolute(JOINT_TRAJECTORY), _absolute(OBSTACLES)})
     heard = set().union(*(rules['subscribe'] for rules in policy.values()))
     assert heard == ours == policy['recorder']['subscribe']
     for rules in policy.values():
