@@ -80,3 +80,20 @@ def test_the_loop_slows_down_instead_of_leaving_a_set(repository):
     assert np.abs(run.e1).max() < 0.05
     assert filter_.counts[1:] == [0, 0, 0]
     assert 0.7 < filter_.governor.pace.time < 1.45
+
+
+def test_what_is_followed_has_the_acceleration_of_its_velocity():
+    motion = blf.Controller(ARM, safety_filter='limits', torque_limit=500.0, limits={
+        'velocity': [1.2], 'prior': {'mass_error': 0.1, 'friction': [8.0, 2.0]}},
+        safety={'lower': -3.0, 'upper': 3.0}, performance={'lower': -0.5, 'upper': 0.5})
+    governor, h = motion.safety_filter.governor, 1e-3
+    q, before, slowed = np.zeros(2), None, 0
+    for k in range(800):
+        governed = governor.governed(k * h, q, SWING)
+        point, pace = governed.point, governor.pace
+        if before is not None:
+            gained = (point.velocity - before.velocity) / h
+            np.testing.assert_allclose(gained, point.acceleration, atol=0.1)
+            slowed += pace.rate < 0.7
+        before = point
+    assert slowed > 20
