@@ -14,7 +14,7 @@ from adaptive_blf_control.control.settings import ControllerSettings, SAFETY_FIL
 from adaptive_blf_control.parameters.plugin import load_plugin, made
 
 __all__ = ['FilterSample', 'Governed', 'SafetyFilter', 'complaint_of', 'made_filter',
-           'sees_obstacles', 'status_of', 'watched_by']
+           'status_of', 'watched_by']
 
 
 class FilterSample(NamedTuple):
@@ -90,11 +90,6 @@ def status_of(safety_filter: SafetyFilter | None) -> dict[str, object]:
 def watched_by(safety_filter: SafetyFilter | None) -> tuple[str, ...]:
     """Return the names of what a filter publishes of itself, see `SafetyFilter`."""
     return tuple(getattr(safety_filter, 'watched', ()))
-
-
-def sees_obstacles(safety_filter: SafetyFilter | None) -> bool:
-    """Return whether a filter can be told which obstacles move."""
-    return hasattr(safety_filter, 'see')
 
 
 def made_filter(arm: Arm, settings: ControllerSettings,

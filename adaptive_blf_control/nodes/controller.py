@@ -31,7 +31,7 @@ from adaptive_blf_control.control.motion import groups_of, Motion
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.ramp import RAMP_STEP
 from adaptive_blf_control.control.refusal import Refusal
-from adaptive_blf_control.control.safety_filter import sees_obstacles, status_of, watched_by
+from adaptive_blf_control.control.safety_filter import status_of, watched_by
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.topics import (
     JOINT_STATES,

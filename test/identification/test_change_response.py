@@ -24,6 +24,7 @@ from adaptive_blf_control.identification.change_response import (
     QUIET,
     RECALL,
     remembered,
+    REMEMBERS,
     respond,
     retreat,
     STATE,
@@ -119,6 +120,7 @@ def test_a_push_is_no_load_and_leaves_everything_as_it_was():
     assert verdicts.index(KEEP) < 20
     assert verdicts[-1] == KEEP
     np.testing.assert_array_equal(subject.stack.regressors, regressors)
+    subject.theta += 0.3  # as Xᵀe2 may have moved it
     verdicts = [subject.feed(TRUE) for _ in range(1200)]
     assert (subject.count(CONTACTS), subject.count(LOADS)) == (1, 0)
     released = verdicts.index(LEARN)
@@ -138,6 +140,12 @@ def test_another_arm_is_learned_from_the_beginning_beside_a_part_of_what_was_kno
     left, moment = remembered(subject.response, np.zeros((4, 4)), np.zeros(4))
     np.testing.assert_allclose(left, 0.01 * gram)
     np.testing.assert_allclose(np.linalg.solve(left, moment), theta)
+    assert subject.count(REMEMBERS) == 1
+    subject.stack.clear()
+    subject.monitor.reset()
+    for _ in range(800):
+        subject.feed(other)
+    assert subject.count(REMEMBERS) == 0  # the new pairs are as strong
 
 
 def test_what_xt_e2_may_do_while_the_reason_is_not_known_is_a_setting():

@@ -140,6 +140,18 @@ def test_pruned_search_equals_brute_force_with_more_parameters_than_kept_directi
     assert offers > taken > 15
 
 
+@pytest.mark.parametrize('candidate', [[2.0, 0.0], [0.0, -1.0], [4.0, 0.0]])
+def test_a_replacement_that_leaves_sigma_min_as_it_is_is_taken(candidate):
+    stack = HistoryStack(1, 2, 2, 0.0)
+    for row in ([1.0, 0.0], [0.0, 1.0]):
+        stack.offer(np.array([row]), np.ones(1))
+    assert stack.sigma_min == 1.0
+    slot = 0 if candidate[0] else 1
+    assert stack.offer(np.array([candidate]), np.ones(1)) == slot  # the >= of Algorithm 1
+    assert stack.sigma_min == 1.0
+    np.testing.assert_array_equal(stack.regressors[slot], [candidate])
+
+
 def test_equal_pairs_are_found_equal_by_the_search():
     random = np.random.default_rng(30)
     pairs = np.repeat(random.normal(size=(5, 2, 4)), 3, axis=0)  # none is missed

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
@@ -161,6 +162,16 @@ def test_resetting_the_history_keeps_the_estimate(record):
     assert result.theta is theta
 
 
+def test_resetting_the_history_begins_the_mean_of_the_monitor_again(record):
+    result = Identifier(TwoLinkArm(), history={'size': 10}, filter={'settle': 0.0},
+                        change={'window': 0.1, 'resolution': 0.0})
+    for t, q, qd, tau in record(steps=400):
+        result.update(t, q, qd, tau * 1.01 ** (t > 0.3))
+    assert result.monitor.statistic.any()
+    result.reset_history()
+    assert not result.monitor.statistic.any()
+
+
 def test_nothing_is_learned_until_the_filter_has_settled(record):
     result = identifier(filter__settle=20.0)  # of 1 ms
     for sample in record(steps=30):
@@ -227,3 +238,25 @@ def test_settings_are_checked_by_name(name, value):
     name = name.replace('__', '.')
     with pytest.raises(ParameterError, match=rf'identifier\.{name}'):
         SETTINGS.replace(**{name: value})
+
+
+def test_nothing_is_recorded_while_present_data_contradict_the_recorded_pairs():
+    arm, random = TwoLinkArm(), np.random.default_rng(8)
+    t, w = 1e-3 * np.arange(3500), np.array([3.1, 4.7])
+    q, qd, qdd = (part * np.sin(np.outer(t, w) + phase) for part, phase in (
+        (0.8, 0.0), (0.8 * w, 0.5 * np.pi), (0.8 * w ** 2, np.pi)))
+    other = arm.nominal * [3.0, 3.0, 3.0, 1.0, 1.0]
+    tau = np.where((t > 2.5)[:, None], inverse_dynamics(arm, other, q, qd, qdd),
+                   inverse_dynamics(arm, arm.nominal, q, qd, qdd))
+    tau += 0.02 * random.normal(size=tau.shape)
+    identifier = Identifier(arm, history={'size': 30}, filter={'time_constant': 0.03},
+                            change={'suspicion': 2.0, 'window': 0.1, 'patience': 5.0})
+    contradicted = 0
+    for k in range(t.size):
+        before = identifier.stack.insertions
+        identifier.update(t[k], q[k], qd[k], tau[k])
+        if identifier.response in ('doubt', 'held'):
+            contradicted += t[k] > 2.5
+            assert identifier.stack.insertions == before
+    assert contradicted > 200
+    assert identifier.found['alarms'] == 1

@@ -107,3 +107,20 @@ def test_a_reference_that_leaves_the_safety_set_is_followed_as_far_as_there_is_r
         q, qd = truth.advance(q, qd, output.torque, 1e-3)
         assert q[0] <= 1.0
     assert q[0] > 0.85
+
+
+def test_what_is_followed_has_the_acceleration_of_its_velocity():
+    motion = blf.Controller(ARM, safety_filter='limits', torque_limit=500.0, limits={
+        'velocity': [1.2], 'prior': {'mass_error': 0.1, 'friction': [8.0, 2.0]}},
+        safety={'lower': -3.0, 'upper': 3.0}, performance={'lower': -0.5, 'upper': 0.5})
+    governor, h = motion.safety_filter.governor, 1e-3
+    q, before, slowed = np.zeros(2), None, 0
+    for k in range(800):
+        governed = governor.governed(k * h, q, SWING)
+        point, pace = governed.point, governor.pace
+        if before is not None:
+            gained = (point.velocity - before.velocity) / h
+            np.testing.assert_allclose(gained, point.acceleration, atol=0.1)
+            slowed += pace.rate < 0.7
+        before = point
+    assert slowed > 20

@@ -136,6 +136,19 @@ def test_the_bound_of_a_known_arm_is_what_holding_a_torque_changes():
         assert (report.error < 1.0 + 0.1 * np.abs(report.acceleration)).all()
 
 
+def test_a_torque_that_no_parameter_explains_is_within_the_bound_of_a_known_arm():
+    beyond = np.array([2.0, 1.0])  # N·m
+    exact = controller(prior={'mass_error': 1e-6, 'unexplained': beyond}).safety_filter
+    random, arm = np.random.default_rng(7), blf.TwoLinkArm()
+    truth = arm.dynamics(arm.nominal)
+    for _ in range(100):
+        q, qd = random.uniform(-0.9, 0.9, 2), random.uniform(-1.5, 1.5, 2)
+        torque = sample(exact, q, qd, random.uniform(-1.0, 1.0, 2) * TORQUE)
+        for sign in ([1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]):
+            off = truth.acceleration(q, qd, torque + sign * beyond) - exact.report.acceleration
+            assert (np.abs(off) <= exact.report.error + 1e-3).all()
+
+
 def test_the_loop_is_the_same_bit_for_bit_while_nothing_is_near(repository):
     off = blf.simulate(repository / 'config' / 'two_link.yaml', 0.5)
     on = blf.simulate(repository / 'config' / 'two_link.yaml', 0.5, controller={
