@@ -49,7 +49,11 @@ class FaultLog:
         """
         self.last = shortened(text)
         if self._is_due(reason):
-            (self._logger.warning if orderly else self._logger.error)(self.last)
+            # Two calls: rclpy refuses one whose severity changes, by the place in the code.
+            if orderly:
+                self._logger.warning(self.last)
+            else:
+                self._logger.error(self.last)
 
     def _is_due(self, reason: str) -> bool:
         # The logger's own throttle goes by line of code, so one reason would silence another.

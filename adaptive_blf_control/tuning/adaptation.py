@@ -25,11 +25,12 @@ from adaptive_blf_control.tuning.gains import ADAPTATION, adaptation_stiffness, 
 from adaptive_blf_control.tuning.inertia import ReferenceStates
 from adaptive_blf_control.tuning.loop_delay import LoopDelay
 
-__all__ = ['Adaptation', 'adaptation_for', 'parameter_deviation']
+__all__ = ['Adaptation', 'adaptation_for', 'parameter_deviation', 'stuck_error']
 
 LINKS = 0.25  # part by which inertial parameters of a URDF's links are usually wrong
 FRICTION, LEAST_FRICTION = 0.5, 0.002  # of the URDF's friction; of the torque limit at full speed
 MOST_FRICTION = 0.5  # of the damping, where the URDF has none
+STUCK = 0.3  # of the Coulomb friction: how wrong tanh is about a joint that sticks
 ROTOR = 1e-3  # s², inertia of a rotor as seen from its joint, over the torque limit
 HORIZON = 30.0  # s
 INTEGRATION = 5e-5  # part of the torque by which even exact samples contradict each other
@@ -109,6 +110,18 @@ def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarra
     if arm.payload_direction is not None:
         square = square + (payload * arm.payload_direction) ** 2
     return np.asarray(np.sqrt(square))
+
+
+def stuck_error(arm: UrdfArm, torque_limit: np.ndarray) -> float:
+    """Return what a pair of a joint that sticks is wrong by, RMS over joints [N·m].
+
+    There friction is whatever holds the joint, and tanh(q̇/v_s) next to nothing: as exact data it
+    would make a Coulomb friction of many times the true one. 0 where none is learned.
+    """
+    if 'fc' not in _friction_kinds(arm):
+        return 0.0
+    size = np.maximum(arm.friction(arm.nominal)[1], LEAST_FRICTION * torque_limit)
+    return STUCK * float(np.sqrt(np.mean(size ** 2)))
 
 
 def _friction_kinds(arm: UrdfArm) -> list[str]:

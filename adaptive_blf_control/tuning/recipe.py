@@ -11,7 +11,12 @@ from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.control.settings import ControllerSettings, PerformanceSettings
 from adaptive_blf_control.errors import ArmError
-from adaptive_blf_control.tuning.adaptation import Adaptation, adaptation_for, parameter_deviation
+from adaptive_blf_control.tuning.adaptation import (
+    Adaptation,
+    adaptation_for,
+    parameter_deviation,
+    stuck_error,
+)
 from adaptive_blf_control.tuning.expected_error import Start, start_error, static_error
 from adaptive_blf_control.tuning.filter_cost import filter_cost
 from adaptive_blf_control.tuning.gains import FRICTION, Gains, law_gains
@@ -125,7 +130,8 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
         arm, motion.reference, loaded, filters.state_order, filters.state_time_constant))
     deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload,
                                     gains.k2 - FRICTION * friction, from_zero=robot.from_zero)
-    adaptation = adaptation_for(arm, deviation, masses, states, delay, filters.noise, usual)
+    noise = float(np.hypot(filters.noise, stuck_error(arm, torque_limit)))
+    adaptation = adaptation_for(arm, deviation, masses, states, delay, noise, usual)
     coulomb = _coulomb_friction(arm, torque_limit)
     start = Start(mass_matrices(arm, arm.nominal, motion.centre[None])[0],
                   arm.X(motion.centre, *np.zeros((3, arm.n))), gains, motion.bound, friction,

@@ -39,6 +39,14 @@ def test_after_a_while_a_reason_is_logged_again(faults, capfd, monkeypatch) -> N
     assert faults.last == 'second'
 
 
+def test_a_warning_after_an_error_is_logged_and_not_refused(faults, capfd) -> None:
+    faults.report('lost', 'the other node failed')
+    faults.report('ended', 'the other node ended', orderly=True)
+    text = capfd.readouterr().err
+    assert '[ERROR]' in text
+    assert '[WARN]' in text
+
+
 @pytest.mark.parametrize('fault', [False, True])
 def test_a_refusal_is_the_last_fault_if_its_sender_is_at_fault(faults, fault: bool) -> None:
     faults.refuse(Refusal('beyond', 'p1 = 9', fault=fault))

@@ -10,7 +10,7 @@ from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
 from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.errors import ArmError, ParameterError, SetViolation
-from adaptive_blf_control.tuning.adaptation import parameter_deviation
+from adaptive_blf_control.tuning.adaptation import parameter_deviation, stuck_error
 from adaptive_blf_control.tuning.filter_cost import filter_cost
 from adaptive_blf_control.tuning.gains import adaptation_stiffness, total_rate
 from adaptive_blf_control.tuning.inertia import mass_matrices
@@ -127,6 +127,14 @@ def test_a_friction_that_the_urdf_does_not_have_is_off_by_half_the_damping_at_mo
     light = dict(zip(arm.parameters, parameter_deviation(arm, *stated, np.array([1e-3, 2e-3]))))
     assert light['fv_elbow'] == pytest.approx(1e-3)  # of which the URDF has none
     assert light['fv_shoulder'] == pytest.approx(0.25)  # half of what it says
+
+
+def test_pairs_of_joints_that_stick_are_no_exact_data(urdf: str) -> None:
+    plain, dry = (load_arm(urdf, coulomb=each) for each in (False, True))
+    limit = np.array([40.0, 10.0])
+    assert stuck_error(plain, limit) == 0.0
+    assert stuck_error(dry, limit) == pytest.approx(0.3 * np.hypot(0.08, 0.02) / np.sqrt(2.0))
+    assert recipe(dry, Robot()).adaptation.kh < 0.1 * recipe(plain, Robot()).adaptation.kh
 
 
 def test_a_start_from_zero_gets_bounds_as_wide_as_the_fall_that_it_begins_with(
