@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.arms.integrator import advance
+from adaptive_blf_control.arms.integrator import move
 from adaptive_blf_control.compiled import borrowed, inlined, jit, jitable
 from adaptive_blf_control.control.barrier import Each
 from adaptive_blf_control.control.law import limited_joint
@@ -186,9 +186,7 @@ def plant_step(plant: PlantArrays, torque: np.ndarray, dt: float) -> None:
             span = begin_span(actuators, pushes, clock[0], left)
             applied = acting_torque(actuators)
             add_push_torque(pushes, q, applied)
-        moved, rates = advance(arm, q, qd, applied, span, substeps)
-        for i in range(torque.size):
-            q[i], qd[i] = moved[i], rates[i]
+        move(arm, q, qd, applied, span, substeps)
         clock[0] += span
         left -= span
         if plant.actuated:
