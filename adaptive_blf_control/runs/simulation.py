@@ -12,6 +12,7 @@ from typing import Any
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm, SIMULATED
 from adaptive_blf_control.arrays import checked_finite
+from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import build_closed_loop, OwnParts
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.configuration.parameter_file import (
@@ -123,7 +124,8 @@ class Simulation(Trace, Guided, instead={
               for begin, end in figures['contacts_s']),
             *([f'history contradicted {found}'] if found else []),
             f'speed                {figures["real_time_factor"]:.1f} x real time'
-            + (f', sample by sample: {", ".join(self.in_python)}' if self.in_python else '')])
+            + (f', sample by sample: {", ".join(self.in_python)}' if self.in_python else '')
+            + ('' if COMPILED else ', uncompiled: numba is not installed or switched off')])
 
 
 def duration_of(data: Mapping[str, Any], duration: float | None) -> float:
