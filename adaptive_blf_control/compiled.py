@@ -21,7 +21,7 @@ import numpy as np
 from adaptive_blf_control.machine_code import alone_with, cache_folder
 
 __all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation',
-           'before_own_compilations', 'borrowed', 'by_type', 'handle', 'inlined', 'jit',
+           'before_own_compilations', 'borrowed', 'by_type', 'handle', 'jit',
            'jit_without_gil', 'jitable', 'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
@@ -199,14 +199,6 @@ def _compiled(function: Function, **options: bool) -> Function:
         return function
     return _Entry(function, {'nopython': True, 'error_model': 'numpy', **options},  # type: ignore
                   cache_folder(function.__module__))
-
-
-def inlined(function: Function) -> Function:
-    """Compile a module-level function as a part of each compiled one that calls it, never alone.
-
-    For what takes long to compile and has few callers: on its own it would be optimised twice.
-    """
-    return _compiled(function)
 
 
 def jitable(function: Function) -> Function:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 from pathlib import Path
 import shutil
@@ -111,3 +112,23 @@ def test_types_of_a_program_leave_no_machine_code_that_others_cannot_read(tmp_pa
             'from adaptive_blf_control.arms.two_link import TwoLinkArm\n'
             'handle(TwoLinkArm().arrays)')
     subprocess.run([sys.executable, '-c', ours], env=environment, check=True)
+
+
+def test_a_function_is_compiled_by_one_process_at_a_time(tmp_path):
+    def free() -> bool:
+        with (tmp_path / 'law.lock').open('w') as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return False
+        return True
+
+    with machine_code.alone_with(str(tmp_path), 'law'):
+        assert not free()
+    assert free()
+
+
+@pytest.mark.parametrize('folder', ['', '/nowhere/at/all'])
+def test_where_nothing_can_be_kept_nobody_waits(folder):
+    with machine_code.alone_with(folder, 'law'), machine_code.alone_with(folder, 'law'):
+        pass

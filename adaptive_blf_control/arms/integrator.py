@@ -25,7 +25,7 @@ from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import borrowed, by_type, jit
 from adaptive_blf_control.parameters.guided import Guided
 
-__all__ = ['acceleration', 'advance', 'CompiledDynamics']
+__all__ = ['acceleration', 'advance', 'CompiledDynamics', 'move']
 
 
 @by_type
@@ -50,9 +50,17 @@ def advance(arm: Any, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
     Returns:
         Positions and velocities after ``dt``.
     """
+    q, qd = q.copy(), qd.copy()
+    move(arm, q, qd, tau, dt, substeps)
+    return q, qd
+
+
+@jit
+def move(arm: Any, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
+         substeps: int) -> None:
+    """Change positions and velocities in place to those after ``dt``, see `advance`."""
     arm = borrowed(arm)
     h = dt / substeps
-    q, qd = q.copy(), qd.copy()
     stages = np.empty((4, q.size))
     at, v2, v3, v4 = stages[0], stages[1], stages[2], stages[3]
     for _ in range(substeps):
@@ -66,7 +74,6 @@ def advance(arm: Any, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
         for i in range(q.size):
             q[i] += h / 6.0 * (qd[i] + 2.0 * v2[i] + 2.0 * v3[i] + v4[i])
             qd[i] += h / 6.0 * (a1[i] + 2.0 * a2[i] + 2.0 * a3[i] + a4[i])
-    return q, qd
 
 
 @jit

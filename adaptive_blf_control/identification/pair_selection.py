@@ -5,7 +5,8 @@ The candidate Y in place of pair l makes Q + YᵀY − Y_lᵀY_l. Its smallest e
 above by what any direction sees of it, and better by its projection on several (Rayleigh and
 Ritz). Slots are visited in the order of their bounds, cheap ones first: the weakest direction of
 Q, then an eigenvalue problem of the kept `Directions`, and only then the one of m; each of the
-latter two gives a direction that sharpens the bounds of all other slots. The search ends when no
+latter two gives a direction that sharpens the bounds of all other slots. With few parameters the
+problem of m is as cheap as that of the `Directions`, so none are kept. The search ends when no
 bound exceeds the best σ_min found. How good the bounds are decides on the time, never on the
 answer.
 """
@@ -101,11 +102,12 @@ def best_replacement(pairs: Pairs, candidate: np.ndarray, wanted: float) -> tupl
     slack += 2.0 * EPSILON * (trace(pairs.grown) - trace(pairs.gram))
     project(candidate, directions.basis, directions.counters[SET], directions.candidate)
     best, best_slot = wanted, -1
+    projects = directions.counters[SET] > 0
     while True:
         slot = _most_promising(directions, count, best)
         if slot < 0:
             return best_slot, best
-        if directions.stages[slot] == SINGLE and directions.counters[SET] > 0:
+        if directions.stages[slot] == SINGLE and projects:
             bound = _joint_bound(directions, slot) + slack
             directions.bounds[slot] = min(directions.bounds[slot], bound)
             directions.stages[slot] = JOINT
@@ -115,6 +117,9 @@ def best_replacement(pairs: Pairs, candidate: np.ndarray, wanted: float) -> tupl
             if value > best or (value == best and best_slot < 0):
                 best, best_slot = value, slot
                 directions.best[:] = directions.vector
+            if not projects:
+                _sharpen_by_vector(pairs, count, best, slack)
+                continue
             _take_in(pairs, candidate)
         _sharpen(directions, count, best, slack)
 
@@ -206,4 +211,16 @@ def _sharpen(directions: Directions, count: int, best: float, slack: float) -> N
     for slot in range(count):
         if directions.stages[slot] != EXACT and directions.bounds[slot] >= best:
             bound = strength - seen_square(directions.seen[slot], weights, size)
+            directions.bounds[slot] = min(directions.bounds[slot], bound)
+
+
+@jit
+def _sharpen_by_vector(pairs: Pairs, count: int, best: float, slack: float) -> None:
+    """Lower the bounds of all open slots by what the direction ``vector`` sees."""
+    pairs = borrowed(pairs)
+    directions, m = pairs.directions, pairs.moment.size
+    strength = energy(pairs.grown, directions.vector, m) + slack
+    for slot in range(count):
+        if directions.stages[slot] != EXACT and directions.bounds[slot] >= best:
+            bound = strength - seen_square(pairs.regressors[slot], directions.vector, m)
             directions.bounds[slot] = min(directions.bounds[slot], bound)

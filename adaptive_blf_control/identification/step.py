@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.regressors import regressors
-from adaptive_blf_control.compiled import all_finite, borrowed, Handle, inlined, jit
+from adaptive_blf_control.compiled import all_finite, borrowed, Handle, jit
 from adaptive_blf_control.identification.artificial_noise import (
     ACTIVE,
     NoisyHistoryArrays,
@@ -144,7 +144,7 @@ def _small(array: np.ndarray) -> bool:
     return small
 
 
-@inlined
+@jit
 def observe_step(arm: Any, state_filter: Any, pair: PairState, t: float, q: np.ndarray,
                  qd: np.ndarray, tau: np.ndarray) -> float:
     """Filter one sample without learning from it.
@@ -191,7 +191,7 @@ def observe_step(arm: Any, state_filter: Any, pair: PairState, t: float, q: np.n
     return dt
 
 
-@inlined
+@jit
 def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarray) -> None:
     """Record the present pair, or forget the recorded ones, and advance θ̂.
 
@@ -240,7 +240,7 @@ def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarr
         counts[NOT_FINITE] += 1
 
 
-@inlined
+@jit
 def identifier_step(arm: Any, state: IdentifierState, t: float, q: np.ndarray, qd: np.ndarray,
                     tau: np.ndarray, term: np.ndarray) -> float:
     """Filter one sample, record its pair and advance θ̂; see `observe_step` and `learn_step`."""

@@ -27,7 +27,8 @@ from adaptive_blf_control.identification.tridiagonal import Tridiagonal, tridiag
 __all__ = ['add_direction', 'clear_directions', 'Directions', 'follow_slot', 'new_directions',
            'project_gram', 'set_weakest', 'SET']
 
-MOST = 20  # directions: with more of them a bound costs more than it saves
+MOST = 20  # directions: with more of them a bound costs more than it saves; for up to as many
+# parameters none are kept, as then a bound costs what the answer does
 KNOWN = 1e-8  # a direction of which less is outside of W has no place in it
 
 SET, NEXT = range(2)  # elements of `Directions.counters`
@@ -95,13 +96,17 @@ def clear_directions(directions: Directions) -> None:
 @jit
 def set_weakest(directions: Directions, regressors: np.ndarray, gram: np.ndarray,
                 count: int) -> None:
-    """Take over what ``weakest`` sees of Q and of ``count`` pairs, and the direction into W."""
+    """Take over what ``weakest`` sees of Q and of ``count`` pairs, and the direction into W.
+
+    With no more than `MOST` parameters W stays empty.
+    """
     directions = borrowed(directions)
     m = directions.weakest.size
     directions.strength[0] = energy(gram, directions.weakest, m)
     for slot in range(count):
         directions.energies[slot] = seen_square(regressors[slot], directions.weakest, m)
-    add_direction(directions, directions.weakest, regressors, gram, count)
+    if m > MOST:
+        add_direction(directions, directions.weakest, regressors, gram, count)
 
 
 @jit
@@ -158,6 +163,8 @@ def follow_slot(directions: Directions, slot: int, regressor: np.ndarray) -> Non
     """Let what W sees follow a replacement."""
     directions = borrowed(directions)
     count = directions.counters[SET]
+    if count == 0:
+        return
     add_square(directions.gram, directions.seen[slot], regressor.shape[0], -1.0)
     project(regressor, directions.basis, count, directions.seen[slot])
     add_square(directions.gram, directions.seen[slot], regressor.shape[0], 1.0)

@@ -15,6 +15,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.calls import argument_names, checked_call
+from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build import OwnParts
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.laws.protocol import Law
@@ -193,7 +194,8 @@ class Simulation(Trace, Guided, instead=_NOT_THERE):
               for begin, end in figures['contacts_s']),
             *([f'history contradicted {found}'] if found else []),
             f'speed                {figures["real_time_factor"]:.1f} x real time'
-            + (f', sample by sample: {", ".join(self.in_python)}' if self.in_python else '')])
+            + (f', sample by sample: {", ".join(self.in_python)}' if self.in_python else '')
+            + ('' if COMPILED else ', uncompiled: numba is not installed or switched off')])
 
 
 @checked_call

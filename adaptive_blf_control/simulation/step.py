@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.arms.integrator import advance
-from adaptive_blf_control.compiled import borrowed, inlined, jit, jitable
+from adaptive_blf_control.arms.integrator import move
+from adaptive_blf_control.compiled import borrowed, jit, jitable
 from adaptive_blf_control.control.barrier import Each
 from adaptive_blf_control.control.law import limited_joint
 from adaptive_blf_control.simulation.actuators import (
@@ -145,7 +145,7 @@ class PlantArrays(NamedTuple):
     pushes: PushArrays
 
 
-@inlined
+@jit
 def torque_step(plant: PlantArrays, interval: float, measured: np.ndarray) -> None:
     """Measure the torque of an ``interval`` [s] that ends now, and let dead times go on.
 
@@ -154,6 +154,7 @@ def torque_step(plant: PlantArrays, interval: float, measured: np.ndarray) -> No
         interval: 0 for the first sample, where what acts is measured.
         measured: Is written, shape (n,) [N·m].
     """
+    plant = borrowed(plant)
     actuators = plant.actuators
     acting, gain = actuators.acting, actuators.gain
     for i in range(measured.size):
@@ -166,9 +167,10 @@ def torque_step(plant: PlantArrays, interval: float, measured: np.ndarray) -> No
         delayed(actuators.line, actuators.commanded, acting)
 
 
-@inlined
+@jit
 def plant_step(plant: PlantArrays, torque: np.ndarray, dt: float) -> None:
     """Command a torque, shape (n,) [N·m], and move on by ``dt`` [s]."""
+    plant = borrowed(plant)
     actuators, clock = plant.actuators, plant.clock
     arm, pushes, substeps, q, qd = plant.true_arm, plant.pushes, plant.substeps, plant.q, plant.qd
     commanded, acting, limit = actuators.commanded, actuators.acting, actuators.limit
@@ -186,9 +188,7 @@ def plant_step(plant: PlantArrays, torque: np.ndarray, dt: float) -> None:
             span = begin_span(actuators, pushes, clock[0], left)
             applied = acting_torque(actuators)
             add_push_torque(pushes, q, applied)
-        moved, rates = advance(arm, q, qd, applied, span, substeps)
-        for i in range(torque.size):
-            q[i], qd[i] = moved[i], rates[i]
+        move(arm, q, qd, applied, span, substeps)
         clock[0] += span
         left -= span
         if plant.actuated:

@@ -7,6 +7,7 @@ import json
 
 import pytest
 
+from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.tools.simulate import main
 
 KEYS = ('set_violations', 'max_abs_error', 'rms_error_last_quarter', 'min_margin', 'theta_hat',
@@ -33,6 +34,7 @@ def test_the_table_is_printed(config, capsys):
     out = capsys.readouterr().out
     for part in ('sets: KEPT', 'joint2', 'parameter error', 'rank', 'x real time'):
         assert part in out
+    assert ('uncompiled: numba is not installed' in out) is not COMPILED
 
 
 def test_a_joint_that_oscillates_inside_its_sets_does_not_read_kept_without_a_word(
