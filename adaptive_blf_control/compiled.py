@@ -411,7 +411,8 @@ def by_type(function: Callable[..., Any]) -> ByType:
     if COMPILED:
         def implementation(first: Any) -> Any:
             chosen = generic.dispatch(getattr(first, 'instance_class', object))
-            return getattr(chosen, '_part', None)
+            own = chosen if isinstance(chosen, CPUDispatcher) else None  # a user's, by numba.njit
+            return getattr(chosen, '_part', own)
 
         _stands_for(generic, implementation)
     result: ByType = generic
@@ -440,6 +441,10 @@ class Handle:
             self._words = np.array(words, dtype=np.uint64)
             self.address = int(self._words.ctypes.data)
 
+    def __reduce__(self) -> Any:
+        """Return what a copy or a pickle makes: a handle of the copied tuple."""
+        return Handle, (self.value,)
+
 
 if COMPILED:
     _handle_types: dict[Any, Any] = {}
@@ -454,6 +459,9 @@ if COMPILED:
                       *(stride % 2**64 for stride in value.strides))
             return (value.dtype, value.ndim, flags.c_contiguous, flags.f_contiguous,
                     flags.writeable, flags.aligned)
+        if isinstance(value, Handle):
+            words.append(value.address)
+            return value._numba_type_
         if isinstance(value, np.random.Generator):
             words += (0, *_addresses(value), 0, 0)
         elif isinstance(value, (float, np.floating)):

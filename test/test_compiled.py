@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import copy
 import os
+import pickle
 import subprocess
 import sys
 from typing import NamedTuple
@@ -258,3 +260,12 @@ def test_a_handle_shares_the_arrays_of_its_tuple_with_compiled_functions():
     held = handle(counter)
     assert [_count(held) for _ in range(3)] == [2.0, 4.0, 6.0]
     assert counter.count[0] == 6.0
+
+
+def test_a_copied_handle_is_one_of_the_copied_tuple():
+    counter = Counter(np.zeros(1), 2.0)
+    held = handle(counter)
+    for other in (copy.deepcopy(held), pickle.loads(pickle.dumps(held))):
+        assert _count(other) == 2.0
+        assert other.value.count[0] == 2.0
+    assert counter.count[0] == 0.0
