@@ -10,7 +10,7 @@ pytest.importorskip('rclpy', reason='no ROS 2 here: the nodes cannot run')
 from rclpy.node import Node
 from std_msgs.msg import Int32
 
-from adaptive_blf_control.messages.cdr import decode_int32, encode_int32
+from adaptive_blf_control.messages.cdr import decode_int32
 from adaptive_blf_control.messages.topics import published_by
 from adaptive_blf_control.runtime.data_topics import DataTopics
 from adaptive_blf_control.runtime.loop_statistics import LoopStatistics
