@@ -9,7 +9,7 @@ import pytest
 from adaptive_blf_control.configuration.build import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.change_monitor import ResidualMonitor
+from adaptive_blf_control.identification.change_monitor import ResidualMonitor, take_over
 from adaptive_blf_control.identification.history_stack import HistoryStack
 
 TRUE = np.array([3.0, -1.0, 0.5])
@@ -43,6 +43,18 @@ def test_there_is_no_alarm_in_noise_like_that_of_the_recorded_pairs():
         assert not watch(noisy_pair(random, TRUE))
         largest = max(largest, float(monitor.statistic.max()))
     assert 0.3 < largest < 2.0  # the mean of d² is a little below 1
+
+
+def test_the_variance_of_the_recorded_pairs_is_that_of_their_noise():
+    random, found = np.random.default_rng(9), []
+    for _ in range(400):  # 16 equations, of which the fit of 4 parameters absorbs a quarter
+        monitor = ResidualMonitor(2, 4, 0.1, 25.0, 0.0)
+        regressors = random.normal(size=(8, 2, 4))
+        torques = regressors @ np.ones(4) + 0.3 * random.normal(size=(8, 2))
+        rows = regressors.reshape(16, 4)
+        take_over(monitor.arrays, regressors, torques, rows.T @ rows, rows.T @ torques.ravel())
+        found.append(monitor.arrays.variance.copy())
+    np.testing.assert_allclose(np.mean(found, axis=0), 0.09, rtol=0.06)
 
 
 @pytest.mark.parametrize('seed', range(5))

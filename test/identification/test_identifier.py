@@ -260,3 +260,12 @@ def test_nothing_is_recorded_while_present_data_contradict_the_recorded_pairs():
             assert identifier.stack.insertions == before
     assert contradicted > 200
     assert identifier.found['alarms'] == 1
+
+
+def test_a_huge_torque_beside_a_normal_motion_is_dropped_and_the_estimate_stays(record):
+    samples = list(record(steps=101))
+    result = learned(samples[:100])
+    theta, (t, q, qd, tau) = result.theta, samples[100]
+    result.update(t, q, qd, tau + 1e9)
+    assert result.dropped == drops(**{'too large': 1})
+    assert result.theta is theta
