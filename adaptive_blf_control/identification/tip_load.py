@@ -24,7 +24,6 @@ __all__ = ['TipLoad', 'fit_tip_load', 'forget_tip_load', 'load_directions', 'new
 MASS, REACH = 5.0, 0.2  # kg, m: standard deviations before anything is known
 _SCALES = MASS * np.array([1.0, *3 * (REACH,), *6 * (REACH ** 2,)])
 CAP = 500.0  # d² of a pair that counts at most
-START = 4.0  # d² before the first pair: what predicts them at once is not made to wait
 
 
 class TipLoad(NamedTuple):
@@ -83,7 +82,7 @@ def forget_tip_load(fit: TipLoad, base: np.ndarray) -> None:
     fit.moment[:] = 0.0
     fit.found[:] = 0.0
     fit.applied[:] = 0.0
-    fit.statistic[:] = START
+    fit.statistic[:] = CAP
     fit.inverse[:] = 0.0
     for i in range(fit.found.size):
         fit.inverse[i, i] = 1.0

@@ -65,7 +65,8 @@ class Recipe:
         coulomb_friction: That is not in the model [N·m].
         friction_error: Error that it leaves [rad].
         start_error: Error of the start, with θ̂ as far off as the URDF usually is, or 0 [rad].
-        payload_error: Error after the payload is put on at once, at rest in the centre [rad].
+        payload_error: Error after the payload is put on at once, where along the reference it
+            weighs most on a joint [rad].
         assumed: What was assumed because neither URDF nor owner says.
     """
 
@@ -147,8 +148,22 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
         start_error=start_error(
             start._replace(known=0.0 * friction) if robot.from_zero else start,
             arm.nominal[:, None] if robot.from_zero else np.diag(deviation)),
-        payload_error=start_error(start, (loaded - arm.nominal)[:, None]),
+        payload_error=_payload_error(start, arm, states, loaded - arm.nominal),
         assumed=limits.assumed + assumed + _stated_friction(arm))
+
+
+def _payload_error(start: Start, arm: UrdfArm, states: ReferenceStates,
+                   change: np.ndarray) -> np.ndarray:
+    """Return the largest errors at rest in the postures in which it weighs most, (n,) [rad]."""
+    if not change.any():
+        return np.zeros(arm.n)
+    rest = np.zeros(arm.n)
+    regressors = np.array([arm.X(q, rest, rest, rest) for q in states.q])
+    worst = np.unique(np.abs(regressors @ change).argmax(axis=0))
+    masses = mass_matrices(arm, arm.nominal, states.q[worst])
+    return np.asarray(np.max([
+        start_error(start._replace(mass=mass, regressor=regressors[k]), change[:, None])
+        for k, mass in zip(worst, masses)], axis=0))
 
 
 def _loaded(arm: UrdfArm, robot: Robot) -> np.ndarray:

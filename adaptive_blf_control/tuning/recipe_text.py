@@ -84,6 +84,11 @@ def _cautions(recipe: Recipe) -> Iterator[str]:
         if error > bound:
             yield (f'caution    {joint}: a URDF that is a quarter off may make the start leave '
                    f'the bound, {error:.2g} of {bound:.3g} rad: a wider --width, or less --delay')
+    for joint, error, bound in zip(recipe.arm.joints, recipe.payload_error, recipe.motion.bound):
+        if error > bound:
+            yield (f'caution    {joint}: a payload that is put on at once leaves the bound, '
+                   f'{error:.2g} of {bound:.3g} rad, before it is learned: less --payload, or '
+                   'less --delay')
     for joint, reserve in zip(recipe.arm.joints, recipe.reserve):
         if reserve < LITTLE:
             yield (f'caution    {joint}: the reference needs {1.0 - reserve:.0%} of its torque '
