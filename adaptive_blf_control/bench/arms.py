@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.configuration.node_settings import RuntimeSettings
 from adaptive_blf_control.errors import ParameterError
@@ -18,6 +17,7 @@ from adaptive_blf_control.runs.torque_use import oscillation_text
 from adaptive_blf_control.tuning.node_values import node_settings_of
 from adaptive_blf_control.tuning.recipe import recipe
 from adaptive_blf_control.tuning.robot import Robot
+from adaptive_blf_control.tuning.stated_friction import arm_with_friction
 
 __all__ = ['ARMS', 'add_options', 'node_data', 'off_by', 'run']
 
@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> None:
     for name in options.arm or ARMS:
         urdf, joints = ARMS[name]
         address = f'package://{urdf}'
-        arm = load_arm(address, joints)
+        arm = arm_with_friction(address, joints)
         for start in STARTS:
             runs = [_figures(_Case(name, arm, address, start, seed), options.arm_seconds)
                     for seed in range(options.seeds)]
