@@ -33,7 +33,7 @@ from adaptive_blf_control.limits.acceleration_error import (
 from adaptive_blf_control.limits.link_spheres import LinkSpheres
 from adaptive_blf_control.limits.obstacles import Obstacles
 from adaptive_blf_control.limits.quadratic_program import solve
-from adaptive_blf_control.limits.stop_path import kept_to, stop_clearances, stop_path
+from adaptive_blf_control.limits.stop_path import FAR, kept_to, stop_clearances, stop_path
 from adaptive_blf_control.limits.viability import acceleration_bounds
 
 __all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'FilterParts', 'IDLE', 'JointLimits', 'Report',
@@ -358,8 +358,12 @@ def _passes(values: np.ndarray, low: np.ndarray, high: np.ndarray, margin: np.nd
 
 @jit
 def _least_of(before: float) -> float:
-    """Return how free a stop has to be where the one that is left has ``before`` [m]."""
-    return before - GAMMA * max(before - BUFFER, 0.0)
+    """Return how free a stop has to be where the one that is left has ``before`` [m].
+
+    Beyond `FAR` nobody has looked closer, so that more than that is never asked for.
+    """
+    known = min(before, FAR)
+    return known - GAMMA * max(known - BUFFER, 0.0)
 
 
 @jit
