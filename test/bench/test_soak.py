@@ -15,7 +15,7 @@ from adaptive_blf_control.bench import soak
 from adaptive_blf_control.bench.soak_bag import read_run
 from adaptive_blf_control.bench.soak_figures import account_of, growth_of, latency_of
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.cdr import JointStateCodec
+from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec, JointStateCodec
 
 LOG = """[INFO] [1.0] [recorder]: /joint_states: received 12, written 12, lost 3
 [INFO] [1.0] [recorder]: /other: received 7, written 5, dropped 2, lost 0
@@ -61,15 +61,15 @@ def test_account_needs_written_and_dropped_to_make_up_what_was_received() -> Non
 
 
 def test_states_and_answers_are_matched_by_stamp_in_any_order(tmp_path: Path) -> None:
-    joints, term = JointStateCodec(['j1']), JointStateCodec(['p'], fields=('position',))
+    joints, torque = JointStateCodec(['j1']), Float64MultiArrayCodec(1, '/ns/controller#01234567')
     start = 1_700_000_000_000_000_000
     with BagWriter(tmp_path / 'run') as writer:
-        for name in ('/ns/joint_states', '/ns/controller/adaptation_term'):
-            writer.add_topic(name, 'sensor_msgs/msg/JointState')
+        writer.add_topic('/ns/joint_states', 'sensor_msgs/msg/JointState')
+        writer.add_topic('/ns/effort_controller/commands', 'std_msgs/msg/Float64MultiArray')
         for i in range(50):
             stamp = start + i * 1_000_000
             both = [('/ns/joint_states', joints.encode(stamp, *np.zeros((3, 1))), stamp + 100),
-                    ('/ns/controller/adaptation_term', term.encode(stamp, np.zeros(1)),
+                    ('/ns/effort_controller/commands', torque.encode(np.zeros(1), stamp),
                      stamp + 100 + 1000 * (i + 1))]
             if i % 10 == 9:  # superseded: no answer
                 del both[1]
@@ -77,7 +77,7 @@ def test_states_and_answers_are_matched_by_stamp_in_any_order(tmp_path: Path) ->
                 writer.write(topic, data, stamp + 500_000, sent)
     run = read_run(tmp_path / 'run')
     answered = np.array([i for i in range(50) if i % 10 != 9])
-    assert run.counts == {'/ns/joint_states': 50, '/ns/controller/adaptation_term': 45}
+    assert run.counts == {'/ns/joint_states': 50, '/ns/effort_controller/commands': 45}
     np.testing.assert_allclose(run.sent, 1e-3 * answered, atol=1e-12)
     np.testing.assert_allclose(run.latency, 1e-6 * (answered + 1), atol=1e-12)
 
