@@ -473,7 +473,7 @@ if COMPILED:
     def _addresses(generator: np.random.Generator) -> list[int]:
         """Return what compiled functions call for random numbers, in numba's order."""
         given = generator.bit_generator.ctypes
-        functions = (given.next_uint64, given.next_double, given.next_uint32)
+        functions = (given.next_uint64, given.next_uint32, given.next_double)
         return [given.state_address, given.state.value,
                 *(ctypes.cast(each, ctypes.c_void_p).value or 0 for each in functions)]
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-__all__ = ['argument', 'as_command', 'option', 'setting']
+__all__ = ['argument', 'as_command', 'option', 'setting', 'spelled']
 
 _COMMAND: ContextVar[bool] = ContextVar('command', default=False)
 
@@ -20,6 +20,11 @@ def as_command() -> Iterator[None]:
         yield
     finally:
         _COMMAND.reset(token)
+
+
+def spelled(python: str, command: str) -> str:
+    """Return a value as Python or as the command line has it."""
+    return command if _COMMAND.get() else python
 
 
 def argument(name: str) -> str:

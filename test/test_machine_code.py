@@ -87,13 +87,19 @@ FOREIGN = """
 import sys
 from typing import NamedTuple
 import numpy as np
-from adaptive_blf_control.compiled import before_each_compilation, handle
+from adaptive_blf_control.arms.integrator import acceleration, advance
+from adaptive_blf_control.compiled import before_each_compilation, jit
 
 class Mine(NamedTuple):
-    q: np.ndarray
+    mass: np.ndarray
 
+@jit
+def fall(arm, q, qd, tau):
+    return tau / arm.mass
+
+acceleration.register(Mine, fall)
 with before_each_compilation(lambda: print('compiled')):
-    handle(Mine(np.zeros(2)))
+    advance(Mine(np.ones(2)), np.zeros(2), np.zeros(2), np.ones(2), 1e-3, 1)
 """
 
 
@@ -108,9 +114,9 @@ def test_types_of_a_program_leave_no_machine_code_that_others_cannot_read(tmp_pa
                            capture_output=True, text=True)
     assert 'compiled' in first.stdout
     (tmp_path / 'my_arm.py').unlink()
-    ours = ('from adaptive_blf_control.compiled import handle\n'
-            'from adaptive_blf_control.arms.two_link import TwoLinkArm\n'
-            'handle(TwoLinkArm().arrays)')
+    ours = ('from adaptive_blf_control.arms.two_link import TwoLinkArm\n'
+            'arm = TwoLinkArm()\n'
+            'arm.dynamics(arm.nominal).advance([0, 0], [0, 0], [1, 1], 1e-3)')
     subprocess.run([sys.executable, '-c', ours], env=environment, check=True)
 
 

@@ -40,7 +40,9 @@ class ForwardDynamics(Protocol):
     def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
                 substeps: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """Integrate over ``dt`` [s] under a held torque with RK4 sub-steps; return new (q, q̇)."""
-        return uncompiled(integrator.advance)(self, q, qd, tau, dt, substeps)
+        q, qd = np.array(q, dtype=float), np.array(qd, dtype=float)
+        uncompiled(integrator.move)(self, q, qd, tau, dt, substeps)
+        return q, qd
 
 
 def _acceleration(arm: ForwardDynamics, q: np.ndarray, qd: np.ndarray,

@@ -2,7 +2,7 @@
 """The way on which all joints stop, and how near links come to obstacles and to each other on it.
 
 After a sample with the acceleration a every joint decelerates with a_b until it stands: the stop
-path. Whoever goes on may do so because that path is free, and whoever may not, takes it, see
+path. An arm may go on because that path is free; where it may not, it follows the path, see
 `Stop`; the joints are then within ρ of it, see `stop_path`. It is looked at between K + 1 points
 in time. On a piece from A to B a point p of a link moves by Δp; it is off the straight line
 between its ends by no more than 4 s (1 − s) D + R, s the part of the piece, with

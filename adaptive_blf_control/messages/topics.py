@@ -167,8 +167,7 @@ OBSTACLES = _topic(
     'obstacles that move, with `safety_filter: limits`: spheres, cubes and cylinders in the frame '
     '`limits.obstacles.frame`, each known by `ns` and `id` until it is deleted (`action` 2, or 3 '
     'for all). Their velocity is taken from two messages. A message with anything that cannot be '
-    'used is refused as a whole; see [limits.md](limits.md#obstacles-that-move)',
-    recorded=False)
+    'used is refused as a whole; see [limits.md](limits.md#obstacles-that-move)')
 CLOCK = _topic(
     '/clock', 'rosgraph_msgs/msg/Clock', 'arm_driver', KINDS,
     'in lockstep only: the stamp of the state that follows', recorded=False, only_lockstep=True)

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import importlib
+import inspect
 from typing import Any
 
 from adaptive_blf_control.errors import BlfError, ParameterError
@@ -39,6 +40,15 @@ def load_plugin(parameter: str, text: str) -> Any:
                              f'({type(error).__name__}: {error})') from error
 
 
+def _check_call(given: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    """Raise TypeError where a call does not fit; one of a builtin is not known before."""
+    try:
+        signature = inspect.signature(given)
+    except ValueError:
+        return
+    signature.bind(*arguments)
+
+
 def made(parameter: str, value: object, given: Any, names: Sequence[str], *arguments: Any,
          base: str = '') -> Any:
     """Return a part: as it is given, or what a class or function that is given makes.
@@ -58,6 +68,7 @@ def made(parameter: str, value: object, given: Any, names: Sequence[str], *argum
     if callable(given) and (isinstance(given, type)
                             or not all(hasattr(given, name) for name in names)):
         try:
+            _check_call(given, arguments)
             part = given(*arguments)
         except BlfError:
             raise

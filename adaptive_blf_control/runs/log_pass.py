@@ -19,7 +19,7 @@ from adaptive_blf_control.identification.identifier import Identifier, LearnedBl
 from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import estimate_uncertainty, Uncertainty
 from adaptive_blf_control.runs.batch_fit import BatchFit
-from adaptive_blf_control.spelling import setting
+from adaptive_blf_control.spelling import setting, spelled
 
 __all__ = ['NO_TEST', 'Given', 'Growth', 'LogPass', 'Prediction', 'Progress', 'Section', 'Span',
            'choose_spans', 'learn']
@@ -173,8 +173,8 @@ def _span(name: str, given: str | Sequence[float | None], first: float, last: fl
         start, end = (_end(name, value) for value in ends)
         span = Span(first if start is None else start, last if end is None else end)
     except (TypeError, ValueError):
-        raise ParameterError(name, given, f'(T0, T1) or T0:T1 in s: the log goes from {first:.6g} '
-                             f'to {last:.6g} s') from None
+        raise ParameterError(name, given, f'{spelled("(T0, T1)", "T0:T1")} in s: the log goes from '
+                             f'{first:.6g} to {last:.6g} s') from None
     # Ends as they are printed count as the log's own.
     span = Span(*(limit if abs(value - limit) <= 1e-5 * max(abs(limit), 1.0) else value
                   for value, limit in zip(span, (first, last))))

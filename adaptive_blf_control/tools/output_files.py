@@ -31,7 +31,7 @@ def check_writable(paths: Mapping[str, Path | None], overwrite: bool) -> None:
             raise ParameterError(option, str(path), 'a file in a folder that exists')
         if path.exists() and not overwrite:
             raise ParameterError(option, str(path), 'a file that is not there yet: --overwrite '
-                                 f'replaces it, {option} names another')
+                                 f'replaces it, {option} FILE names another')
         other = given.setdefault(path.resolve(), option)
         if other != option:
             raise ParameterError(option, str(path), f'another file than {other}')

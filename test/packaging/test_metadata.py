@@ -38,6 +38,7 @@ MODULES = {
     'pinocchio': Declared('pin', 'pinocchio'),
     'coal': Declared('pin', 'pinocchio'),  # its collision library, which it brings
     'numba': Declared('numba', 'python3-numba'),
+    'llvmlite': Declared('numba', 'python3-numba'),  # its compiler, which it brings
     'scipy': Declared('scipy', 'python3-scipy'),
     'matplotlib': Declared('matplotlib', 'python3-matplotlib'),
     'plotly': Declared('plotly', None),  # rosdep has no key for it

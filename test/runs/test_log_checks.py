@@ -14,7 +14,7 @@ from adaptive_blf_control.bags.logs import MeasuredLog, read_log
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.runs.finding import excerpt, listed, REFUSED, WARNING
-from adaptive_blf_control.runs.identification import REAL_ROBOT
+from adaptive_blf_control.runs.subject import REAL_ROBOT
 from adaptive_blf_control.runs.log_checks import check_log, refuse
 
 LINK = """<link name="{0}"><inertial><origin xyz="0.2 0.03 0"/><mass value="2.5"/>

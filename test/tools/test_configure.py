@@ -99,7 +99,7 @@ def test_a_urdf_of_a_relative_path_is_found_from_any_folder(tmp_path: Path, monk
     ([*PANDA, '--delay', '-1'], 'loop.delay'),
     ([*PANDA, '--torque-limit', '1', '2'], '--torque-limit'),
     ([*PANDA, '--centre', '9', '0', '0', '0', '0', '0', '0'], "joint 'panda_joint1'"),
-    ([*PANDA, '-o', 'no/such/folder/arm.yaml'], 'a file that can be written'),
+    ([*PANDA, '-o', 'no/such/folder/arm.yaml'], 'a file in a folder that exists'),
 ])
 def test_bad_input_is_one_clear_line_and_status_2(capsys, arguments, expected) -> None:
     pytest.importorskip('pinocchio')
