@@ -16,7 +16,7 @@ import numpy as np
 
 from adaptive_blf_control.control.reference import full_range, Reference, ReferencePoint
 from adaptive_blf_control.control.safety_filter import Governed
-from adaptive_blf_control.control.sets import Bounds
+from adaptive_blf_control.control.sets import Bounds, TOLERANCE
 from adaptive_blf_control.limits.acceleration_error import Posture
 from adaptive_blf_control.limits.filter_step import filter_step, FilterParts, Stop
 from adaptive_blf_control.limits.pace import NEAR, NEARER, Pace
@@ -130,7 +130,8 @@ class Governor:
         """Return whether a reference goes where there is no room for e1."""
         lower, upper = full_range(reference)
         limits = self._parts.limits
-        return bool((lower < limits.lower).any() or (upper > limits.upper).any())
+        return bool((lower < limits.lower - TOLERANCE).any()
+                    or (upper > limits.upper + TOLERANCE).any())
 
     def __copy__(self) -> Governor:
         """Return a governor that goes on from here without a trace in this one."""

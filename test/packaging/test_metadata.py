@@ -50,7 +50,8 @@ MODULES = {
        for name in ('rclpy', 'rcl_interfaces', 'rosgraph_msgs', 'builtin_interfaces',
                     'lifecycle_msgs')},
     **{name: Declared(ROS[1], name)
-       for name in ('sensor_msgs', 'std_msgs', 'std_srvs', 'diagnostic_msgs', 'trajectory_msgs')},
+       for name in ('sensor_msgs', 'std_msgs', 'std_srvs', 'diagnostic_msgs', 'trajectory_msgs',
+                    'visualization_msgs')},
 }
 """Everything that the package may import beyond the standard library, each by its reason."""
 
