@@ -12,9 +12,11 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 import ctypes
 from functools import singledispatch
 import hashlib
+from importlib.util import find_spec
 import math
 import struct
 from typing import Any, Protocol, TypeVar
+import warnings
 
 import numpy as np
 
@@ -54,9 +56,12 @@ try:
     )
     import scipy.linalg  # noqa: F401 (numba's np.linalg is scipy's LAPACK)
     COMPILED: bool = not numba.config.DISABLE_JIT
-except ImportError:  # plain numpy is the documented fallback
+except ImportError as error:  # plain numpy is the documented fallback
     numba = None
     COMPILED = False
+    if find_spec('numba') is not None:
+        warnings.warn(f'numba is installed but cannot be used ({error}): the laws run as plain '
+                      'numpy, much slower', RuntimeWarning, stacklevel=2)
 
 
 def _is_ours(kind: Any) -> bool:
