@@ -173,8 +173,9 @@ def _span(name: str, given: str | Sequence[float | None], first: float, last: fl
         start, end = (_end(name, value) for value in ends)
         span = Span(first if start is None else start, last if end is None else end)
     except (TypeError, ValueError):
-        raise ParameterError(name, given, f'{spelled("(T0, T1)", "T0:T1")} in s: the log goes from '
-                             f'{first:.6g} to {last:.6g} s') from None
+        raise ParameterError(
+            name, given, f'{spelled("(T0, T1)", "T0:T1")} in s: the log goes from {first:.6g} to '
+            f'{last:.6g} s') from None
     # Ends as they are printed count as the log's own.
     span = Span(*(limit if abs(value - limit) <= 1e-5 * max(abs(limit), 1.0) else value
                   for value, limit in zip(span, (first, last))))

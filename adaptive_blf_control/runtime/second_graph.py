@@ -50,7 +50,7 @@ def refuse_beside_another(node: DataNode) -> None:
 
 def _has_company(node: DataNode) -> bool:
     """Look for another until discovery has had its time; most nodes have compiled that long."""
-    give_up = node.made_at + (DISCOVERY if node.kind in ONE_AT_A_TIME else 0.0)
+    give_up = node.made_at + DISCOVERY
     while not _may_have_company(node):
         if time.monotonic() >= give_up or not node.up:
             return False

@@ -34,9 +34,12 @@ from adaptive_blf_control.messages.topics import (
     GUARANTEE,
     JOINT_STATES,
     JOINT_TRAJECTORY,
+    OBSTACLES,
+    PARAMETER_SET,
     PAYLOAD,
     PAYLOAD_STD,
     RECORDED,
+    RESERVE,
 )
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
@@ -48,7 +51,8 @@ from adaptive_blf_control.runtime.stop_flag import StopFlag
 from patience import PATIENCE
 
 # Spoken on only if asked for, where a parameter changes, and for an arm from a URDF.
-QUIET = (GUARANTEE, JOINT_TRAJECTORY, '/parameter_events', CONSISTENT_MODEL, PAYLOAD, PAYLOAD_STD)
+QUIET = (GUARANTEE, JOINT_TRAJECTORY, '/parameter_events', CONSISTENT_MODEL, PAYLOAD, PAYLOAD_STD,
+         OBSTACLES, PARAMETER_SET, RESERVE)
 
 
 def _left_over(folder: Path) -> list[str]:

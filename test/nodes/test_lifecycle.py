@@ -433,7 +433,7 @@ def compiled():
     return {f'{name}.{key}': len(value.signatures)
             for name, module in list(sys.modules.items())
             if name.startswith('adaptive_blf_control') for key, value in vars(module).items()
-            if hasattr(value, 'nopython_signatures')}
+            if hasattr(value, 'nopython_signatures') and not isinstance(value, type)}
 
 
 rclpy.init()

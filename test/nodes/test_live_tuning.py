@@ -70,7 +70,7 @@ NEW: dict[str, dict[str, Any]] = {
         'excitation.window': 3.0, 'update_law': 'gradient', 'adaptation_term_timeout': 0.5,
         'filter.effort': 'instant', 'change.suspicion': 4.0, 'change.settle': 2.0,
         'change.patience': 1.0, 'change.adapt': True, 'known_contact': True,
-        'external_torque_decimation': 3,
+        'external_torque_decimation': 3, 'composed_decimation': 3,
     },
     'controller': {
         'ramp_time': 0.5, 'k1': [50.0, 60.0], 'k2': [5.0, 3.0], 'coupling': 'pseudoinverse',
@@ -85,7 +85,8 @@ NEW: dict[str, dict[str, Any]] = {
         'reference.smooth_start': 1.0, 'reference.resume_time': 1.5, 'guarantee.mode': 'bound',
         'guarantee.theta_error': 5.0, 'guarantee.smallest_gamma': 0.5,
         'guarantee.mass': [0.2, 5.0], 'state_timeout': 30.0, 'monitor_decimation': 3,
-        'slotine_li.gamma': [100.0], 'barrier_weight': [0.5, 0.2],
+        'slotine_li.gamma': [100.0], 'barrier_weight': [0.5, 0.2], 'coupling_reach': 0.8,
+        'composed_decimation': 3,
         'reference.velocity_limit': 9.0, 'reference.acceleration_limit': 90.0,
         # Of the safety filter, which is not in use here.
         'limits.velocity': [2.0, 3.0], 'limits.braking': [5.0], 'limits.link_radius': 0.1,
@@ -94,6 +95,7 @@ NEW: dict[str, dict[str, Any]] = {
         'limits.obstacles.capsules': [0.5, 0.0, 0.5, 0.5, 0.0, 0.9, 0.1],
         'limits.obstacles.boxes': [0.5, 0.0, 0.5, 0.1, 0.1, 0.1],
         'limits.obstacles.half_spaces': [0.0, 0.0, 0.1, 0.0, 0.0, 1.0],
+        'limits.obstacles.speed': 0.5, 'limits.obstacles.timeout': 0.2, 'limits.self_collision': True,
     },
     'recorder': {},
 }
@@ -101,11 +103,12 @@ NEW: dict[str, dict[str, Any]] = {
 READ_EACH_TIME = {
     'arm_driver': {'ramp_time', 'duration', 'command_timeout', 'timeout_action', 'damping',
                    'lockstep.rate'},
-    'identifier': {'adaptation_term_timeout'},
+    'identifier': {'adaptation_term_timeout', 'composed_decimation'},
     'controller': {'ramp_time', 'on_violation', 'reference.resume_time', 'state_timeout',
                    'reference.smooth_start', 'guarantee.mode', 'guarantee.theta_error',
                    'reference.velocity_limit', 'reference.acceleration_limit',
-                   'guarantee.smallest_gamma', 'guarantee.mass', 'monitor_decimation'},
+                   'guarantee.smallest_gamma', 'guarantee.mass', 'monitor_decimation',
+                   'composed_decimation'},
 }
 
 
@@ -168,7 +171,7 @@ def _controller_uses(node: ControllerNode) -> dict[str, Any]:
     controller, settings = node.motion.controller, node.motion.controller.settings
     uses = {
         'k1': settings.k1, 'k2': settings.k2, 'coupling': settings.coupling,
-        'barrier_weight': settings.barrier_weight,
+        'barrier_weight': settings.barrier_weight, 'coupling_reach': settings.coupling_reach,
         'torque_limit': settings.torque_limit, 'torque_rate_limit': settings.torque_rate_limit,
         'estimate_limit': node.estimates.gate.limit,
         'slotine_li.gamma': settings.slotine_li.gamma,

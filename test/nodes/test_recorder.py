@@ -23,6 +23,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, Int32, String
+from visualization_msgs.msg import MarkerArray
 import yaml
 
 from adaptive_blf_control.bags.reader import read_bag
@@ -30,7 +31,13 @@ from adaptive_blf_control.bench.soak_figures import account_of
 from adaptive_blf_control.configuration.parameter_file import node_values, PARAMETERS_KEY
 from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.messages.cdr import encode_int32
-from adaptive_blf_control.messages.topics import HISTORY_RANK, JOINT_TRAJECTORY, RECORDED, TOPICS
+from adaptive_blf_control.messages.topics import (
+    HISTORY_RANK,
+    JOINT_TRAJECTORY,
+    OBSTACLES,
+    RECORDED,
+    TOPICS,
+)
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
@@ -41,7 +48,8 @@ from patience import PATIENCE
 TYPES = {'sensor_msgs/msg/JointState': JointState, 'std_msgs/msg/Int32': Int32,
          'std_msgs/msg/Float64': Float64, 'std_msgs/msg/Float64MultiArray': Float64MultiArray,
          'diagnostic_msgs/msg/DiagnosticArray': DiagnosticArray, 'std_msgs/msg/String': String,
-         'geometry_msgs/msg/InertiaStamped': InertiaStamped}
+         'geometry_msgs/msg/InertiaStamped': InertiaStamped,
+         'visualization_msgs/msg/MarkerArray': MarkerArray}
 EVENTS = '/parameter_events'
 
 
@@ -73,7 +81,8 @@ def recorded(graph, wait_until, tmp_path):
     heard = {topic if topic[0] == '/' else f'/{topic}': peer.listen(
         TYPES[kind], topic, QoSProfile(depth=5000, durability=_durability(topic)))
         for topic, kind in RECORDED.items()
-        if topic not in (JOINT_TRAJECTORY, EVENTS)}  # a planner's; and sent before anyone hears
+        # Sent by planners and cameras; and before anyone hears.
+        if topic not in (JOINT_TRAJECTORY, OBSTACLES, EVENTS)}
     wait_until(lambda: all(peer.count_subscribers(topic) >= 2 for topic in heard)
                and len(peer.get_publishers_info_by_topic('/diagnostics')) == 4)
     runners = {name: graph.run(node) for name, node in nodes.items()}
@@ -98,7 +107,8 @@ def test_a_run_is_in_the_bag_bit_for_bit_and_others_can_read_it(recorded) -> Non
 
 
 # Sent when asked for, or every few seconds once there is something to say.
-SILENT = ('/controller/guarantee', '/identifier/consistent_model', '/identifier/theta_std',
+SILENT = ('/controller/guarantee', '/controller/reserve', '/identifier/parameter_set',
+          '/identifier/consistent_model', '/identifier/theta_std',
           '/identifier/payload', '/identifier/payload_std')
 
 

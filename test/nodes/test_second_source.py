@@ -146,7 +146,7 @@ MAKES = {'arm_driver': ArmDriver, 'identifier': IdentifierNode, 'controller': Co
 def test_a_second_graph_does_not_start_beside_the_first(
         processes, graph_of, wait_until, kind, name) -> None:
     graph = graph_of(processes.domain)
-    given = {'bag': str(processes.folder / 'bag')} if kind == 'recorder' else {}
+    given = {'bag': str(processes.folder / 'first')} if kind == 'recorder' else {}
     first = graph.make(MAKES[kind], **given)
     diagnostics = graph.peer().listen(DiagnosticArray, '/diagnostics')
     graph.run(first)

@@ -14,8 +14,8 @@ from adaptive_blf_control.bags.logs import MeasuredLog, read_log
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.runs.finding import excerpt, listed, REFUSED, WARNING
-from adaptive_blf_control.runs.subject import REAL_ROBOT
 from adaptive_blf_control.runs.log_checks import check_log, refuse
+from adaptive_blf_control.runs.subject import REAL_ROBOT
 
 LINK = """<link name="{0}"><inertial><origin xyz="0.2 0.03 0"/><mass value="2.5"/>
   <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.03"/></inertial></link>
