@@ -12,7 +12,6 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 import ctypes
 from functools import singledispatch
 import hashlib
-from importlib.util import find_spec
 import math
 import struct
 from typing import Any, Protocol, TypeVar
@@ -29,37 +28,42 @@ __all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilatio
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 try:
-    from llvmlite import ir
     import numba
-    from numba.core import cgutils, event as numba_event, sigutils
-    from numba.core.caching import FunctionCache
-    from numba.core.codegen import JITCodeLibrary
-    from numba.core.compiler import compile_extra, Flags
-    from numba.core.compiler_lock import global_compiler_lock
-    from numba.core.environment import lookup_environment
-    from numba.core.imputils import impl_ret_borrowed, lower_builtin, lower_getattr_generic
-    from numba.core.registry import CPUDispatcher
-    from numba.core.typing.templates import (
-        AbstractTemplate,
-        AttributeTemplate,
-        infer_getattr,
-        infer_global,
-        signature,
-    )
-    from numba.extending import (
-        lower_getattr,
-        models,
-        NativeValue,
-        register_model,
-        typeof_impl,
-        unbox,
-    )
     import scipy.linalg  # noqa: F401 (numba's np.linalg is scipy's LAPACK)
     COMPILED: bool = not numba.config.DISABLE_JIT
-except ImportError as error:  # plain numpy is the documented fallback
+except ImportError:  # plain numpy is the documented fallback
     numba = None
     COMPILED = False
-    if find_spec('numba') is not None:
+
+if numba is not None:
+    try:
+        from llvmlite import ir
+        from numba.core import cgutils, event as numba_event, sigutils
+        from numba.core.caching import FunctionCache
+        from numba.core.codegen import JITCodeLibrary
+        from numba.core.compiler import compile_extra, Flags
+        from numba.core.compiler_lock import global_compiler_lock
+        from numba.core.environment import lookup_environment
+        from numba.core.imputils import impl_ret_borrowed, lower_builtin, lower_getattr_generic
+        from numba.core.registry import CPUDispatcher
+        from numba.core.typing.templates import (
+            AbstractTemplate,
+            AttributeTemplate,
+            infer_getattr,
+            infer_global,
+            signature,
+        )
+        from numba.extending import (
+            lower_getattr,
+            models,
+            NativeValue,
+            register_model,
+            typeof_impl,
+            unbox,
+        )
+    except ImportError as error:  # a version that has it elsewhere
+        numba = None
+        COMPILED = False
         warnings.warn(f'numba is installed but cannot be used ({error}): the laws run as plain '
                       'numpy, much slower', RuntimeWarning, stacklevel=2)
 
