@@ -244,6 +244,7 @@ class BagWriter:
         self._writer.start(profile='ros2', library=LIBRARY)
         self._add_metadata_record()
         self._stream.flush()
+        self._flushed = self._flushed._replace(position=self._stream.tell())
         save_metadata(self.path, self._metadata())
 
     def _register(self, name: str, type_name: str, profiles: list[dict[str, Any]],

@@ -234,7 +234,7 @@ with BagWriter(sys.argv[1]) as writer:
     try:
         for i in range(100):
             writer.write('/a', data, i)
-            if i % int(sys.argv[2]) == 0:
+            if (i + 1) % int(sys.argv[2]) == 0:
                 writer.flush()
     except BagError as exc:
         print(exc)
@@ -279,7 +279,7 @@ def test_killed_process_loses_nothing_that_was_flushed(tmp_path):
     assert [topic.name for topic in load_metadata(tmp_path / 'run').topics] == ['/a']
 
 
-@pytest.mark.parametrize('together', [1, 7, 1000])  # messages from flush to flush
+@pytest.mark.parametrize('together', [1, 7, 1000])  # messages from flush to flush; 1000: none
 def test_full_disk_is_reported_with_the_path_and_leaves_a_readable_bag(tmp_path, together):
     pytest.importorskip('resource')
     first, second = run(FILL_THE_DISK, tmp_path / 'run', together).splitlines()
