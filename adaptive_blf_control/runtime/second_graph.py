@@ -49,11 +49,8 @@ def refuse_beside_another(node: DataNode) -> None:
 
 
 def _has_company(node: DataNode) -> bool:
-    """Look for another until discovery has had its time; most nodes have compiled that long.
-
-    A recorder does not wait: a second one moves nothing, and what it is to write piles up.
-    """
-    give_up = node.made_at + (0.0 if node.kind == 'recorder' else DISCOVERY)
+    """Look for another until discovery has had its time; most nodes have compiled that long."""
+    give_up = node.made_at + DISCOVERY
     while not _may_have_company(node):
         if time.monotonic() >= give_up or not node.up:
             return False

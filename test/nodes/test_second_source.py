@@ -18,6 +18,7 @@ from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES, 
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
+from adaptive_blf_control.nodes.recorder import Recorder
 
 PARAMETERS = TwoLinkArm().parameters
 LABEL = '/identifier#0000abcd'
@@ -135,20 +136,23 @@ def test_a_second_controllers_terms_do_not_reach_the_estimate(graph, wait_until)
                              ADAPTATION_TERM, '/peer'))
 
 
-MAKES = {'arm_driver': ArmDriver, 'identifier': IdentifierNode, 'controller': ControllerNode}
+MAKES = {'arm_driver': ArmDriver, 'identifier': IdentifierNode, 'controller': ControllerNode,
+         'recorder': Recorder}
 
 
 @pytest.mark.parametrize(('kind', 'name'), [
     ('arm_driver', 'arm_driver'), ('arm_driver', 'another'), ('identifier', 'identifier'),
-    ('identifier', 'another'), ('controller', 'controller')])
+    ('identifier', 'another'), ('controller', 'controller'), ('recorder', 'recorder')])
 def test_a_second_graph_does_not_start_beside_the_first(
         processes, graph_of, wait_until, kind, name) -> None:
     graph = graph_of(processes.domain)
-    first = graph.make(MAKES[kind])
+    given = {'bag': str(processes.folder / 'first')} if kind == 'recorder' else {}
+    first = graph.make(MAKES[kind], **given)
     diagnostics = graph.peer().listen(DiagnosticArray, '/diagnostics')
     graph.run(first)
     wait_until(lambda: diagnostics, 'a sign of the first')
-    second = processes.start(kind, '--ros-args', '-r', f'__node:={name}')
+    own = ('-p', f"bag:={processes.folder / 'second'}") if kind == 'recorder' else ()
+    second = processes.start(kind, '--ros-args', '-r', f'__node:={name}', *own)
     assert second.wait() == 2
     assert f'/{kind} is running already' in second.text
     assert 'Traceback' not in second.text
