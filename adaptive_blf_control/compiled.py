@@ -245,6 +245,8 @@ if COMPILED:
         """
 
         def __init__(self, target: Any) -> None:
+            """Take the type of the NamedTuple; TypeError where a field cannot be read by address."""
+            _check_fields(target)
             self.target = target
             digest = hashlib.sha256(target.name.encode()).hexdigest()[:16]
             super().__init__(f'{type(self).__name__}({target.instance_class.__name__}_{digest})')
@@ -272,6 +274,18 @@ if COMPILED:
     class _ReferenceModel(models.PrimitiveModel):  # type: ignore[misc]
         def __init__(self, manager: Any, kind: Any) -> None:
             super().__init__(manager, kind, _ADDRESS)
+
+    def _check_fields(target: Any) -> None:
+        """Raise TypeError, naming the field, where a value is not what `_words` counts."""
+        known = (numba.types.Array, numba.types.Boolean, numba.types.Integer, HandleType,
+                 numba.types.NumPyRandomGeneratorType)
+        for name, kind in zip(target.fields, target):
+            if isinstance(kind, numba.types.BaseNamedTuple):
+                _check_fields(kind)
+            elif not isinstance(kind, known) and kind != numba.types.float64:
+                raise TypeError(f'{target.instance_class.__name__}.{name} is of type {kind}: '
+                                'expected a float, an int, a bool, an array, a numpy Generator, '
+                                'a Handle or a NamedTuple of such')
 
     def _words(kind: Any) -> int:
         """Return how many words of 64 bits a value of a type takes where references point to."""

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 
-from adaptive_blf_control.compiled import borrowed, Handle, handle, jit
+from adaptive_blf_control.compiled import borrowed, COMPILED, Handle, handle, jit
 
 
 class Box(NamedTuple):
@@ -81,3 +82,19 @@ def test_every_kind_of_field_is_read_through_a_reference():
         assert _of_outer(given) == expected
         assert _of_handle(opened) == expected
         assert given.matrix[0].tolist() == held.matrix[0].tolist() == [0.0, 0.5 * (k + 1)]
+
+
+class Odd(NamedTuple):
+    """A field between two that every reference can point to."""
+
+    first: float
+    odd: Any
+    last: float
+
+
+@pytest.mark.skipif(not COMPILED, reason='references are for compiled functions')
+@pytest.mark.parametrize('odd', [(1.0, 2.0), 1j, None, 'text', np.float32(1.0)])
+def test_a_field_that_a_reference_cannot_point_to_is_refused_not_read_from_the_wrong_place(odd):
+    for value in Odd(1.0, odd, 3.0), Outer(1.0, Odd(1.0, odd, 3.0), None, np.zeros(1)):
+        with pytest.raises(TypeError, match=r'^Odd.odd is of type .*: expected a float'):
+            handle(value)

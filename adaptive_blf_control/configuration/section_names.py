@@ -33,9 +33,10 @@ def reaches(key: str, node: str) -> bool:
 def check_sections_reach(keys: Iterable[str], node: str) -> None:
     """Check that no section was meant for a node and does not reach it.
 
-    A file may have sections for other nodes, ours and foreign ones. One that has the name of this
-    node and another namespace, or nearly the name of one of ours, is a mistake: ROS would leave
-    it out without a word, and a limit with it.
+    A file may have sections for other nodes, ours and foreign ones, and for a node of this name in
+    other namespaces beside its own. One of this name where none reaches the node, or with nearly
+    the name of one of ours, is a mistake: ROS would leave it out without a word, and a limit with
+    it.
 
     Args:
         keys: Of the sections.
@@ -45,9 +46,13 @@ def check_sections_reach(keys: Iterable[str], node: str) -> None:
         ParameterError: names the section, the node and what would reach it.
     """
     own = node.rpartition('/')[2]
+    keys = list(keys)
+    has_own = any(key.rpartition('/')[2] == own and reaches(key, node) for key in keys)
     for key in keys:
         last = key.rpartition('/')[2]
         if reaches(key, node) or last in ('*', _ANY) or last in TABLES and last != own:
+            continue
+        if last == own and has_own:
             continue
         if last == own:
             raise ParameterError('params-file', key,

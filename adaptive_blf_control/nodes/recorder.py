@@ -195,6 +195,11 @@ class Recorder(DataNode[RecorderSettings]):
         """Take what has arrived within the last ``timeout`` [s]."""
         return super().spin_data(timeout)
 
+    def wait_to_start(self, timeout: float) -> None:
+        """Record already: what is kept from the first message on disturbs nobody."""
+        self.spin_data(timeout)
+        self.idle()
+
     def idle(self) -> None:
         """Flush, and look for topics and publishers that were not known yet."""
         self._write_dated(time.time_ns())

@@ -123,6 +123,10 @@ class DataNode(Node, Generic[NodeSettings]):
     def retune(self, settings: NodeSettings, changed: set[str]) -> None:
         """Take new settings between two samples, all of them or (BlfError) none."""
 
+    def wait_to_start(self, timeout: float) -> None:
+        """Let ``timeout`` [s] pass before :meth:`run`; a node that need not wait may work."""
+        time.sleep(timeout)
+
     def idle(self) -> None:
         """Do what has to be done between messages: watchdogs. Called after every wait."""
 

@@ -41,7 +41,7 @@ def refuse_beside_another(node: DataNode) -> None:
     while not heard and node.up and time.monotonic() < give_up:
         for data, _ in channel.messages():
             heard.extend(_names_beside(node, data))
-        time.sleep(POLL_PERIOD)
+        node.wait_to_start(POLL_PERIOD)
     node.destroy_subscription(channel.subscription)
     if heard:
         raise BlfError(f'{heard[0]} is running already: one {node.kind} for an arm; end it, or '
@@ -54,7 +54,7 @@ def _has_company(node: DataNode) -> bool:
     while not _may_have_company(node):
         if time.monotonic() >= give_up or not node.up:
             return False
-        time.sleep(POLL_PERIOD)
+        node.wait_to_start(POLL_PERIOD)
     return True
 
 

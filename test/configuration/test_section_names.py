@@ -40,6 +40,14 @@ def test_a_section_that_was_meant_and_reaches_nothing_is_an_error(key, words):
     assert key in str(error.value)
 
 
+def test_one_file_may_have_a_section_for_each_of_several_namespaces():
+    keys = ['/left/controller', '/right/controller']
+    check_sections_reach(keys, '/left/controller')
+    check_sections_reach(iter(['/**/controller', '/right/controller']), '/left/controller')
+    with pytest.raises(ParameterError, match='/middle/controller'):
+        check_sections_reach(keys, '/middle/controller')
+
+
 def test_sections_of_other_nodes_are_left_to_them_and_foreign_ones_are_named():
     keys = ['/**', '/**/identifier', '/right/*', '/**/left/controller', '/**/gripper_driver']
     check_sections_reach(keys, '/left/controller')
