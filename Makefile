@@ -41,6 +41,8 @@ endif
 export ROS_LOG_DIR := $(CURDIR)/$(VENV)/log
 export MPLCONFIGDIR := $(CURDIR)/$(VENV)/cache/matplotlib
 unexport PYTHONHOME
+# Without it every process of a test or a demo would compile the whole package again.
+unexport PYTHONDONTWRITEBYTECODE
 
 define CHECK_PYTHON
 import sys

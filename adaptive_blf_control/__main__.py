@@ -11,8 +11,8 @@ from adaptive_blf_control.command_line import quiet_when_unread
 from adaptive_blf_control.executables import (
     BENCHES,
     COMPOSED,
+    entry_of,
     EXECUTABLES,
-    module_of,
     NODES,
     TOOLS,
 )
@@ -60,8 +60,9 @@ def main(args: list[str] | None = None) -> int:
         return 2
     # What reads sys.argv by itself (argparse's program name, rclpy.init) sees what ros2 run gives.
     sys.argv = [f'{PROGRAM} {name}', *rest]
+    module, function = entry_of(name)
     with quiet_when_unread():
-        status: int = importlib.import_module(module_of(name)).main(rest)
+        status: int = getattr(importlib.import_module(module), function)(rest)
     return status
 
 

@@ -12,6 +12,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 import ctypes
 from functools import singledispatch
 import hashlib
+from importlib.util import find_spec
 import math
 import struct
 from typing import Any, Protocol, TypeVar
@@ -29,7 +30,8 @@ Function = TypeVar('Function', bound=Callable[..., Any])
 
 try:
     import numba
-    import scipy.linalg  # noqa: F401 (numba's np.linalg is scipy's LAPACK)
+    if find_spec('scipy') is None:  # numba's np.linalg is scipy's LAPACK
+        raise ImportError('scipy')
     COMPILED: bool = not numba.config.DISABLE_JIT
 except ImportError:  # plain numpy is the documented fallback
     numba = None
@@ -245,7 +247,7 @@ if COMPILED:
         """
 
         def __init__(self, target: Any) -> None:
-            """Take the type of the NamedTuple; TypeError where a field cannot be read by address."""
+            """Take the type of the NamedTuple; TypeError: a field cannot be read there."""
             _check_fields(target)
             self.target = target
             digest = hashlib.sha256(target.name.encode()).hexdigest()[:16]

@@ -6,7 +6,7 @@ It imports nothing, because ``setup.py`` reads it on machines where numpy is not
 
 from __future__ import annotations
 
-__all__ = ['BENCHES', 'COMPOSED', 'EXECUTABLES', 'NODES', 'TOOLS', 'console_scripts', 'module_of']
+__all__ = ['BENCHES', 'COMPOSED', 'EXECUTABLES', 'NODES', 'TOOLS', 'console_scripts', 'entry_of']
 
 NODES: dict[str, str] = {
     'arm_driver': 'simulated arm: takes torque commands, publishes joint states',
@@ -14,12 +14,12 @@ NODES: dict[str, str] = {
     'controller': 'barrier Lyapunov law: keeps every joint inside its sets',
     'recorder': 'writes every topic of the run into a rosbag2 MCAP bag',
 }
-"""Nodes: name to one line of help. Module: ``adaptive_blf_control.nodes.<name>``."""
+"""Nodes: name to one line of help. Function: ``adaptive_blf_control.nodes.start.<name>``."""
 
 COMPOSED: dict[str, str] = {
     'arm_control': 'controller and identifier in one process: the fastest answer',
 }
-"""Several nodes in one process: name to one line of help, module as of a node."""
+"""Several nodes in one process: name to one line of help, function as of a node."""
 
 TOOLS: dict[str, str] = {
     'demo': "the four nodes as separate processes on the paper's two-link task",
@@ -45,16 +45,12 @@ BENCHES: dict[str, str] = {
 }
 """Benchmarks and studies: name to one line of help, in ``adaptive_blf_control.bench.<name>``."""
 
-_ROOMS: dict[str, dict[str, str]] = {'nodes': {**NODES, **COMPOSED}, 'tools': TOOLS,
-                                     'bench': BENCHES}
-
-EXECUTABLES: dict[str, str] = {name: summary for table in _ROOMS.values()
-                               for name, summary in table.items()}
+EXECUTABLES: dict[str, str] = {**NODES, **COMPOSED, **TOOLS, **BENCHES}
 """All executables: name to one line of help."""
 
 
-def module_of(executable: str) -> str:
-    """Return the dotted module whose ``main(args) -> int`` is the executable.
+def entry_of(executable: str) -> tuple[str, str]:
+    """Return the dotted module and the function in it, ``(args) -> int``, of an executable.
 
     Args:
         executable: A key of :data:`EXECUTABLES`.
@@ -62,12 +58,14 @@ def module_of(executable: str) -> str:
     Raises:
         KeyError: No such executable.
     """
+    if executable in {**NODES, **COMPOSED}:
+        return 'adaptive_blf_control.nodes.start', executable
     if executable not in EXECUTABLES:
         raise KeyError(executable)
-    room = next(room for room, table in _ROOMS.items() if executable in table)
-    return f'adaptive_blf_control.{room}.{executable}'
+    room = 'tools' if executable in TOOLS else 'bench'
+    return f'adaptive_blf_control.{room}.{executable}', 'main'
 
 
 def console_scripts() -> list[str]:
-    """Return the entry points in the form ``name = module:main`` that setuptools wants."""
-    return [f'{name} = {module_of(name)}:main' for name in EXECUTABLES]
+    """Return the entry points in the form ``name = module:function`` that setuptools wants."""
+    return [f'{name} = {":".join(entry_of(name))}' for name in EXECUTABLES]

@@ -20,6 +20,7 @@ from adaptive_blf_control.arms.chain_dynamics import (
 from adaptive_blf_control.arms.regressors import arrays_of, law_regressor, regressors
 from adaptive_blf_control.compiled import borrowed, by_type, jit
 from adaptive_blf_control.errors import ArmError
+from adaptive_blf_control.linear_algebra import product
 
 __all__ = ['mass', 'mass_and_bias', 'model_of', 'RegressorModel']
 
@@ -55,7 +56,7 @@ def _regressor_mass(model: RegressorModel, q: np.ndarray) -> np.ndarray:
     result, axis = np.empty((n, n)), np.zeros(n)
     for j in range(n):
         axis[j] = 1.0
-        result[:, j] = regressors(model.arm, q, axis)[0] @ model.theta
+        result[:, j] = product(regressors(model.arm, q, axis)[0], model.theta)
         axis[j] = 0.0
     return result
 
@@ -64,7 +65,7 @@ def _regressor_mass(model: RegressorModel, q: np.ndarray) -> np.ndarray:
 def _regressor_mass_and_bias(model: RegressorModel, q: np.ndarray,
                              qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     model = borrowed(model)
-    bias = law_regressor(model.arm, q, qd, qd, np.zeros_like(q)) @ model.theta
+    bias = product(law_regressor(model.arm, q, qd, qd, np.zeros_like(q)), model.theta)
     return _regressor_mass(model, q), bias
 
 

@@ -22,6 +22,7 @@ from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vect
 from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError, ParameterError
+from adaptive_blf_control.linear_algebra import product
 
 __all__ = ['ThreeLinkArm', 'three_link_X', 'three_link_Y1', 'three_link_Y12', 'three_link_Y2',
            'three_link_acceleration', 'three_link_mass', 'three_link_parameters']
@@ -189,7 +190,7 @@ def three_link_acceleration(q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
                             theta: np.ndarray) -> np.ndarray:
     """Equation (47): q̈ = M⁻¹(τ − N − F q̇), shape (3,) [rad/s²], by cofactors."""
     m = three_link_mass(q, theta)
-    b = tau - np.dot(_centripetal(q, qd), theta)
+    b = tau - product(_centripetal(q, qd), theta)
     a, d, f = m[0, 0], m[1, 1], m[2, 2]
     u, v, w = m[0, 1], m[0, 2], m[1, 2]
     c11, c12, c13 = d * f - w * w, v * w - u * f, u * w - v * d

@@ -32,7 +32,7 @@ from adaptive_blf_control.bench import (
 )
 from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.compiled import COMPILED
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runs.summary import run_of_trace, summarise

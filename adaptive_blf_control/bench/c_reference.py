@@ -16,7 +16,7 @@ import subprocess
 import tempfile
 from typing import NamedTuple
 
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
 from adaptive_blf_control.errors import BlfError
 

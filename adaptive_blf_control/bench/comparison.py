@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.bench.integral_cl import IntegralConcurrentLearning
-from adaptive_blf_control.configuration.build import build_closed_loop, OwnParts
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop, OwnParts
 from adaptive_blf_control.configuration.parameter_file import apply_settings
 from adaptive_blf_control.control.laws.protocol import Law, own_estimate, uses_estimate
 from adaptive_blf_control.identification.history_stack import HistoryStack

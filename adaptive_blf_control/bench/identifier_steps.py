@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.pair_selection import is_different

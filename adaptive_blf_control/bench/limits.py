@@ -16,7 +16,7 @@ from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.bench import limits_picture
 from adaptive_blf_control.bench.arms import ARMS, node_data
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.configuration.parameter_file import (
     apply_changes,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream

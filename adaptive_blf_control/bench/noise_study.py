@@ -14,7 +14,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.bench.comparison import WRONG_MODEL
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.change_monitor import ResidualMonitor

@@ -20,7 +20,7 @@ from adaptive_blf_control.arms.base_parameters import PER_BODY
 from adaptive_blf_control.arms.load_frame import load_map
 from adaptive_blf_control.bags.logs import MeasuredLog
 from adaptive_blf_control.bench.payload_figures import LoadRun, LoadWatch, ratios
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import apply_changes, load_yaml
 from adaptive_blf_control.configuration.payload import build_payload

@@ -25,7 +25,7 @@ from adaptive_blf_control.bench.rate_figures import (
     Usage,
     usage_of,
 )
-from adaptive_blf_control.configuration.build import build_arm
+from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.configuration.parameter_file import load_yaml, node_settings
 from adaptive_blf_control.errors import BlfError, MissingExtra, ParameterError

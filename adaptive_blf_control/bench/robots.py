@@ -18,7 +18,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.bench.arms import ARMS, node_data, off_by
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_changes
 from adaptive_blf_control.errors import BlfError, ParameterError
 from adaptive_blf_control.runs.simulation import simulate

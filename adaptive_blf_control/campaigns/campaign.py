@@ -13,7 +13,7 @@ import shlex
 from typing import Any
 
 from adaptive_blf_control.campaigns.variations import draw, Drawn, variations
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.errors import ParameterError

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.configuration.build import ArmStore, build_closed_loop
+from adaptive_blf_control.configuration.build_arm import ArmStore
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_changes
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runs.summary import (

@@ -19,7 +19,7 @@ from adaptive_blf_control.campaigns.distributions import (
     read_distribution,
     unit_numbers,
 )
-from adaptive_blf_control.configuration.build import build_arm
+from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.node_settings import DriverSettings, NODE_SETTINGS, TABLES
 from adaptive_blf_control.configuration.parameter_file import node_settings, node_values
 from adaptive_blf_control.errors import ParameterError, UnknownParameter

@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 
 from adaptive_blf_control.arms.robot_description import robot_description
 from adaptive_blf_control.arms.urdf_source import read_urdf, urdf_joints
-from adaptive_blf_control.configuration.build import build_arm
+from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.configuration.parameter_file import load_yaml, node_settings
 from adaptive_blf_control.errors import ArmError

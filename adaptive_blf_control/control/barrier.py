@@ -17,16 +17,13 @@ from typing import TypeVar
 import numpy as np
 
 from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.control.settings import INTERIOR
 
 __all__ = ['INTERIOR', 'Each', 'active_bound', 'barrier', 'barrier_gradient', 'bound_towards',
            'interior', 'joint_barrier']
 
 Each = TypeVar('Each', float, np.ndarray)
 """The value of one joint, or those of all, shape (n,): what holds joint by joint."""
-
-# Part of the bound up to which the barrier is evaluated: w = b² − e1² ≥ 2e-3 b², so that the
-# coupling torque c b² e1 / w² stays below 2.5e5 c / b.
-INTERIOR = 0.999
 
 
 @jit

@@ -9,7 +9,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from adaptive_blf_control.control.barrier import INTERIOR
 from adaptive_blf_control.control.limit_settings import LimitSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.plugin import is_plugin
@@ -21,9 +20,13 @@ from adaptive_blf_control.parameters.settings import (
     Settings,
 )
 
-__all__ = ['COUPLINGS', 'LAWS', 'SAFETY_FILTERS', 'ControllerSettings', 'PerformanceSettings',
-           'ReferenceSettings', 'SafetySettings', 'SinusoidSettings', 'SlotineLiSettings']
+__all__ = ['COUPLINGS', 'INTERIOR', 'LAWS', 'SAFETY_FILTERS', 'ControllerSettings',
+           'PerformanceSettings', 'ReferenceSettings', 'SafetySettings', 'SinusoidSettings',
+           'SlotineLiSettings']
 
+# Part of the bound up to which the barrier is evaluated: w = b² − e1² ≥ 2e-3 b², so that the
+# coupling torque c b² e1 / w² stays below 2.5e5 c / b.
+INTERIOR = 0.999
 COUPLINGS = ('per_joint', 'pseudoinverse')
 _ROOM = 'adaptive_blf_control.control.laws'
 LAWS: Mapping[str, str] = MappingProxyType({

@@ -8,10 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.change_monitor import MONITORS
-from adaptive_blf_control.identification.history import SELECTIONS
-from adaptive_blf_control.identification.state_filter import STATE_FILTERS
-from adaptive_blf_control.identification.update_laws import UPDATE_LAWS
+from adaptive_blf_control.parameters.plugin import NamesIn
 from adaptive_blf_control.parameters.settings import group, listed, parameter, Settings
 from adaptive_blf_control.parameters.table import NOMINAL
 
@@ -39,7 +36,7 @@ class FilterSettings(Settings, where='identifier.filter'):
         'low_pass',
         'What filters the measured state: low_pass: the cascade of state_order; module:name: '
         'called with the arm and these settings, it returns a state filter.',
-        choices=STATE_FILTERS, plugin=True)
+        choices=NamesIn('identification.state_filter', 'STATE_FILTERS'), plugin=True)
     state_order: int = parameter(
         0,
         'Order N of the low-pass on position and torque that also gives the velocity, for '
@@ -62,7 +59,7 @@ class HistorySettings(Settings, where='identifier.history'):
         'algorithm_1',
         'Which pairs are recorded: algorithm_1: those that make sigma_min largest; module:name: '
         'called with the arm and these settings, it returns a history.',
-        choices=SELECTIONS, plugin=True)
+        choices=NamesIn('identification.history', 'SELECTIONS'), plugin=True)
     size: int = parameter(
         20,
         'Number of recorded pairs, P. When it is reduced, every sample removes one pair until '
@@ -93,7 +90,7 @@ class ChangeSettings(Settings, where='identifier.change'):
         'residual',
         'How a change is found: residual: the present pair contradicts the recorded ones; '
         'module:name: called with the arm and these settings, it returns a change monitor.',
-        choices=MONITORS, plugin=True)
+        choices=NamesIn('identification.change_monitor', 'MONITORS'), plugin=True)
     window: float = parameter(
         0.1, 'Window of the monitor that empties the history when the arm has changed; 0 is off.',
         's', 0.0, 3600.0, live=True)
@@ -171,7 +168,7 @@ class IdentifierSettings(Settings, where='identifier'):
         'gradient (20): present data only; concurrent (22): recorded data as well; '
         'ablf_concurrent (37): the stabilising term X^T e2 as well; module:name: called with '
         'these settings, it returns an update law.',
-        choices=UPDATE_LAWS, live=True,
+        choices=NamesIn('identification.update_laws', 'UPDATE_LAWS'), live=True,
         plugin=True)
     known_contact: bool = parameter(
         False, 'Something is known to touch the arm: theta_hat stays, and nothing is recorded.',

@@ -10,7 +10,6 @@ processors) is what the controller's parameters say.
 from __future__ import annotations
 
 from collections.abc import Sequence
-import sys
 from typing import Any
 
 from rclpy.context import Context
@@ -22,11 +21,10 @@ from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.handover import Handover
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.state_input import JointSample
-from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.rclpy_internals import Message
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['ArmControl', 'main']
+__all__ = ['ArmControl']
 
 
 class ArmControl:
@@ -95,12 +93,3 @@ class ArmControl:
         """Leave the graph."""
         for node in self.nodes:
             node.destroy_node()
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run both nodes."""
-    return run_node('arm_control', ArmControl, args)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -13,7 +13,6 @@ releases them; deactivated, the torque goes to zero over ``ramp_time``, then the
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import Any
 
@@ -25,7 +24,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
 from adaptive_blf_control.arms.robot_description import robot_description
-from adaptive_blf_control.configuration.build import build_plant
+from adaptive_blf_control.configuration.build_plant import build_plant
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.errors import BagError, ParameterError
 from adaptive_blf_control.messages.cdr import encode_text
@@ -34,7 +33,6 @@ from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, ROBOT_DESCRIPTION
 from adaptive_blf_control.nodes.arm_lockstep import ArmLockstep, SteppedDriver
 from adaptive_blf_control.runtime.heard_topic import HeardTopic
-from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of, is_topic
 from adaptive_blf_control.runtime.round_trip import RoundTrips
 from adaptive_blf_control.runtime.status_report import Status
@@ -44,7 +42,7 @@ from adaptive_blf_control.simulation.plant import Plant, Retunable, SimulatedArm
 from adaptive_blf_control.simulation.settings import PlantSettings
 from adaptive_blf_control.simulation.state_grid import StateGrid
 
-__all__ = ['ArmDriver', 'main']
+__all__ = ['ArmDriver']
 
 OF_THE_PLANT = {row.name for row in PlantSettings.table()}
 
@@ -269,12 +267,3 @@ class ArmDriver(SteppedDriver):
             return (DiagnosticStatus.ERROR,
                     f'no commands: {self.settings.timeout_action} torque', values)
         return DiagnosticStatus.OK, 'running', values
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return run_node('arm_driver', ArmDriver, args)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -10,7 +10,6 @@ goes on with the last one.
 from __future__ import annotations
 
 from functools import partial
-import sys
 import time
 from typing import Any
 
@@ -50,14 +49,13 @@ from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runtime.channels import LONGEST_WAIT
 from adaptive_blf_control.runtime.managed_node import ManagedNode
 from adaptive_blf_control.runtime.message_age import MessageAge
-from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
 from adaptive_blf_control.runtime.status_report import Status
 from adaptive_blf_control.tuning.inertia import COUNT
 from adaptive_blf_control.tuning.loop_check import check_loop, warnings_of_loop
 from adaptive_blf_control.tuning.stated_loop import stated_delay
 
-__all__ = ['ControllerNode', 'main']
+__all__ = ['ControllerNode']
 
 TRAJECTORY_QUEUE_DEPTH = 10
 OBSTACLE_QUEUE_DEPTH = 1  # only where they are now matters
@@ -403,12 +401,3 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self.estimates.wanted and not self.lockstep:
             return self.estimates.status(values)
         return DiagnosticStatus.OK, 'running', values
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return run_node('controller', ControllerNode, args)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.configuration.build import initial_theta
+from adaptive_blf_control.configuration.initial_theta import initial_theta
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.estimate_gate import EstimateGate
 from adaptive_blf_control.control.source_gate import SourceGate

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from functools import partial
-import sys
 import traceback
 from typing import Any
 
@@ -14,7 +13,7 @@ from rclpy.context import Context
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from adaptive_blf_control.configuration.build import build_identifier
+from adaptive_blf_control.configuration.build_identifier import build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.payload import build_payload
 from adaptive_blf_control.control.refusal import Refusal
@@ -31,11 +30,10 @@ from adaptive_blf_control.nodes.state_input import JointSample, StateInput
 from adaptive_blf_control.nodes.term_input import TermInput
 from adaptive_blf_control.runtime.compiling import compiling
 from adaptive_blf_control.runtime.data_node import DataNode
-from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.robot_description import arm_of
 from adaptive_blf_control.runtime.status_report import Status
 
-__all__ = ['IdentifierNode', 'main']
+__all__ = ['IdentifierNode']
 
 
 SILENCE = 0.1  # s without joint states after which another source may send them
@@ -291,12 +289,3 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         if stack.rank < self.arm.m:
             return DiagnosticStatus.OK, f'learning: rank {stack.rank} of {self.arm.m}', values
         return DiagnosticStatus.OK, 'rank full', values
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return run_node('identifier', IdentifierNode, args)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

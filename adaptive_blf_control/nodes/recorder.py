@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import Any, NamedTuple
 
@@ -23,11 +22,10 @@ from adaptive_blf_control.nodes.parameter_survey import ParameterSurvey
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.endpoints import full_name
 from adaptive_blf_control.runtime.message_class import message_class
-from adaptive_blf_control.runtime.process import run_node
 from adaptive_blf_control.runtime.sample_dates import has_sample_time, SampleDates
 from adaptive_blf_control.runtime.status_report import Status
 
-__all__ = ['Recorder', 'main']
+__all__ = ['Recorder']
 
 GRAPH_PERIOD = 0.25  # s between looks at the graph
 # The middleware stamps and keeps what arrives; fetching it in batches leaves the processor to the
@@ -236,12 +234,3 @@ class Recorder(DataNode[RecorderSettings]):
         if self.output.failure:
             return DiagnosticStatus.ERROR, self.output.failure, values
         return DiagnosticStatus.OK, f'recording to {self.output.bag.path}', values
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return run_node('recorder', Recorder, args)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

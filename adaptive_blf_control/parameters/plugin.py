@@ -3,14 +3,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 import importlib
 import inspect
 from typing import Any
 
 from adaptive_blf_control.errors import BlfError, ParameterError
 
-__all__ = ['is_plugin', 'load_plugin', 'made', 'require']
+__all__ = ['NamesIn', 'is_plugin', 'load_plugin', 'made', 'require']
+
+
+class NamesIn(Collection[str]):
+    """The names that a module lists, which is imported when they are asked for.
+
+    A node that only declares what other nodes have does not load their laws for it.
+    """
+
+    def __init__(self, module: str, constant: str) -> None:
+        """Take where they are: the module below this package, and the constant in it."""
+        self._module, self._constant = f'{__package__.partition(".")[0]}.{module}', constant
+
+    def _names(self) -> tuple[str, ...]:
+        names: tuple[str, ...] = getattr(importlib.import_module(self._module), self._constant)
+        return names
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether it lists ``name``."""
+        return name in self._names()
+
+    def __iter__(self) -> Iterator[str]:
+        """Go through the names in order."""
+        return iter(self._names())
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._names())
 
 
 def is_plugin(text: object) -> bool:

@@ -14,7 +14,7 @@ Two settings are equal where all their values are; arrays in them cannot be writ
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass, field
 import functools
@@ -47,7 +47,7 @@ _Self = TypeVar('_Self', bound='Settings')
 
 def parameter(default: Value, description: str, unit: str = '', minimum: float | None = None,
               maximum: float | None = None, *, exclusive: bool = False,
-              length: str | int | None = None, choices: tuple[str, ...] = (),
+              length: str | int | None = None, choices: Collection[str] = (),
               live: bool = False, plugin: bool = False, source: bool = False) -> Any:
     """Declare a field of a settings class as a parameter.
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Collection, Iterable, Mapping, Set
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -59,7 +59,7 @@ class Parameter:
     maximum: float | None = None
     exclusive: bool = False
     length: str | int | None = None
-    choices: tuple[str, ...] = ()
+    choices: Collection[str] = ()
     read_only: bool = True
     plugin: bool = False
     source: bool = False
@@ -166,8 +166,9 @@ def _element_problem(parameter: Parameter, value: Any) -> str | None:
             return parameter.range_text()
         if high is not None and number > high:
             return parameter.range_text()
-    if parameter.choices and value not in parameter.choices and not (
-            parameter.plugin and is_plugin(value)):
+    # The default is one of them: it is accepted without asking, which may load a module.
+    if value != parameter.default and parameter.choices and value not in parameter.choices \
+            and not (parameter.plugin and is_plugin(value)):
         return f'one of {parameter.choices_text()}'
     return None
 

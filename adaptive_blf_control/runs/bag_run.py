@@ -11,7 +11,8 @@ import yaml
 
 from adaptive_blf_control.bags.reader import Bag
 from adaptive_blf_control.bounded_yaml import load_yaml_text
-from adaptive_blf_control.configuration.build import build_arm, build_plant
+from adaptive_blf_control.configuration.build_arm import build_arm
+from adaptive_blf_control.configuration.build_plant import build_plant
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, DriverSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings, PARAMETERS_KEY
 from adaptive_blf_control.control.constraints import Constraint, Constraints

@@ -17,7 +17,7 @@ from adaptive_blf_control.arms.urdf_export import export_urdf, ExportedUrdf
 from adaptive_blf_control.arms.urdf_source import UrdfSource
 from adaptive_blf_control.bags.logs import Log
 from adaptive_blf_control.calls import argument_names, checked_call
-from adaptive_blf_control.configuration.build import build_identifier
+from adaptive_blf_control.configuration.build_identifier import build_identifier
 from adaptive_blf_control.errors import ArmError, LogError, ParameterError
 from adaptive_blf_control.identification.consistent_model import (
     consistent_model,

@@ -10,7 +10,8 @@ import numpy as np
 
 from adaptive_blf_control.bags.logs import Log, MeasuredLog
 from adaptive_blf_control.bags.row_store import row_blocks
-from adaptive_blf_control.configuration.build import build_arm, build_identifier
+from adaptive_blf_control.configuration.build_arm import build_arm
+from adaptive_blf_control.configuration.build_identifier import build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.identification.identifier import BLOCK

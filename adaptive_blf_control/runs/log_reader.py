@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.bags.logs import Log, MeasuredLog
-from adaptive_blf_control.configuration.build import build_arm
+from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.runs.finding import Finding

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.configuration.build import build_arm, initial_theta
+from adaptive_blf_control.configuration.build_arm import build_arm
+from adaptive_blf_control.configuration.initial_theta import initial_theta
 from adaptive_blf_control.configuration.node_settings import (
     ControllerNodeSettings,
     IdentifierNodeSettings,

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm, SIMULATED
 from adaptive_blf_control.arrays import checked_finite
-from adaptive_blf_control.configuration.build import build_closed_loop, OwnParts
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop, OwnParts
 from adaptive_blf_control.configuration.node_settings import DriverSettings, TABLES
 from adaptive_blf_control.configuration.offline import refuse_unused
 from adaptive_blf_control.configuration.parameter_file import (

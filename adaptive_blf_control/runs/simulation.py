@@ -16,7 +16,7 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.calls import argument_names, checked_call
 from adaptive_blf_control.compiled import COMPILED
-from adaptive_blf_control.configuration.build import OwnParts
+from adaptive_blf_control.configuration.build_closed_loop import OwnParts
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.laws.protocol import Law
 from adaptive_blf_control.control.reference import Reference

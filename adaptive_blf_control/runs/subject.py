@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from adaptive_blf_control.arms.arm import Arm, checked_arm
 from adaptive_blf_control.arms.urdf_inertials import with_inertials
 from adaptive_blf_control.arms.urdf_source import read_urdf
-from adaptive_blf_control.configuration.build import build_arm
+from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings
 from adaptive_blf_control.errors import ParameterError, UnknownParameter

@@ -51,7 +51,7 @@ class DataNode(Node, Generic[NodeSettings]):
 
     Attributes:
         kind: Kind of the node, by which its parameters are declared.
-        made_at: When the node was made, monotonic [s].
+        joined_at: Since when DDS finds other nodes for this one, monotonic [s].
         settings: Validated parameters; their paths are the names.
         stop: Set it to end :meth:`run`.
         exit_code: What the process returns; non-zero after a failure.
@@ -82,7 +82,7 @@ class DataNode(Node, Generic[NodeSettings]):
         except ValueError:  # rclpy does not tell which
             refuse_untyped(self, kind)
             raise
-        self.kind, self.made_at = kind, time.monotonic()
+        self.kind, self.joined_at = kind, time.monotonic()
         try:
             self.settings = declare(self, kind, settings_class)
             cpus_of(self.settings.realtime.cpus)

@@ -28,7 +28,7 @@ from adaptive_blf_control.runtime.node_parameters import (
     check_files,
     explain_files,
 )
-from adaptive_blf_control.runtime.second_graph import refuse_beside_another
+from adaptive_blf_control.runtime.second_graph import joined_early, refuse_beside_another
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
 __all__ = ['Runnable', 'ends_on_signal', 'initialise', 'run_node', 'stop_on_signals',
@@ -125,7 +125,10 @@ def run_node(kind: str, make: Callable[..., Runnable], args: list[str] | None) -
     try:
         with ends_on_signal():
             initialise(kind, args)
-            node = make(stop=stop)
+            with joined_early() as since:
+                node = make(stop=stop)
+        for each in node.nodes:
+            each.joined_at = since
         _check_alone_and_complete(node, sys.argv if args is None else args)
     except (BlfError, ParameterException, RuntimeError) as error:
         if stop.signal:

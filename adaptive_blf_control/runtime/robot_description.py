@@ -10,7 +10,7 @@ from std_msgs.msg import String
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.settings import ArmSettings
-from adaptive_blf_control.configuration.build import build_arm
+from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.errors import ArmError, BagError
 from adaptive_blf_control.messages.cdr import decode_string
 from adaptive_blf_control.runtime.channels import DirectChannel

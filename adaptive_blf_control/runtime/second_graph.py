@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
@@ -15,7 +19,7 @@ from adaptive_blf_control.runtime.channels import DirectChannel
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.status_report import PERIOD
 
-__all__ = ['refuse_beside_another']
+__all__ = ['joined_early', 'refuse_beside_another']
 
 DIAGNOSTICS = '/diagnostics'
 TIMEOUT = 4.0 * PERIOD  # s in which a node that lives speaks
@@ -24,6 +28,21 @@ DISCOVERY = 3.0  # s after which a node knows the others on its host: 0.3 to 0.5
 # Kinds of which one at a time may speak on a topic, whatever its name. Two controllers may be
 # there, one of them inactive: they are told apart where one is activated.
 ONE_AT_A_TIME = {'arm_driver': JOINT_STATES, 'identifier': THETA_HAT}
+
+
+@contextmanager
+def joined_early() -> Iterator[float]:
+    """Return a context in which this process is in its DDS domain; since when, monotonic [s].
+
+    DDS then finds the others while a node is made, which loads and may compile the laws. Nodes of
+    a context share its DDS participant, so one without a purpose of its own is enough.
+    """
+    node = Node(f'_starting_{os.getpid()}', use_global_arguments=False, enable_rosout=False,
+                start_parameter_services=False)
+    try:
+        yield time.monotonic()
+    finally:
+        node.destroy_node()
 
 
 def refuse_beside_another(node: DataNode) -> None:
@@ -50,7 +69,7 @@ def refuse_beside_another(node: DataNode) -> None:
 
 def _has_company(node: DataNode) -> bool:
     """Look for another until discovery has had its time; most nodes have compiled that long."""
-    give_up = node.made_at + DISCOVERY
+    give_up = node.joined_at + DISCOVERY
     while not _may_have_company(node):
         if time.monotonic() >= give_up or not node.up:
             return False

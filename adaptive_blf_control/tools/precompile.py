@@ -11,7 +11,7 @@ import sys
 
 from adaptive_blf_control.compilation_notice import CompilationNotice
 from adaptive_blf_control.compiled import COMPILED
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
 from adaptive_blf_control.errors import ArmError, BlfError, MissingExtra
 from adaptive_blf_control.runs.simulation import simulate

@@ -10,7 +10,7 @@ import sys
 
 from adaptive_blf_control.command_line import seconds
 from adaptive_blf_control.compilation_notice import CompilationNotice
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yamls
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runs.simulation import duration_of, simulate

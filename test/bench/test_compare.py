@@ -11,7 +11,7 @@ import pytest
 from adaptive_blf_control.bench.compare import main
 from adaptive_blf_control.bench.comparison import LAWS
 from adaptive_blf_control.bench.noise_study import GatedStack, Ridge
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
 from adaptive_blf_control.identification.identifier import Identifier
 

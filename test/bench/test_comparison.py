@@ -14,7 +14,7 @@ from adaptive_blf_control.bench.law_figures import (
     law_figures,
     markdown_row,
 )
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from adaptive_blf_control.bench import node_steps
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
 
 

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from adaptive_blf_control.campaigns.variations import draw, read_vary_file, variations
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_changes, load_yaml
 from adaptive_blf_control.errors import ParameterError
 

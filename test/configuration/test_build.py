@@ -6,13 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adaptive_blf_control.configuration.build import (
-    ArmStore,
-    build_arm,
-    build_identifier,
-    build_plant,
-    initial_theta,
-)
+from adaptive_blf_control.configuration.build_arm import ArmStore, build_arm
+from adaptive_blf_control.configuration.build_identifier import build_identifier
+from adaptive_blf_control.configuration.build_plant import build_plant
+from adaptive_blf_control.configuration.initial_theta import initial_theta
 from adaptive_blf_control.configuration.node_settings import NODE_SETTINGS
 from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.three_link import three_link_parameters
-from adaptive_blf_control.configuration.build import build_arm
+from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.configuration.parameter_file import apply_settings, node_settings
 from adaptive_blf_control.errors import ParameterError

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import adaptive_blf_control as door
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
 from adaptive_blf_control.control.laws.ablf import AblfLaw
 from adaptive_blf_control.control.laws.fixed import ComputedTorque, ProportionalDerivative

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import write_estimate

@@ -18,7 +18,7 @@ from std_msgs.msg import Float64, Int32
 from std_srvs.srv import Trigger
 import yaml
 
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
 from adaptive_blf_control.identification.given_parameters import read_estimate
 from adaptive_blf_control.messages.cdr import decode_float64, decode_int32

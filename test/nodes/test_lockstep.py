@@ -18,7 +18,7 @@ from rclpy.qos import ReliabilityPolicy
 import yaml
 
 from adaptive_blf_control.bags.reader import Bag, read_bag
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,

@@ -17,7 +17,8 @@ from std_srvs.srv import Trigger
 from adaptive_blf_control.bags.logs import read_log
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.bags.writer import BagWriter
-from adaptive_blf_control.configuration.build import build_arm, build_identifier
+from adaptive_blf_control.configuration.build_arm import build_arm
+from adaptive_blf_control.configuration.build_identifier import build_identifier
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import (
     given_values,

@@ -23,7 +23,7 @@ from rclpy.parameter import Parameter
 
 from adaptive_blf_control.configuration.node_settings import TABLES
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.executables import module_of, NODES
+from adaptive_blf_control.executables import entry_of, NODES
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
@@ -43,7 +43,8 @@ def start(capfd) -> Iterator[Callable[..., tuple[int, str]]]:
 
     def run(kind: str, *arguments: str) -> tuple[int, str]:
         capfd.readouterr()
-        status = importlib.import_module(module_of(kind)).main(['--ros-args', *arguments])
+        module, function = entry_of(kind)
+        status = getattr(importlib.import_module(module), function)(['--ros-args', *arguments])
         return status, capfd.readouterr().err
 
     yield run

@@ -11,7 +11,7 @@ from rclpy.serialization import deserialize_message
 from adaptive_blf_control.arms.load_frame import load_map
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.bags.reader import read_bag
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_changes
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import write_estimate

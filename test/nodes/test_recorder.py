@@ -7,6 +7,7 @@ from collections.abc import Callable
 import os
 from pathlib import Path
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -472,3 +473,11 @@ def test_what_has_arrived_but_was_not_taken_yet_is_in_the_bag(graph, wait_until,
     wait_until(lambda: len(echo) == 50)
     recorder.finish()  # as a signal would, with the loop not run once
     assert _numbers(tmp_path / 'bag', '/identifier/history_rank') == list(range(50))
+
+
+def test_the_recorder_loads_no_laws() -> None:
+    code = ('import sys, adaptive_blf_control.nodes.recorder; print(sorted({"numba", "scipy", '
+            '"adaptive_blf_control.compiled"} & set(sys.modules)))')
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True,
+                          timeout=PATIENCE)
+    assert done.stdout.strip() == '[]'

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import ast
+from importlib import import_module
+import inspect
 from pathlib import Path
 import re
 import subprocess
@@ -13,11 +15,13 @@ import pytest
 
 import adaptive_blf_control
 from adaptive_blf_control.executables import (
+    BENCHES,
     COMPOSED,
     console_scripts,
+    entry_of,
     EXECUTABLES,
-    module_of,
     NODES,
+    TOOLS,
 )
 from patience import PATIENCE
 
@@ -36,11 +40,12 @@ def _calls(file: Path, name: str) -> list[dict[str, ast.expr]]:
             and node.func.id == name]
 
 
-@pytest.mark.parametrize('executable', EXECUTABLES)
-def test_every_executable_has_a_module_with_main_of_optional_arguments(
+@pytest.mark.parametrize('executable', [*TOOLS, *BENCHES])
+def test_every_command_has_a_module_with_main_of_optional_arguments(
         repository: Path, executable: str) -> None:
-    file = repository / (module_of(executable).replace('.', '/') + '.py')
-    tree = ast.parse(file.read_text(encoding='utf-8'))
+    module, function = entry_of(executable)
+    assert function == 'main'
+    tree = ast.parse((repository / f'{module.replace(".", "/")}.py').read_text(encoding='utf-8'))
     mains = [node for node in tree.body
              if isinstance(node, ast.FunctionDef) and node.name == 'main']
     assert len(mains) == 1
@@ -50,14 +55,23 @@ def test_every_executable_has_a_module_with_main_of_optional_arguments(
     assert ast.unparse(mains[0].returns) == 'int'
 
 
-def test_console_scripts_name_the_same_modules() -> None:
-    assert console_scripts() == [f'{name} = {module_of(name)}:main' for name in EXECUTABLES]
+@pytest.mark.parametrize('executable', [*NODES, *COMPOSED])
+def test_every_node_has_a_function_of_optional_arguments(executable: str) -> None:
+    pytest.importorskip('rclpy', reason='no ROS 2 here')
+    module, function = entry_of(executable)
+    assert function == executable
+    start = getattr(import_module(module), function)
+    assert [p.default for p in inspect.signature(start).parameters.values()] == [None]
+
+
+def test_console_scripts_name_the_same_functions() -> None:
+    assert console_scripts() == [f'{name} = {":".join(entry_of(name))}' for name in EXECUTABLES]
     assert len(set(console_scripts())) == len(EXECUTABLES) > 10
 
 
-def test_module_of_refuses_an_unknown_executable() -> None:
+def test_an_unknown_executable_has_no_entry() -> None:
     with pytest.raises(KeyError, match='juggler'):
-        module_of('juggler')
+        entry_of('juggler')
 
 
 def test_help_lists_every_executable() -> None:

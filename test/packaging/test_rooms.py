@@ -12,7 +12,7 @@ import pytest
 PACKAGE = 'adaptive_blf_control'
 # From the foundations up. A room may import itself and what stands before it, nothing else.
 ORDER = ('synonyms', 'errors', 'calls', 'spelling', 'bounded_yaml', 'arrays', 'machine_code',
-         'compiled', 'compilation_notice',
+         'compiled', 'compilation_notice', 'linear_algebra',
          'executables', 'command_line', 'parameters', 'arms', 'control', 'identification',
          'limits', 'simulation', 'messages', 'configuration', 'tuning', 'experiment', 'bags',
          'runs', 'runtime', 'nodes', 'report', 'campaigns', 'bench', 'tools', '__main__',

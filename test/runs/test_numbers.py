@@ -13,7 +13,7 @@ import sys
 import numpy as np
 import pytest
 
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.messages.cdr_cursor import encode_string

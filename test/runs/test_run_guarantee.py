@@ -9,7 +9,7 @@ import json
 import numpy as np
 import pytest
 
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace
 from adaptive_blf_control.runs.summary import run_of_trace, summarise

@@ -8,7 +8,7 @@ import pytest
 
 from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
 from adaptive_blf_control.control.reference import SumOfSinusoids
 from adaptive_blf_control.runs.torque_error import (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.configuration.build import build_closed_loop, OwnParts
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop, OwnParts
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.control.laws.ablf import AblfLaw
 from adaptive_blf_control.errors import ArmError, MissingExtra

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.compiled import COMPILED
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import ParameterError, SetViolation
 from adaptive_blf_control.runs.summary import run_of_trace, summarise
@@ -213,7 +213,7 @@ import sys
 import numpy as np
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.parameter_file import load_yaml
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 assert not COMPILED
 trace = build_closed_loop(load_yaml(sys.argv[1])).run(0.3)
 np.savez(sys.argv[2], **{name: getattr(trace, name) for name in sys.argv[3:]})

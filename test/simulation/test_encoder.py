@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.runs.summary import run_of_trace, summarise
 from adaptive_blf_control.runs.torque_error import errors_of_trace

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.three_link import three_link_parameters, ThreeLinkArm
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_settings, load_yaml
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.simulation.schedule import Change, Schedule

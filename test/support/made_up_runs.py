@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from adaptive_blf_control.bags.writer import BagWriter
-from adaptive_blf_control.configuration.build import build_arm
+from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.configuration.parameter_file import node_settings, PARAMETERS_KEY
 from adaptive_blf_control.control.constraints import MarginName

@@ -10,7 +10,7 @@ import yaml
 pytest.importorskip('pinocchio')
 
 from adaptive_blf_control.bags.logs import read_log
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yamls
 from adaptive_blf_control.control.way import way_through
 from adaptive_blf_control.runs.simulation import simulate

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.configuration.build import build_closed_loop
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.node_settings import (
     ControllerNodeSettings,
     DriverSettings,
