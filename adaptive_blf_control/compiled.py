@@ -48,6 +48,7 @@ if numba is not None:
         from numba.core.environment import lookup_environment
         from numba.core.imputils import impl_ret_borrowed, lower_builtin, lower_getattr_generic
         from numba.core.registry import CPUDispatcher
+        from numba.core.runtime import rtsys
         from numba.core.typing.templates import (
             AbstractTemplate,
             AttributeTemplate,
@@ -86,6 +87,23 @@ if COMPILED:
         numba's index of a function names all types that it was compiled for, and cannot be read
         by a program that does not know one of them.
         """
+
+        def __init__(self, function: Any) -> None:
+            """Keep the code of a function."""
+            super().__init__(function)
+            self._is_ours = function.__module__.startswith('adaptive_blf_control.')
+
+        def load_overload(self, sig: Any, target_context: Any) -> Any:
+            """Return what was compiled before, or None.
+
+            numba loads its implementations of everything, and scipy, before it looks. What is
+            machine code already needs none of them; others may call what they bring.
+            """
+            if not self._is_ours:
+                return super().load_overload(sig, target_context)
+            rtsys.initialize(target_context)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)
 
         def save_overload(self, sig: Any, data: Any) -> None:
             """Keep what was compiled for a signature."""

@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Products of small arrays in compiled functions, without BLAS.
+"""Products and inverses of small arrays in compiled functions, without BLAS and LAPACK.
 
-numba's ``np.dot`` and ``@`` go through scipy's BLAS. Loading that takes a third of a second, and a
-call of it more than the few multiplications of an arm.
+numba's ``np.dot``, ``@`` and ``np.linalg`` go through scipy's BLAS and LAPACK. Loading them takes
+a third of a second, in the control cycle of the first call, and a call takes longer than the few
+multiplications of an arm.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from adaptive_blf_control.compiled import COMPILED, jit
+from adaptive_blf_control.compiled import jit
 
-__all__ = ['dot', 'load_lapack', 'product']
+__all__ = ['dot', 'inverse', 'matrix_product', 'product']
 
 
 @jit
@@ -34,7 +37,45 @@ def product(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return result
 
 
-def load_lapack() -> None:
-    """Load what numba's ``np.linalg`` calls; otherwise its first call does, in a control cycle."""
-    if COMPILED:
-        import scipy.linalg  # noqa: F401
+@jit
+def matrix_product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return the product of two matrices, shapes (n, k) and (k, m): shape (n, m)."""
+    rows, inner = left.shape
+    columns = right.shape[1]
+    result = np.zeros((rows, columns))
+    for i in range(rows):
+        for k in range(inner):
+            factor = left[i, k]
+            for j in range(columns):
+                result[i, j] += factor * right[k, j]
+    return result
+
+
+@jit
+def inverse(matrix: np.ndarray) -> np.ndarray:
+    """Return the inverse of a symmetric positive definite matrix, shape (n, n), by Cholesky.
+
+    Only its lower triangle is read. It is finite where the matrix is singular, too, and of no use.
+    """
+    n = matrix.shape[0]
+    factor, result = np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            value = matrix[i, j]
+            for k in range(j):
+                value -= factor[i, k] * factor[j, k]
+            factor[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / factor[j, j]
+    for c in range(n):  # columns of L⁻¹, in the rows of `result`
+        for i in range(c, n):
+            value = 1.0 if i == c else 0.0
+            for k in range(c, i):
+                value -= factor[i, k] * result[c, k]
+            result[c, i] = value / factor[i, i]
+    inverted = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            value = 0.0
+            for k in range(i, n):
+                value += result[i, k] * result[j, k]
+            inverted[i, j] = inverted[j, i] = value
+    return inverted

@@ -23,6 +23,7 @@ import numpy as np
 from adaptive_blf_control.compiled import borrowed, by_type, jit, uncompiled
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.history import facts, History, pairs, sums
+from adaptive_blf_control.linear_algebra import inverse, product
 
 __all__ = ['ChangeMonitor', 'ExternalTorque', 'MONITORS', 'ResidualArrays', 'ResidualMonitor',
            'contradicted', 'external_torque', 'forget_residuals', 'nothing_compared',
@@ -165,12 +166,12 @@ def take_over(monitor: ResidualArrays, regressors: np.ndarray, torques: np.ndarr
     """Take θ_s and the residuals of the recorded pairs, (P, n, m) and (P, n), from their sums."""
     monitor = borrowed(monitor)
     slots, n, m = regressors.shape
-    inverse = np.linalg.inv(gram)
-    monitor.theta[:] = np.dot(inverse, moment)
+    inverted = inverse(gram)
+    monitor.theta[:] = product(inverted, moment)
     # Noise of neighbouring pairs is alike, as the filters remember both: P n equations say no
     # more about θ_s than the m it takes, in the worst case.
-    monitor.inverse[:, :] = (slots * n / m) * inverse
-    predicted = np.dot(regressors.reshape(slots * n, m), monitor.theta).reshape(slots, n)
+    monitor.inverse[:, :] = (slots * n / m) * inverted
+    predicted = product(regressors.reshape(slots * n, m), monitor.theta).reshape(slots, n)
     residuals = predicted - torques
     # P n equations fix m unknowns: the fit absorbs that part of the noise.
     freedom = max(1.0 - m / (slots * n), 0.1)

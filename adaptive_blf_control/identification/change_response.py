@@ -53,6 +53,7 @@ from adaptive_blf_control.identification.tip_load import (
     open_torque,
     TipLoad,
 )
+from adaptive_blf_control.linear_algebra import product
 
 __all__ = ['ADAPT', 'ALARMS', 'CONTACTS', 'DOUBT', 'FORGET', 'HELD', 'KEEP', 'KNOWN', 'LEARN',
            'LOADED', 'LOADS', 'QUIET', 'RECALL', 'REMEMBERS', 'ResponseArrays', 'STATE', 'STATES',
@@ -287,11 +288,11 @@ def _follow_load(load: TipLoad, monitor: ResidualArrays, history: Pairs,
                  theta: np.ndarray) -> None:
     """Let θ̂, θ_s and the recorded pairs be those of the arm with the load."""
     load, monitor = borrowed(load), borrowed(monitor)
-    change = np.dot(load.directions, load.found - load.applied)
+    change = product(load.directions, load.found - load.applied)
     load.applied[:] = load.found
     shift_torques(history, change)
     theta[:] = theta + change
-    monitor.theta[:] = load.base + np.dot(load.directions, load.found)
+    monitor.theta[:] = load.base + product(load.directions, load.found)
     monitor.revision[0] = history.counters[REVISION]
 
 
@@ -304,7 +305,7 @@ def retreat(response: ResponseArrays, monitor: ResidualArrays, history: Pairs,
         return
     theta[:] = response.before
     response.gram[:] = REMAINS * history.gram
-    response.moment[:] = np.dot(response.gram, theta)
+    response.moment[:] = product(response.gram, theta)
     response.strength[0] = history.figures[SIGMA_MIN]
     response.counts[REMEMBERS] = 1
     _enter(response, QUIET)

@@ -50,7 +50,6 @@ from adaptive_blf_control.identification.step import (
 )
 from adaptive_blf_control.identification.torque_filter import FilteredPair
 from adaptive_blf_control.identification.update_laws import UpdateLaw
-from adaptive_blf_control.linear_algebra import load_lapack
 from adaptive_blf_control.parameters.guided import Guided
 
 __all__ = ['BLOCK', 'Identifier', 'IdentifierSettings', 'LearnedBlock', 'Snapshot']
@@ -141,7 +140,6 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             ParameterError: a setting is not known, cannot be used or does not fit the arm, or a
                 part lacks what its protocol asks for.
         """
-        load_lapack()
         self.arm = checked_arm('arm', arm)
         if settings is None:
             usual = IdentifierSettings()

@@ -17,6 +17,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.base_parameters import PER_BODY
 from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.linear_algebra import inverse, matrix_product, product
 
 __all__ = ['TipLoad', 'fit_tip_load', 'forget_tip_load', 'load_directions', 'new_tip_load',
            'open_torque']
@@ -102,17 +103,17 @@ def fit_tip_load(fit: TipLoad, part: float, gain: float, regressor: np.ndarray, 
         scale: What the change monitor expects of r², shape (n,) [N²·m²].
     """
     fit = borrowed(fit)
-    seen = np.dot(regressor, fit.directions)
-    rest = torque - np.dot(regressor, fit.base)
-    error = rest - np.dot(seen, fit.found)
-    spread = np.sum(np.dot(seen, fit.inverse) * seen, axis=1)
+    seen = matrix_product(regressor, fit.directions)
+    rest = torque - product(regressor, fit.base)
+    error = rest - product(seen, fit.found)
+    spread = np.sum(matrix_product(seen, fit.inverse) * seen, axis=1)
     square = np.minimum(error * error / (scale + spread), CAP)
     fit.statistic[:] = fit.statistic + gain * (square - fit.statistic)
     weighted = (part / scale).reshape(-1, 1) * seen
-    fit.information[:] = fit.information + np.dot(seen.T, weighted)
-    fit.moment[:] = fit.moment + np.dot(weighted.T, rest)
-    fit.inverse[:] = np.linalg.inv(np.eye(fit.found.size) + fit.information)
-    fit.found[:] = np.dot(fit.inverse, fit.moment)
+    fit.information[:] = fit.information + matrix_product(seen.T, weighted)
+    fit.moment[:] = fit.moment + product(weighted.T, rest)
+    fit.inverse[:] = inverse(np.eye(fit.found.size) + fit.information)
+    fit.found[:] = product(fit.inverse, fit.moment)
 
 
 @jit
@@ -122,6 +123,6 @@ def open_torque(fit: TipLoad, regressors: np.ndarray) -> np.ndarray:
     count, n, _ = regressors.shape
     total = np.zeros(n)
     for j in range(count):
-        seen = np.dot(regressors[j], fit.directions)
-        total += np.sum(np.dot(seen, fit.inverse) * seen, axis=1)
+        seen = matrix_product(regressors[j], fit.directions)
+        total += np.sum(matrix_product(seen, fit.inverse) * seen, axis=1)
     return total / count
