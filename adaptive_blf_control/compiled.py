@@ -509,8 +509,10 @@ if COMPILED:
             words += (0, *_addresses(value), 0, 0)
         elif isinstance(value, (float, np.floating)):
             words += struct.unpack('Q', struct.pack('d', value))
-        else:
+        elif isinstance(value, (int, np.integer, np.bool_)):
             words.append(int(value) % 2**64)
+        else:
+            words.append(0)  # refused for its type, by name
         return type(value)
 
     def _addresses(generator: np.random.Generator) -> list[int]:
