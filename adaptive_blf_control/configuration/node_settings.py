@@ -49,6 +49,11 @@ class RuntimeSettings(Settings):
         'slower.', choices=('direct', 'plain'))
     niceness: int = parameter(
         0, 'Nice value of the loop; above 0 it gives way to the nodes that control.', '', 0, 19)
+    discovery_time: float = parameter(
+        3.0,
+        'How long after its start a node looks for another one that does the same for this arm, '
+        'before it sends anything; DDS needs up to 1.7 s on one host. 0: it does not look.',
+        's', 0.0, 60.0)
     realtime: RealtimeSettings = group(RealtimeSettings)
 
 

@@ -89,7 +89,10 @@ class Processes:
             BlfError: no DDS domain is free.
         """
         self._stack = ExitStack()
-        self.domain = self._stack.enter_context(own_domain(_wanted_domain()))
+        wanted = _wanted_domain()
+        self.domain = self._stack.enter_context(own_domain(wanted))
+        if self.domain != wanted:  # a free one, in which nobody else is
+            commands = {name: self._alone(command) for name, command in commands.items()}
         environment = self._environment(output)
         self.started = time.monotonic()
         # In append mode: reading a log moves the position that its process shares.
@@ -98,6 +101,10 @@ class Processes:
             name: subprocess.Popen([sys.executable, *command], env=environment,
                                    stdout=self.logs[name], stderr=subprocess.STDOUT)
             for name, command in commands.items()}
+
+    def _alone(self, command: Sequence[str]) -> Sequence[str]:
+        """Return the command of a process that nobody else of its kind can be beside."""
+        return command
 
     def _environment(self, output: Path) -> dict[str, str]:
         """Keep the nodes on this host, in their domain, with quick discovery."""
@@ -194,6 +201,11 @@ class NodeProcesses(Processes):
                     commands[process] += ['-p', f'{name}:{setting}']
         self.duration = duration
         super().__init__(commands, output)
+
+    def _alone(self, command: Sequence[str]) -> Sequence[str]:
+        own = [word for name in nodes_in(command[2])
+               for word in ('-p', f'{name}:discovery_time:=0.0')]
+        return [*command[:6], *own, *command[6:]]  # before what is asked for, which then counts
 
     def until_done(self, look: Callable[[float | None], None], period: float) -> list[str]:
         """Wait until the driver has ended; return the nodes that failed meanwhile.

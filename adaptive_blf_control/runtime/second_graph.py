@@ -24,7 +24,6 @@ __all__ = ['joined_early', 'refuse_beside_another']
 DIAGNOSTICS = '/diagnostics'
 TIMEOUT = 4.0 * PERIOD  # s in which a node that lives speaks
 POLL_PERIOD = 0.01  # s
-DISCOVERY = 3.0  # s after which a node knows the others on its host: 0.3 to 0.5, or 1.5 to 1.7
 # Kinds of which one at a time may speak on a topic, whatever its name. Two controllers may be
 # there, one of them inactive: they are told apart where one is activated.
 ONE_AT_A_TIME = {'arm_driver': JOINT_STATES, 'identifier': THETA_HAT}
@@ -51,7 +50,7 @@ def refuse_beside_another(node: DataNode) -> None:
     The graph may still show one that was killed. So one that it shows is listened for, in its
     diagnostics; a node that is alone does not wait.
     """
-    if node.lockstep or not _has_company(node):
+    if node.lockstep or node.settings.discovery_time == 0.0 or not _has_company(node):
         return
     channel = DirectChannel(node, DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=100))
     heard: list[str] = []
@@ -69,7 +68,7 @@ def refuse_beside_another(node: DataNode) -> None:
 
 def _has_company(node: DataNode) -> bool:
     """Look for another until discovery has had its time; most nodes have compiled that long."""
-    give_up = node.joined_at + DISCOVERY
+    give_up = node.joined_at + node.settings.discovery_time
     while not _may_have_company(node):
         if time.monotonic() >= give_up or not node.up:
             return False

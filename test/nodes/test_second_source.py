@@ -152,7 +152,8 @@ def test_a_second_graph_does_not_start_beside_the_first(
     graph.run(first)
     wait_until(lambda: diagnostics, 'a sign of the first')
     own = ('-p', f"bag:={processes.folder / 'second'}") if kind == 'recorder' else ()
-    second = processes.start(kind, '--ros-args', '-r', f'__node:={name}', *own)
+    second = processes.start(kind, '--ros-args', '-r', f'__node:={name}', '-p',
+                             'discovery_time:=60.0', *own)
     assert second.wait() == 2
     assert f'/{kind} is running already' in second.text
     assert 'Traceback' not in second.text

@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
+from adaptive_blf_control.executables import COMPOSED, NODES
 from adaptive_blf_control.runtime.domain import own_domain
 from adaptive_blf_control.runtime.processes import FAST_DISCOVERY
 from patience import PATIENCE, wait_until
@@ -261,8 +262,11 @@ class Processes:
               ignoring: tuple[signal.Signals, ...] = ()) -> Process:
         """Start one executable with the arguments that follow its name, in ``folder``.
 
-        It inherits the signals it is to be ``ignoring``, as from a shell's background job.
+        Nodes do not look for others of their kind unless they are told to. It inherits the signals
+        it is to be ``ignoring``, as from a shell's background job.
         """
+        if arguments[0] in {**NODES, **COMPOSED} and 'discovery_time' not in ' '.join(arguments):
+            arguments += ('--ros-args', '-p', 'discovery_time:=0.0')
         output = self.folder / f'{len(self._started)}_{arguments[0]}.txt'
         process = Process(list(arguments), self.environment, output, largest_file, folder,
                           ignoring)
