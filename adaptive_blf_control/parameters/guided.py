@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import dataclasses
 from typing import Any, ClassVar, TYPE_CHECKING
 
-from adaptive_blf_control.errors import without_attribute
+from adaptive_blf_control.errors import TypeWithHints, without_attribute
 from adaptive_blf_control.parameters.settings import Settings
 
 __all__ = ['Guided']
 
 
-class Guided:
+class Guided(metaclass=TypeWithHints):
     """Base of what a program holds: a wrong attribute is refused with the one that is meant.
 
     A subclass names its settings, ``class Controller(Guided, settings=ControllerSettings)``: these
