@@ -27,6 +27,7 @@ joints joint_names names base_link tip end_effector chain
 n dof dofs ndof n_dof num_joints n_joints nq nv
 m n_params num_params n_parameters num_parameters np
 true_parameters theta_star theta_true true_theta theta ground_truth
+nominal theta0 theta_0 params values
 nominal theta_star theta_true true_parameters true_theta ground_truth
 joints joint_names names labels
 rank history_rank
@@ -37,8 +38,13 @@ kept ok success safe violations is_safe inside valid
 wall_s runtime elapsed wall_time
 figures summary stats statistics metrics results report info
 identifier estimator learner model
+update_law law adaptation_law rls forgetting forgetting_factor kalman
+margins is_safe inside safe margin distance
+lyapunov barrier V energy
+check_start check
+payload payload_mass load load_mass
 controller law ctrl policy
-reference desired trajectory target setpoint yd y_d q_des q_ref ref goal waypoints
+reference desired trajectory target setpoint yd y_d q_des q_ref q_desired q_d ref goal waypoints
 stack history buffer memory
 undetermined unidentifiable undetermined_parameters missing
 prediction predicted predictions
@@ -51,7 +57,7 @@ acceleration forward_dynamics qdd fd aba
 advance step integrate simulate
 Y regressor phi regressor_matrix
 mass_matrix M inertia inertia_matrix crba
-link_points fk forward_kinematics
+link_points fk forward_kinematics kinematics fkine tip_position
 initial_estimate theta theta_hat
 initial_estimate initial theta0 theta_0 initial_guess initial_theta theta_init initial_parameters
 start q0 q_0 initial_position initial_posture x0 start_position
@@ -67,9 +73,9 @@ gamma learning_rate lr adaptation_gain adaptation_gains gain
 k1 kp p_gain
 k2 kd d_gain
 torque_limit max_torque tau_max torque_limits effort_limit u_max
-torque_noise sensor_noise noise measurement_noise
-encoder_counts sensor_noise noise measurement_noise encoder resolution
-size history_size stack_size buffer_size memory
+torque_noise encoder_counts noise sensor_noise measurement_noise
+encoder_counts encoder encoders ticks
+size P history_size stack_size buffer_size memory
 safety bounds limits joint_limits position_limits safety_set
 performance error_bounds error_limits tolerance performance_set
 viscous coulomb offset square_root friction damping

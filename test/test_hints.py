@@ -30,6 +30,15 @@ def run():
     return door.simulate(ARM, 0.01)
 
 
+@functools.cache
+def learned():
+    t = np.arange(0.0, 0.5, 1e-3)
+    q = np.column_stack([np.sin(3.0 * t), np.cos(2.0 * t)])
+    qd = np.column_stack([3.0 * np.cos(3.0 * t), -2.0 * np.sin(2.0 * t)])
+    return door.identify({'t': t, 'q': q, 'qd': qd, 'tau': q}, ARM,
+                         filter={'time_constant': 0.01})
+
+
 @pytest.mark.parametrize(('subject', 'name', 'hint'), [
     (lambda: door.Identifier, 'load', "initial_estimate='theta.yaml'"),
     (lambda: door.Identifier, 'from_yaml', r'simulate\(file, 0\.001\)\.identifier'),
@@ -65,6 +74,16 @@ def test_what_an_object_of_a_class_will_have_is_plainly_missing_in_the_class():
     (lambda: door.read_log(LOG), 'to_csv', r'numpy\.savez'),
     (lambda: SWING, 'y_d', r'at\(t\) has position'), (lambda: SWING, 'bounds', r'range\(\)'),
     (run, 'true_parameters', r'plant\.truth\(run\.parameters\)'),
+    (run, 'q_desired', r'did you mean reference\?'), (run, 'energy', r'controller\.lyapunov'),
+    (lambda: ARM, 'torque', r'inverse_dynamics\(arm'),
+    (lambda: ARM, 'kinematics', r'did you mean link_points\?'),
+    (lambda: ARM, 'theta0', r'did you mean nominal\?'),
+    (lambda: door.Controller(ARM), 'is_safe', r'did you mean margins\?'),
+    (lambda: door.Controller(ARM), 'barrier', r'did you mean lyapunov\?'),
+    (lambda: learned(), 'confidence_interval', r'1\.96 std'),
+    (lambda: learned(), 'identifiable', 'undetermined names the others'),
+    (lambda: learned().prediction, 'residual', 'measured - predicted'),
+    (lambda: door.LawSample(*[None] * 7), 'e1', r'q - reference\.position'),
     (run, 'theta_tilde', r'theta_hat - plant\.truth')])
 def test_words_of_other_programs_are_told_ours(subject, name, hint):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
@@ -105,6 +124,17 @@ def test_the_theta_of_an_arm_cannot_be_set_without_effect():
         ARM.theta = ARM.nominal
 
 
+def test_an_estimate_cannot_be_set():
+    with pytest.raises(AttributeError, match=r'theta cannot be set: .*initial_estimate='):
+        door.Identifier(ARM).theta = np.zeros(5)
+
+
+@pytest.mark.parametrize('result', [run, learned])
+def test_a_result_is_read_by_attribute(result):
+    with pytest.raises(TypeError, match=r"has no \['theta'\]: its arrays and names are attr"):
+        result()['theta']
+
+
 def test_a_nominal_that_is_no_array_is_refused():
     arm = door.TwoLinkArm()
     arm.nominal = [3.0, 0.2, 0.2, 5.0, 1.0]
@@ -123,9 +153,15 @@ def test_a_setting_that_is_set_is_told_what_changes_it():
 
 @pytest.mark.parametrize(('call', 'message'), [
     (lambda: door.Controller(ARM, params_file='x.yaml'), r'did you mean settings\?'),
-    (lambda: door.Controller(ARM, 'x.yaml'), r'a mapping; simulate\(file, 0\.001\) has'),
+    (lambda: door.Controller(ARM, 'x.yaml'), r'a mapping; .*simulate\(file, 0\.001\)'),
     (lambda: door.simulate(ARM, 0.01, theta=[1.0] * 5), r'mean initial_estimate or arm_driver'),
     (lambda: door.simulate(ARM, 0.01, noise=0.1), r'did you mean arm_driver\.sensors\.torque_no'),
+    (lambda: door.simulate(ARM, 0.01, encoder=9), r'mean arm_driver\.sensors\.encoder_co'),
+    (lambda: door.simulate(ARM, 0.01, payload_mass=1.0), r'did you mean arm_driver\.payload'),
+    (lambda: door.Identifier(ARM, P=9), r'did you mean history\.size\?'),
+    (lambda: door.Identifier(ARM, law='gradient'), r'did you mean update_law\?'),
+    (lambda: door.Identifier(ARM, 'theta.yaml'), r'is given as initial_estimate='),
+    (lambda: door.Controller(ARM).margins(), r"'output' is missing"),
     (lambda: door.load_arm('x', friction_coulomb=True), r'did you mean coulomb\?'),
     (lambda: door.load_arm(robot_description='x'), r'did you mean urdf\?'),
     (lambda: door.ClosedLoop(ARM, door.Controller(ARM)), r'simulate\(arm\) drives a simulated'),

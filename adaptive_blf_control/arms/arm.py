@@ -55,8 +55,8 @@ integrator.acceleration.register(ForwardDynamics, _acceleration)
 _INSTEAD = {
     'names': 'joints has the names of the joints, parameters those of the parameters',
     'theta': 'nominal has the nominal parameters, in the order of parameters',
-    'inverse_dynamics': 'inverse_dynamics(arm, theta, q, qd, qdd) of the package',
-    'rnea': 'inverse_dynamics(arm, theta, q, qd, qdd) of the package',
+    **dict.fromkeys(('inverse_dynamics', 'rnea', 'torque', 'tau'),
+                    'inverse_dynamics(arm, theta, q, qd, qdd) of the package'),
     'step': 'dynamics(theta).advance(q, qd, tau, dt)',
     'advance': 'dynamics(theta).advance(q, qd, tau, dt)',
     'simulate': 'simulate(arm) of the package, or dynamics(theta).advance(q, qd, tau, dt)',

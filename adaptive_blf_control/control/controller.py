@@ -539,10 +539,12 @@ class Controller(Guided, settings=ControllerSettings,
         return ControlOutput(tau, term, MotionState(t, q, qd, e1, bounds), answer.e2, point, x,
                              bound, answer.torque)
 
+    @checked_call
     def margins(self, output: ControlOutput) -> np.ndarray:
         """Return the margins of all constraints at a sample, shape (K,), see `Constraints`."""
         return self.constraints.margins(output.state)
 
+    @checked_call
     def lyapunov(self, output: ControlOutput, theta: np.ndarray) -> float:
         """V = V1 + ½ e2ᵀ M(q) e2 (30), M from ``theta``; a monitor, not part of the law."""
         kinetic = 0.5 * output.e2 @ self.arm.Y1(output.state.q, output.e2) @ theta

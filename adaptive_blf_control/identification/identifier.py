@@ -117,6 +117,8 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
                         '`python -m adaptive_blf_control identifier` is the node'),
         **dict.fromkeys(('from_yaml', 'from_file', 'from_config'),
                         'simulate(file, 0.001).identifier is that of a parameter file'),
+        **dict.fromkeys(('theta =', 'estimate ='),
+                        'Identifier(arm, initial_estimate=...) starts from a given one'),
         'load': "Identifier(arm, initial_estimate='theta.yaml') starts from what was saved",
         'save': 'identify(log, arm=...).save(path) writes what initial_estimate=path reads; '
                 'estimate is a dictionary by name'}):

@@ -42,4 +42,9 @@ class Guided(metaclass=TypeWithHints):
         if name in self._settings_names:
             raise AttributeError(f'{type(self).__name__}.{name} cannot be set: '
                                  f'retune({name}=...) changes it')
-        super().__setattr__(name, value)
+        try:
+            super().__setattr__(name, value)
+        except AttributeError:  # computed, or an object that nothing can be set on
+            hint = self._instead.get(f'{name} =', 'it follows from the rest')
+            raise AttributeError(
+                f'{type(self).__name__}.{name} cannot be set: {hint}') from None

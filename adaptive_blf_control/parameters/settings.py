@@ -209,7 +209,8 @@ class Settings(metaclass=TypeWithHints):
         elif isinstance(settings, Mapping):
             settings = cls.from_values(cls._by_name(settings))
         elif not isinstance(settings, cls):
-            raise ParameterError('settings', settings, f'{cls.__name__} or a mapping; '
+            raise ParameterError('settings', settings, f'{cls.__name__} or a mapping; an '
+                                 'estimate is given as initial_estimate=..., and '
                                  'simulate(file, 0.001) has the controller and the identifier of '
                                  'a parameter file')
         try:

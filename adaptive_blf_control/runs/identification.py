@@ -59,6 +59,12 @@ _NOT_THERE = {
     'confidence': "figures['confidence'] says of each parameter how well it is determined",
     'intervals': 'theta ± 1.96 std is the 95 % interval of a parameter, prediction.half_width '
                  'half of that of a torque',
+    **dict.fromkeys(('confidence_interval', 'confidence_intervals', 'ci', 'conf_int', 'interval'),
+                    'theta ± 1.96 std is the 95 % interval of a parameter'),
+    **dict.fromkeys(('identifiable', 'determined', 'identified'),
+                    'undetermined names the others'),
+    **dict.fromkeys(('compare', 'difference'),
+                    'theta - arm.nominal has the differences, in the order of parameters'),
     'model': 'consistent is the physically consistent model, urdf() a URDF with its values',
     'history': 'identifier.stack has the recorded pairs',
     'log': 'read_log(...) returns it as arrays; source says where it came from',

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.identification.identifier import Identifier
@@ -19,6 +19,11 @@ class Learned(Guided):
         @property
         def identifier(self) -> Identifier:
             """What has learned."""
+
+    def __getitem__(self, name: Any) -> Any:
+        """Raise TypeError: a result has attributes."""
+        raise TypeError(f'{type(self).__name__} has no [{name!r}]: its arrays and names are '
+                        f'attributes, such as {"q" if hasattr(self, "q") else "theta"}')
 
     @property
     def arm(self) -> Arm:

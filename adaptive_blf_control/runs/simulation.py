@@ -49,6 +49,7 @@ _NOT_THERE = {
     'qdd': 'no acceleration is measured or used; numpy.gradient(run.qd, run.t, axis=0) '
            'approximates it',
     'e2': f'{_SAMPLE}sample.output.e2', 'V': _LYAPUNOV, 'lyapunov': _LYAPUNOV,
+    'energy': _LYAPUNOV,
     'rmse': "figures['rms_error']", 'max_error': "figures['max_abs_error']",
     'margins': "figures['margins'] has the least of each constraint",
     **dict.fromkeys(('theta_star', 'theta_true', 'true_theta', 'true_parameters', 'ground_truth'),
@@ -59,6 +60,8 @@ _NOT_THERE = {
     'load': 'numpy.load(path) reads what save wrote',
     'settings': 'controller.settings and identifier.settings',
     'dt': 'loop.period', 'duration': 't[-1]', 'bag': "simulate(..., bag='run') writes one",
+    **dict.fromkeys(('to_dict', 'as_dict', 'arrays'), 'save(path) writes the arrays, figures is a '
+                    'dictionary of what was achieved'),
     'history': 'identifier.stack', 'sensor': 'plant.sensor, where the plant has one',
     **dict.fromkeys(('plot', 'show', 'draw', 'animate', 'figure'), _DRAWN),
     **dict.fromkeys(('to_dataframe', 'dataframe', 'df', 'data', 'to_pandas'), _TABLE)}
