@@ -121,16 +121,39 @@ _NAMES = {
     'simulation.sensors': ('Measurement', 'Sensor'),
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
+_INSTEAD = {
+    **dict.fromkeys(('regressor', 'regressors'), 'arm.X(q, qd, qd, qdd) is the regressor'),
+    **dict.fromkeys(('forward_dynamics', 'ForwardDynamic'),
+                    'arm.dynamics(theta).acceleration(q, qd, tau) and advance(q, qd, tau, dt)'),
+    **dict.fromkeys(('plot', 'show', 'draw'), 'matplotlib draws arrays: plt.plot(run.t, run.e1)'),
+    **dict.fromkeys(('forward_kinematics', 'fkine', 'fk'), 'arm.link_points(q)'),
+    **dict.fromkeys(('mass_matrix', 'crba'), 'arm.mass_matrix(q) of a URDF arm'),
+    'payload': 'docs/identification.md: the load',
+    'settings': 'IdentifierSettings and ControllerSettings',
+    **dict.fromkeys(('load_config', 'load_yaml', 'read_yaml', 'load_params', 'read_config'),
+                    'simulate(file) takes a parameter file, and its result has the controller '
+                    'and the identifier'),
+    **dict.fromkeys(('load_model', 'load_theta', 'load_estimate'),
+                    'Identifier(arm, initial_estimate=file) starts from what was saved'),
+    **dict.fromkeys(('save', 'save_model'), 'identify(...).save(path), simulate(...).save(path)'),
+    **dict.fromkeys(('PD', 'PDController', 'ComputedTorque', 'SlotineLi'),
+                    "Controller(arm, law='pd'), 'computed_torque' or 'slotine_li'")}
+"""What to write for what other programs have at their door."""
 # No __all__: help() would import and print everything, 4000 lines in place of 60.
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for."""
     if name not in _MODULES:
-        close = importlib.import_module(f'{__name__}.errors').close_names(name, _MODULES)
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}'
-                             + (f' (did you mean {" or ".join(close)}?)' if close else '')
-                             + f': it offers {", ".join(sorted(_MODULES))}')
+        if name in _INSTEAD:
+            hint = f': {_INSTEAD[name]}'
+        elif name in importlib.import_module(f'{__name__}.executables').EXECUTABLES:
+            hint = f': `python -m {__name__} {name}` is a command'
+        else:
+            close = importlib.import_module(f'{__name__}.errors').close_names(name, _MODULES)
+            hint = f' (did you mean {" or ".join(close)}?)' if close else ''
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}{hint}'
+                             f': it offers {", ".join(sorted(_MODULES))}')
     value = getattr(importlib.import_module(f'{__name__}.{_MODULES[name]}'), name)
     globals()[name] = value
     if f'{__name__}.compiled' in sys.modules:  # what was imported may compile

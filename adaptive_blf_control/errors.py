@@ -3,15 +3,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 import difflib
-from typing import Any, TypeVar
+from typing import Any, TYPE_CHECKING, TypeVar
 
 from adaptive_blf_control.synonyms import same_meaning
 
 __all__ = ['GIT_LFS_POINTER', 'ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra',
-           'ParameterError', 'SetViolation', 'UnknownParameter', 'close_names', 'shortened',
-           'shown', 'with_hints', 'without_attribute']
+           'ParameterError', 'SetViolation', 'TypeWithHints', 'UnknownParameter', 'close_names',
+           'shortened', 'shown', 'with_hints', 'without_attribute']
 
 Kind = TypeVar('Kind')
 # How the file begins that Git leaves in place of a large one that was not fetched.
@@ -49,34 +49,48 @@ def _ends(values: Any, count: int) -> str:
 def without_attribute(subject: object, name: str) -> AttributeError:
     """Return the error for an attribute that an object does not have, with the one that is meant.
 
-    It is raised by ``__getattr__`` of a class.
+    It is raised by ``__getattr__`` of a class, or of the type of a class.
 
     Args:
-        subject: The object. Its class may say in ``_instead`` what to write for some names, and
-            in ``_settings_names`` which names are settings.
+        subject: The object, or the class itself. The class may say in ``_instead`` what to write
+            for some names, and in ``_settings_names`` which names are settings.
         name: What was asked for.
     """
-    kind = type(subject)
-    if name in getattr(kind, '_settings_names', ()):
+    kind = subject if isinstance(subject, type) else type(subject)
+    settings = getattr(kind, '_settings_names', ())
+    if name in settings:
         hint = f': settings.{name} has it, retune({name}=...) changes it'
     elif name in getattr(kind, '_instead', {}):
         hint = f': {kind._instead[name]}'  # type: ignore[attr-defined]
     else:
         public = [] if name.startswith('_') else sorted(
-            other for other in object.__dir__(subject)
+            other for other in (dir(kind) if kind is subject else object.__dir__(subject))
             if not other.startswith('_') and not hasattr(tuple, other))
-        close = close_names(name, public)
+        close = close_names(name, [*public, *(f'settings.{other}' for other in settings)])
         hint = f': did you mean {" or ".join(close)}?' if close else (
             f': it has {", ".join(public)}' if public else '')
     return AttributeError(f'{kind.__name__} has no attribute {name!r}{hint}')
 
 
-def with_hints(cls: type[Kind]) -> type[Kind]:
+class TypeWithHints(type):
+    """Type of classes that answer as their objects do where they lack an attribute."""
+
+    if not TYPE_CHECKING:
+        def __getattr__(cls, name: str) -> Any:
+            """Raise AttributeError for what is not there, with what is meant."""
+            # Python itself asks a class for these, many times, while it is made.
+            if name.startswith('_') or name in vars(cls).get('__annotations__', ()):
+                raise AttributeError(f'{cls.__name__} has no attribute {name!r}')
+            raise without_attribute(cls, name)
+
+
+def with_hints(cls: type[Kind], instead: Mapping[str, str] | None = None) -> type[Kind]:
     """Decorate a class that inherits from nothing of ours: see `without_attribute`."""
     def __getattr__(self: Kind, name: str) -> Any:
         raise without_attribute(self, name)
 
     cls.__getattr__ = __getattr__  # type: ignore[attr-defined]
+    cls._instead = dict(instead or {})  # type: ignore[attr-defined]
     return cls
 
 

@@ -20,11 +20,14 @@ t time times timestamps timestamp
 e1 e error errors tracking_error tracking_errors position_error
 e2 velocity_error
 test_rmse train_rmse rmse rms error errors residual residuals accuracy score fit mse test_error
+estimate theta_dict as_dict to_dict by_name
 theta theta_hat estimate estimates params values coefficients coef coef_ solution thetahat
 estimate parameters params parameter_names names labels theta_names
 joints joint_names names base_link tip end_effector chain
 n dof dofs ndof n_dof num_joints n_joints nq nv
 m n_params num_params n_parameters num_parameters np
+true_parameters theta_star theta_true true_theta theta ground_truth
+nominal theta0 theta_0 params values
 nominal theta_star theta_true true_parameters true_theta ground_truth
 joints joint_names names labels
 rank history_rank
@@ -35,8 +38,13 @@ kept ok success safe violations is_safe inside valid
 wall_s runtime elapsed wall_time
 figures summary stats statistics metrics results report info
 identifier estimator learner model
+update_law law adaptation_law rls forgetting forgetting_factor kalman
+margins is_safe inside safe margin distance
+lyapunov barrier V energy
+check_start check
+payload payload_mass load load_mass
 controller law ctrl policy
-reference desired trajectory target setpoint yd y_d q_des q_ref ref goal waypoints
+reference desired trajectory target setpoint yd y_d q_des q_ref q_desired q_d ref goal waypoints
 stack history buffer memory
 undetermined unidentifiable undetermined_parameters missing
 prediction predicted predictions
@@ -49,7 +57,8 @@ acceleration forward_dynamics qdd fd aba
 advance step integrate simulate
 Y regressor phi regressor_matrix
 mass_matrix M inertia inertia_matrix crba
-link_points fk forward_kinematics
+link_points fk forward_kinematics kinematics fkine tip_position
+initial_estimate theta theta_hat
 initial_estimate initial theta0 theta_0 initial_guess initial_theta theta_init initial_parameters
 start q0 q_0 initial_position initial_posture x0 start_position
 velocity qd0 initial_velocity v0
@@ -58,21 +67,29 @@ period dt ts step timestep time_step sample_time
 rate frequency hz fs sample_rate sampling_rate dt ts timestep time_step sample_time period
 amplitude amp amplitudes
 frequency omega w frequencies
+retune set_parameters set_params set_parameter set update_settings set_gains set_settings
+settings get_parameters get_params get_settings params config params_file config_file yaml
 gamma learning_rate lr adaptation_gain adaptation_gains gain
 k1 kp p_gain
 k2 kd d_gain
 torque_limit max_torque tau_max torque_limits effort_limit u_max
-size history_size stack_size buffer_size memory
+torque_noise encoder_counts noise sensor_noise measurement_noise
+encoder_counts encoder encoders ticks
+size P history_size stack_size buffer_size memory
 safety bounds limits joint_limits position_limits safety_set
 performance error_bounds error_limits tolerance performance_set
 viscous coulomb offset square_root friction damping
+viscous friction_viscous
+coulomb friction_coulomb dry static_friction
+offset friction_offset bias
+square_root friction_square_root
 rotor_inertia armature
 columns cols fields mapping
 degrees deg in_degrees unit units
 train train_span training train_time train_size train_fraction split
 test test_span testing test_size test_fraction validation
 validate validation validation_log test_log
-urdf path file filename model robot
+urdf path file filename model robot xml robot_description description
 arm robot model
 plant robot env environment simulator system
 observer callback hook on_sample
@@ -103,7 +120,8 @@ def same_meaning(name: str, known: Iterable[str]) -> list[str]:
         name: What was written.
         known: Dotted names; the last part of one counts, and those with fewer parts come first.
     """
-    meanings = [words for words in _SAME if name in words or name.lower() in words]
+    typed = {name, name.lower(), name.lower().removesuffix('s'), f'{name.lower()}s'}
+    meanings = [words for words in _SAME if typed & set(words)]
     by_end: dict[str, list[str]] = {}
     for other in known:
         by_end.setdefault(other.rpartition('.')[2], []).append(other)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any, Protocol, TYPE_CHECKING
 
 import numpy as np
@@ -12,9 +12,8 @@ import numpy as np
 from adaptive_blf_control.arms import integrator
 from adaptive_blf_control.compiled import uncompiled
 from adaptive_blf_control.errors import ArmError, ParameterError, without_attribute
-from adaptive_blf_control.parameters.guided import Guided
 
-__all__ = ['Arm', 'ForwardDynamics', 'GuidedArm', 'checked_arm', 'described']
+__all__ = ['Arm', 'ClosedArm', 'ForwardDynamics', 'checked_arm']
 
 
 class ForwardDynamics(Protocol):
@@ -53,6 +52,28 @@ def _acceleration(arm: ForwardDynamics, q: np.ndarray, qd: np.ndarray,
 integrator.acceleration.register(ForwardDynamics, _acceleration)
 
 
+_INSTEAD = {
+    'names': 'joints has the names of the joints, parameters those of the parameters',
+    'theta': 'nominal has the nominal parameters, in the order of parameters',
+    **dict.fromkeys(('inverse_dynamics', 'rnea', 'torque', 'tau'),
+                    'inverse_dynamics(arm, theta, q, qd, qdd) of the package'),
+    'step': 'dynamics(theta).advance(q, qd, tau, dt)',
+    'advance': 'dynamics(theta).advance(q, qd, tau, dt)',
+    'simulate': 'simulate(arm) of the package, or dynamics(theta).advance(q, qd, tau, dt)',
+    'regressor': 'X(q, qd, qd, qdd) is the regressor of the torque, Y1 and Y2 need no qdd',
+    'Y': 'X(q, qd, qd, qdd) is the regressor of the torque, Y1 and Y2 need no qdd',
+    **dict.fromkeys(('mass_matrix', 'M', 'inertia'),
+                    'Y1(q, e) @ theta is the product of M(q) with a vector e'),
+    **dict.fromkeys(('C', 'coriolis', 'bias', 'nle'),
+                    'inverse_dynamics(arm, theta, q, qd, 0 * q) of the package is their sum '
+                    'C qd + G + F qd'),
+    **dict.fromkeys(('G', 'g', 'gravity', 'gravity_vector'),
+                    'inverse_dynamics(arm, theta, q, 0 * q, 0 * q) of the package'),
+    'friction': 'the last entries of nominal, named in parameters',
+    'lengths': 'the regressors have none; link_points(q) has what is drawn',
+    'masses': 'theta has combinations of masses, lengths and inertias, named in parameters'}
+
+
 class Arm(Protocol):
     """A serial arm, linear in its dynamic parameters: Y(q, q̇, q̈) θ = τ (2).
 
@@ -72,7 +93,15 @@ class Arm(Protocol):
     nominal: np.ndarray
     payload_direction: np.ndarray | None = None
 
+    def __init_subclass__(cls, instead: Mapping[str, str] | None = None, **options: Any) -> None:
+        """Take what to write for names that a class does not have, beside those of every arm."""
+        super().__init_subclass__(**options)
+        if instead:
+            cls._instead = {**cls._instead, **instead}  # type: ignore[attr-defined]
+
     if not TYPE_CHECKING:
+        _instead = _INSTEAD
+
         def __new__(cls, *_: Any, **__: Any) -> Any:
             """Refuse to make the base itself, with what makes an arm."""
             if cls is Arm:
@@ -83,6 +112,12 @@ class Arm(Protocol):
         def __getattr__(self, name: str) -> Any:
             """Raise AttributeError for what is not there, with the one that is meant."""
             raise without_attribute(self, name)
+
+    def __repr__(self) -> str:
+        """Name joints and count parameters."""
+        joints, parameters = (getattr(self, name, ()) for name in ('joints', 'parameters'))
+        return (f'<{type(self).__name__}: {len(joints)} joints ({", ".join(joints)}), '
+                f'{len(parameters)} parameters>')
 
     @property
     def n(self) -> int:
@@ -134,18 +169,14 @@ class Arm(Protocol):
         raise ArmError(f'{type(self).__name__} has no link_points: it cannot be drawn')
 
 
-class GuidedArm(Guided, instead={
-        'names': 'joints has the names of the joints, parameters those of the parameters',
-        'theta': 'nominal has the nominal parameters, in the order of parameters',
-        'inverse_dynamics': 'inverse_dynamics(arm, theta, q, qd, qdd) of the package',
-        'rnea': 'inverse_dynamics(arm, theta, q, qd, qdd) of the package',
-        'step': 'dynamics(theta).advance(q, qd, tau, dt)',
-        'advance': 'dynamics(theta).advance(q, qd, tau, dt)',
-        'simulate': 'simulate(arm) of the package, or dynamics(theta).advance(q, qd, tau, dt)',
-        'regressor': 'X(q, qd, qd, qdd) is the regressor of the torque, Y1 and Y2 need no qdd',
-        'Y': 'X(q, qd, qd, qdd) is the regressor of the torque, Y1 and Y2 need no qdd',
-        'mass_matrix': 'Y1(q, e) @ theta is its product with a vector e'}):
-    """Base of the arms of this package: a wrong attribute is refused with what is meant."""
+class ClosedArm(Arm):
+    """Base of the arms of this package: what would have no effect cannot be set either."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Set an attribute; AttributeError where another name is meant."""
+        if name in type(self)._instead:  # type: ignore[attr-defined]
+            raise without_attribute(self, name)
+        super().__setattr__(name, value)
 
 
 REQUIRED = ('joints', 'parameters', 'n', 'm', 'Y1', 'Y2', 'Y12', 'X')
@@ -169,9 +200,3 @@ def checked_arm(name: str, arm: Any) -> Arm:
                              'TwoLinkArm(), load_arm(urdf) or an object of a class that inherits '
                              f'from Arm: {said}')
     return arm  # type: ignore[no-any-return]
-
-
-def described(arm: object, joints: Sequence[str], parameters: Sequence[str]) -> str:
-    """Return an arm in one line, for its ``repr``."""
-    return (f'<{type(arm).__name__}: {len(joints)} joints ({", ".join(joints)}), '
-            f'{len(parameters)} parameters>')

@@ -1,32 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the planar arms share: names of their joints, and where their links are, for drawing."""
+"""What the planar arms share: names of their joints, regressors, and where their links are."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import described, GuidedArm
-from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.arms.arm import ClosedArm
+from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors
 from adaptive_blf_control.errors import ArmError
 
-__all__ = ['PlanarArm', 'planar_points']
+__all__ = ['PlanarArm', 'PlanarRegressors', 'planar_points']
 
 
 _WORDS = {2: 'two', 3: 'three'}
 
 
-class PlanarArm(GuidedArm):
-    """Names of a planar arm, as the `Arm` that inherits from it has them.
+class PlanarRegressors(NamedTuple):
+    """The regressors of a planar arm as compiled functions of arrays of shape (n,), see `Arm`."""
 
-    Attributes:
-        joints: Joint names, length n, in the order of every array.
-        parameters: Parameter names, length m, in the order of θ.
-    """
+    Y1: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    Y2: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    Y12: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+    X: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
-    joints: tuple[str, ...]
-    parameters: tuple[str, ...]
+
+class PlanarArm(ClosedArm):
+    """Joint names and regressors of a planar arm; a subclass has the rest of an `Arm`."""
+
+    _regressors: ClassVar[PlanarRegressors]
 
     def __init__(self, arm: str, joints: Sequence[str], count: int) -> None:
         """Name the joints; ArmError unless they are ``count`` distinct names."""
@@ -39,19 +43,35 @@ class PlanarArm(GuidedArm):
         self.joints = names
         self._shape = (count,)
 
-    def __repr__(self) -> str:
-        """Name joints and count parameters."""
-        return described(self, self.joints, self.parameters)
+    def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Momentum regressor, Y1 θ = M(q) q̇ (12), shape (n, m) [N·m·s per unit of θ].
 
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.joints)
+        Raises:
+            ParameterError: An array is not of shape (n,); likewise the other regressors.
+        """
+        if not are_vectors(self._shape, q, qd):
+            q, qd = checked_vectors(self.joints, q=q, qd=qd)
+        return self._regressors.Y1(q, qd)
 
-    @property
-    def m(self) -> int:
-        """Number of parameters."""
-        return len(self.parameters)
+    def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Y2 θ = −Ṁ q̇ + C q̇ + F q̇ (12), shape (n, m) [N·m per unit of θ]."""
+        if not are_vectors(self._shape, q, qd):
+            q, qd = checked_vectors(self.joints, q=q, qd=qd)
+        return self._regressors.Y2(q, qd)
+
+    def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return Y1 and Y2 of the same state."""
+        if not are_vectors(self._shape, q, qd):
+            q, qd = checked_vectors(self.joints, q=q, qd=qd)
+        return self._regressors.Y12(q, qd)
+
+    def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
+          alpha_dot: np.ndarray) -> np.ndarray:
+        """X θ = M α̇ + C q̇ + F q̇ − ½ Ṁ (q̇ − α) (35), shape (n, m) [N·m per unit of θ]."""
+        if not are_vectors(self._shape, q, qd, alpha, alpha_dot):
+            q, qd, alpha, alpha_dot = checked_vectors(self.joints, q=q, qd=qd, alpha=alpha,
+                                                      alpha_dot=alpha_dot)
+        return self._regressors.X(q, qd, alpha, alpha_dot)
 
 
 def planar_points(q: np.ndarray, lengths: Sequence[float]) -> np.ndarray:

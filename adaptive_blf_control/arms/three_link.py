@@ -16,9 +16,9 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
-from adaptive_blf_control.arms.planar import planar_points, PlanarArm
+from adaptive_blf_control.arms.planar import planar_points, PlanarArm, PlanarRegressors
 from adaptive_blf_control.arms.regressors import law_regressor, regressors
-from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors
+from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError, ParameterError
@@ -255,7 +255,12 @@ def _check_mass_matrix(theta: np.ndarray) -> None:
 
 
 class ThreeLinkArm(PlanarArm):
-    """Planar 3-DoF arm without gravity, θ = (p1, …, p10, f) (48)."""
+    """Planar 3-DoF arm without gravity, θ = (p1, …, p10, f) (48).
+
+    Its regressors are those of (49) to (51).
+    """
+
+    _regressors = PlanarRegressors(three_link_Y1, three_link_Y2, three_link_Y12, three_link_X)
 
     @checked_call
     def __init__(self, joints: Sequence[str] = ('joint1', 'joint2', 'joint3')) -> None:
@@ -269,32 +274,6 @@ class ThreeLinkArm(PlanarArm):
     def arrays(self) -> ThreeLinkArrays:
         """The arm as compiled functions take it, see `arms.regressors`."""
         return ThreeLinkArrays(self.m)
-
-    def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """Equation (49); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        if not are_vectors(self._shape, q, qd):
-            q, qd = checked_vectors(self.joints, q=q, qd=qd)
-        return three_link_Y1(q, qd)
-
-    def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """Equation (50); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        if not are_vectors(self._shape, q, qd):
-            q, qd = checked_vectors(self.joints, q=q, qd=qd)
-        return three_link_Y2(q, qd)
-
-    def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Equations (49) and (50) at once."""
-        if not are_vectors(self._shape, q, qd):
-            q, qd = checked_vectors(self.joints, q=q, qd=qd)
-        return three_link_Y12(q, qd)
-
-    def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
-          alpha_dot: np.ndarray) -> np.ndarray:
-        """Equation (51); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        if not are_vectors(self._shape, q, qd, alpha, alpha_dot):
-            q, qd, alpha, alpha_dot = checked_vectors(self.joints, q=q, qd=qd, alpha=alpha,
-                                                      alpha_dot=alpha_dot)
-        return three_link_X(q, qd, alpha, alpha_dot)
 
     @checked_call
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:

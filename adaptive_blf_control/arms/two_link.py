@@ -10,9 +10,9 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
-from adaptive_blf_control.arms.planar import planar_points, PlanarArm
+from adaptive_blf_control.arms.planar import planar_points, PlanarArm, PlanarRegressors
 from adaptive_blf_control.arms.regressors import law_regressor, regressors
-from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors
+from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError
@@ -135,7 +135,12 @@ def _check_mass_matrix(p1: float, p2: float, p3: float) -> None:
 
 
 class TwoLinkArm(PlanarArm):
-    """Planar 2-DoF arm without gravity, θ = (p1, p2, p3, f1, f2) (45)."""
+    """Planar 2-DoF arm without gravity, θ = (p1, p2, p3, f1, f2) (45).
+
+    Its regressors are those of (43), (44) and (46), corrected.
+    """
+
+    _regressors = PlanarRegressors(two_link_Y1, two_link_Y2, two_link_Y12, two_link_X)
 
     @checked_call
     def __init__(self, joints: Sequence[str] = ('joint1', 'joint2')) -> None:
@@ -149,32 +154,6 @@ class TwoLinkArm(PlanarArm):
     def arrays(self) -> TwoLinkArrays:
         """The arm as compiled functions take it, see `arms.regressors`."""
         return TwoLinkArrays(self.m)
-
-    def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """Equation (43); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        if not are_vectors(self._shape, q, qd):
-            q, qd = checked_vectors(self.joints, q=q, qd=qd)
-        return two_link_Y1(q, qd)
-
-    def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """Equation (44); see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        if not are_vectors(self._shape, q, qd):
-            q, qd = checked_vectors(self.joints, q=q, qd=qd)
-        return two_link_Y2(q, qd)
-
-    def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Equations (43) and (44) at once."""
-        if not are_vectors(self._shape, q, qd):
-            q, qd = checked_vectors(self.joints, q=q, qd=qd)
-        return two_link_Y12(q, qd)
-
-    def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
-          alpha_dot: np.ndarray) -> np.ndarray:
-        """Equation (46), corrected; see :class:`~adaptive_blf_control.arms.arm.Arm`."""
-        if not are_vectors(self._shape, q, qd, alpha, alpha_dot):
-            q, qd, alpha, alpha_dot = checked_vectors(self.joints, q=q, qd=qd, alpha=alpha,
-                                                      alpha_dot=alpha_dot)
-        return two_link_X(q, qd, alpha, alpha_dot)
 
     @checked_call
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:

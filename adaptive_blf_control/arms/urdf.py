@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import described, GuidedArm
+from adaptive_blf_control.arms.arm import ClosedArm
 from adaptive_blf_control.arms.base_parameters import (
     BaseParameters,
     decompose,
@@ -44,10 +44,13 @@ __all__ = ['UrdfArm']
 _STATES = 100
 
 
-class UrdfArm(GuidedArm, instead={
+class UrdfArm(ClosedArm, instead={
+        **dict.fromkeys(('M', 'inertia'), 'mass_matrix(q)'),
+        **dict.fromkeys(('jacobian', 'frames', 'placement'),
+                        'link_points(q) has positions; model is the arm in Pinocchio'),
         'gravity': 'load_arm(urdf, gravity=...) takes it; model.gravity has it',
-        'masses': 'inertial[:, 0] has the masses of the URDF by joint',
-        'mass': 'inertial[:, 0] has the masses of the URDF by joint'}):
+        **dict.fromkeys(('masses', 'mass'),
+                        'inertial[:, 0] has the masses of the URDF by joint')}):
     """A sub-chain of a URDF's joints as an `Arm`; the other joints are locked at zero.
 
     θ holds base inertial parameters, each named after the inertial parameter whose column stands
@@ -146,20 +149,6 @@ class UrdfArm(GuidedArm, instead={
         self.payload_direction: np.ndarray | None = self._payload_direction()
         self.chain: ChainParameters = chain_parameters(
             chain_of_model(self.model, self.joints), self._base.independent, self._friction)
-
-    def __repr__(self) -> str:
-        """Name joints and count parameters."""
-        return described(self, self.joints, self.parameters)
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.joints)
-
-    @property
-    def m(self) -> int:
-        """Number of parameters."""
-        return len(self.parameters)
 
     @property
     def base_count(self) -> int:

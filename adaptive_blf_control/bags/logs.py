@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import functools
 import os
 from pathlib import Path
 import re
@@ -38,10 +39,25 @@ __all__ = ['Log', 'MeasuredLog', 'read_log']
 
 MINIMUM_ROWS = 3
 LOG_OPTIONS = ('topic', 'joints', 'velocity', 'columns', 'degrees', 'gain', 'effort_delay')
+_TABLES = {'.xlsx': 'read_excel', '.parquet': 'read_parquet', '.json': 'read_json',
+           '.pkl': 'read_pickle', '.h5': 'read_hdf', '.feather': 'read_feather'}
 _NO_GAIN: Mapping[str, float] = MappingProxyType({})
 
 
-@with_hints
+_NOT_THERE = {
+    'duration': 't[-1] - t[0]', 'n': 'len(joints)', 'names': 'joints has the names',
+    **dict.fromkeys(('rate', 'dt', 'fs', 'frequency', 'sample_rate', 'period'),
+                    'numpy.median(numpy.diff(t)) is the usual interval'),
+    **dict.fromkeys(('size', 'shape', 'samples', 'N'), 'len(t) samples'),
+    **dict.fromkeys(('plot', 'show'), 'matplotlib draws arrays: plt.plot(log.t, log.tau)'),
+    **dict.fromkeys(('save', 'to_csv', 'to_npz', 'to_dataframe'),
+                    "numpy.savez('log.npz', t=log.t, q=log.q, qd=log.qd, tau=log.tau); "
+                    'read_log reads it'),
+    'qdd': 'no acceleration is measured or needed; numpy.gradient(log.qd, log.t, axis=0) '
+           'approximates it'}
+
+
+@functools.partial(with_hints, instead=_NOT_THERE)
 class MeasuredLog(NamedTuple):
     """A log of N rows for n joints; all finite, times strictly increasing.
 
@@ -69,6 +85,13 @@ class MeasuredLog(NamedTuple):
     notes: tuple[str, ...] = ()
     breaks: tuple[int, ...] = ()
     measured_velocity: bool = True
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return a field by its number; LogError of a name or a slice, which mean rows."""
+        if isinstance(key, (slice, str)):
+            raise LogError(f'a log has no [{key!r}]: log.q[100:200] are rows of one array, '
+                           'identify(log, train=(1.0, 5.0)) chooses a span')
+        return tuple.__getitem__(self, key)
 
     def __repr__(self) -> str:
         """Show samples, joints, span and rate, and what is missing."""
@@ -169,6 +192,12 @@ def _read(source: Log, topic: str | None, joints: Sequence[str] | None, velocity
                        'frame with named columns, or a MeasuredLog') from None
     if path.suffix.lower() in ('.csv', '.tsv', '.txt'):
         raw = csv_log(path, joints, velocity=velocity, columns=columns)
+    elif path.suffix.lower() == '.mat':
+        raise LogError(f'{path} is a file of MATLAB: read_log(scipy.io.loadmat({path.name!r}, '
+                       'squeeze_me=True)) reads its arrays')
+    elif path.suffix.lower() in _TABLES:
+        raise LogError(f'{path} is a table: read_log(pandas.{_TABLES[path.suffix.lower()]}'
+                       f'({path.name!r})) reads it')
     elif path.suffix.lower() == '.npz':
         raw = _load_npz(path, joints, velocity, columns)
     else:

@@ -33,6 +33,7 @@ from adaptive_blf_control.messages.joint_readers import (
     joint_kind,
     JOINT_STATE,
 )
+from adaptive_blf_control.parameters.guided import Guided
 
 __all__ = ['Bag', 'BagMessage', 'JointSeries', 'TopicInfo', 'read_bag']
 
@@ -64,7 +65,15 @@ class TopicInfo:
     encoding: str = 'cdr'
 
 
-class Bag:
+class Bag(Guided, instead={
+        **dict.fromkeys(('topic_names', 'channels', 'connections', 'info', 'types', 'counts'),
+                        'topics has name, type and count of each topic'),
+        **dict.fromkeys(('read', 'read_messages', 'get', 'data', 'read_topic'),
+                        'joint_states(topic) and doubles(topic) return arrays, messages([topic]) '
+                        'the bytes of each message'),
+        **dict.fromkeys(('duration', 'start_time', 'end_time'),
+                        'log_time_ns of each message in in_time_order()'),
+        'close': 'nothing is left open'}):
     """A bag after one pass over its files; iterating reads the messages in recorded order.
 
     Attributes:
@@ -126,18 +135,41 @@ class Bag:
             name = stated_topic.name
             self.offered_qos[name] = stated_topic.qos or self.offered_qos.get(name, ())
 
+    def __repr__(self) -> str:
+        """Show path, topics, messages, and what is wrong."""
+        count = sum(info.count for info in self.topics.values())
+        return (f'<Bag {self.path}: {count} messages on {len(self.topics)} topics'
+                + (f', {self.problem}' if self.problem else '') + '>')
+
+    def __getitem__(self, topic: Any) -> Any:
+        """Raise BagError with what reads a topic."""
+        info = self._topic(topic) if isinstance(topic, str) else None
+        by = 'joint_states' if info and joint_kind(info.type_name, info.encoding) else (
+            'doubles' if info and info.type_name in _NUMBER_DECODERS else '')
+        name = info.name if info else 'topic'
+        raise BagError(f'a bag has no [{topic!r}]: ' + (
+            f'{by}({name!r}) returns it as arrays' if by else
+            f'messages([{name!r}]) yields the bytes of each of its messages'))
+
     def __iter__(self) -> Iterator[BagMessage]:
         """Yield every message."""
         return self.messages()
 
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Yield the messages of some topics, of all where None, in recorded order.
+    def messages(self, topics: Collection[str] | str | None = None) -> Iterator[BagMessage]:
+        """Return an iterator over the messages of some topics, of all where None, as recorded.
 
         Messages that were compressed one by one are yielded unpacked.
 
+        Args:
+            topics: Their names, of which the bag need not have all; or the name of one that it
+                has.
+
         Raises:
-            BagError: one of those is damaged.
+            BagError: the bag has no topic of that name, or a message is damaged.
         """
+        return self._messages((self._topic(topics).name,) if isinstance(topics, str) else topics)
+
+    def _messages(self, topics: Collection[str] | None) -> Iterator[BagMessage]:
         for file in self._files:
             channels = file.channels
             for number, log_time_ns, data in file.messages():
@@ -146,7 +178,7 @@ class Bag:
                     yield BagMessage(topic, type_name, log_time_ns,
                                      unpack_message(data) if self._packed else data)
 
-    def in_time_order(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
+    def in_time_order(self, topics: Collection[str] | str | None = None) -> Iterator[BagMessage]:
         """Yield as :meth:`messages`, sorted by log time, equal times in recorded order.
 
         Recorders write what they have received topic by topic. A message whose place in the file
@@ -211,7 +243,9 @@ class Bag:
         info = self._topic(topic)
         if info.type_name not in _NUMBER_DECODERS:
             raise BagError(f'{self.path}: topic {topic!r} has type {info.type_name!r}: expected '
-                           f'{" or ".join(_NUMBER_DECODERS)}')
+                           f'{" or ".join(_NUMBER_DECODERS)}'
+                           + ('; joint_states(topic) reads it' if joint_kind(
+                               info.type_name, info.encoding) else ''))
         decode = _NUMBER_DECODERS[info.type_name]
         times: list[int] = []
         values: list[Any] = []

@@ -132,7 +132,19 @@ class _Tuning(NamedTuple):
 
 
 class Controller(Guided, settings=ControllerSettings,
-                 instead={'output': 'update returns it', 'torque': 'update returns it',
+                 instead={**dict.fromkeys(
+                              ('output', 'torque', 'e1', 'e2', 'error'),
+                              'update returns it: output.torque, output.e1, output.e2'),
+                          **dict.fromkeys(
+                              ('from_yaml', 'from_file', 'from_config', 'load'),
+                              'simulate(file, 0.001).controller is that of a parameter file'),
+                          **dict.fromkeys(
+                              ('publish', 'subscribe', 'spin'),
+                              '`python -m adaptive_blf_control controller` is the node'),
+                          **dict.fromkeys(
+                              ('reset', 'restart', 'start'),
+                              'a Controller belongs to one motion: make another one, '
+                              'Controller(arm, ..., start=q)'),
                           'theta': 'update is given it: the theta of an Identifier',
                           'gains': 'settings has them, retune(k2=...) changes them',
                           'set_reference': 'retune(t, q, reference=...) changes it'}):
@@ -527,10 +539,12 @@ class Controller(Guided, settings=ControllerSettings,
         return ControlOutput(tau, term, MotionState(t, q, qd, e1, bounds), answer.e2, point, x,
                              bound, answer.torque)
 
+    @checked_call
     def margins(self, output: ControlOutput) -> np.ndarray:
         """Return the margins of all constraints at a sample, shape (K,), see `Constraints`."""
         return self.constraints.margins(output.state)
 
+    @checked_call
     def lyapunov(self, output: ControlOutput, theta: np.ndarray) -> float:
         """V = V1 + ½ e2ᵀ M(q) e2 (30), M from ``theta``; a monitor, not part of the law."""
         kinetic = 0.5 * output.e2 @ self.arm.Y1(output.state.q, output.e2) @ theta

@@ -13,6 +13,7 @@ from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import jit, uncompiled
 from adaptive_blf_control.control.harmonics import extremes
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.guided import Guided
 
 __all__ = ['Crossfade', 'Posture', 'Reference', 'ReferencePoint', 'SmoothStart', 'SumOfSinusoids',
            'along', 'from_time', 'full_range', 'hull', 'quintic']
@@ -98,7 +99,41 @@ def _blend(t: float, duration: float, a: np.ndarray, ad: np.ndarray, add: np.nda
             add + (sdd * z + 2.0 * sd * zd + s * (bdd - add)))
 
 
-class SumOfSinusoids:
+class _Trajectory(Guided, instead={
+        **dict.fromkeys(('position', 'velocity', 'acceleration', 'y_d', 'q', 'value', 'evaluate'),
+                        'at(t) has position, velocity and acceleration at t [s], along(times) '
+                        'those at many'),
+        **dict.fromkeys(('lower', 'upper', 'bounds', 'limits'), 'range() returns both bounds')}):
+    """Base of the references of this package, which may be called: that is `at` or `along`."""
+
+    def at(self, t: float) -> ReferencePoint:
+        """Evaluate at ``t`` [s]."""
+        raise NotImplementedError
+
+    def along(self, times: np.ndarray) -> ReferencePoint:
+        """See `along`."""
+        raise NotImplementedError
+
+    def range(self) -> Range:
+        """Return the range that is never left, see `Reference`."""
+        raise NotImplementedError
+
+    def full_range(self) -> Range:
+        """See `full_range`."""
+        return self.range()
+
+    def from_time(self, t: float) -> Reference:
+        """See `from_time`."""
+        return self
+
+    def __call__(self, t: Any) -> ReferencePoint:
+        """Evaluate at one time or at ascending ones, shape (N,) [s]."""
+        if dimensions(t) == 0:
+            return self.at(checked_number('t', t))
+        return self.along(checked_array('t', t, (-1,)))
+
+
+class SumOfSinusoids(_Trajectory):
     """y_d,i(t) = offset_i + Σ_k amplitude_ik sin(frequency_ik t + phase_ik)."""
 
     @checked_call
@@ -131,6 +166,8 @@ class SumOfSinusoids:
 
     def at(self, t: float) -> ReferencePoint:
         """Evaluate at ``t`` [s]."""
+        if not isinstance(t, (float, int)):
+            t = checked_number('t', t)
         return ReferencePoint(
             *_sinusoids(t, self._offset, self._amplitude, self._frequency, self._phase))
 
@@ -146,7 +183,7 @@ class SumOfSinusoids:
         return self._offset + ends[:, 0], self._offset + ends[:, 1]
 
 
-class Posture:
+class Posture(_Trajectory):
     """A posture that is held."""
 
     def __init__(self, position: np.ndarray) -> None:
@@ -171,7 +208,7 @@ class Posture:
         return self._point.position, self._point.position
 
 
-class Crossfade:
+class Crossfade(_Trajectory):
     """Lead from one reference to another over ``duration`` with a quintic blend, C².
 
     y = a + s((t − t0)/T) (b − a): until t0 it is a, from t0 + T on b.

@@ -67,5 +67,6 @@ def made_constraint(arm: Arm, settings: ControllerSettings, given: OwnConstraint
     """
     name = 'controller.constraints' if isinstance(given, str) else 'constraints'
     part = load_plugin(name, given) if isinstance(given, str) else given
-    constraint: Constraint = made(name, given, part, _ATTRIBUTES, arm, settings)
+    constraint: Constraint = made(name, given, part, _ATTRIBUTES, arm, settings,
+                                  base='Constraint')
     return constraint

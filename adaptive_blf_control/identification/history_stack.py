@@ -60,6 +60,11 @@ class HistoryStack:
         self.pairs.counters[SIZE] = size
         self._set_thresholds(epsilon, minimum_growth)
 
+    def __repr__(self) -> str:
+        """Show pairs, rank and σ_min."""
+        return (f'<HistoryStack: {self.count} of {self.size} pairs, rank {self.rank}, '
+                f'sigma_min {self.sigma_min:.3g}>')
+
     @staticmethod
     def _check(size: int, epsilon: float, minimum_growth: float) -> None:
         if size < 1:

@@ -103,7 +103,23 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         'sigma_min': 'stack.sigma_min',
         'reset': 'reset_history empties the history, restart restarts the filters; an Identifier '
                  'that knows nothing is a new one',
-        'std': 'identify(log, arm=...) tells it of a log: its result has std',
+        **dict.fromkeys(('std', 'covariance', 'uncertainty', 'confidence'),
+                        'identify(log, arm=...) tells it of a log: its result has std and '
+                        'uncertainty'),
+        **dict.fromkeys(('condition', 'condition_number', 'cond'),
+                        "stack.sigma_min; of a log identify(log, arm=...).figures['condition']"),
+        **dict.fromkeys(('converged', 'is_converged', 'identified', 'done', 'complete'),
+                        'rank == arm.m where the data determine every parameter, undetermined '
+                        'names the others'),
+        **dict.fromkeys(('urdf', 'to_urdf', 'consistent'),
+                        'identify(log, urdf) returns what has urdf() and consistent'),
+        **dict.fromkeys(('publish', 'subscribe', 'spin'),
+                        '`python -m adaptive_blf_control identifier` is the node'),
+        **dict.fromkeys(('from_yaml', 'from_file', 'from_config'),
+                        'simulate(file, 0.001).identifier is that of a parameter file'),
+        **dict.fromkeys(('theta =', 'estimate ='),
+                        'Identifier(arm, initial_estimate=...) starts from a given one'),
+        'load': "Identifier(arm, initial_estimate='theta.yaml') starts from what was saved",
         'save': 'identify(log, arm=...).save(path) writes what initial_estimate=path reads; '
                 'estimate is a dictionary by name'}):
     """Torque filter, history stack and update law joined: (12)-(18), Algorithm 1, (37).

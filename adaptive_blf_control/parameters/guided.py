@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import dataclasses
 from typing import Any, ClassVar, TYPE_CHECKING
 
-from adaptive_blf_control.errors import without_attribute
+from adaptive_blf_control.errors import TypeWithHints, without_attribute
 from adaptive_blf_control.parameters.settings import Settings
 
 __all__ = ['Guided']
 
 
-class Guided:
+class Guided(metaclass=TypeWithHints):
     """Base of what a program holds: a wrong attribute is refused with the one that is meant.
 
     A subclass names its settings, ``class Controller(Guided, settings=ControllerSettings)``: these
@@ -42,4 +42,9 @@ class Guided:
         if name in self._settings_names:
             raise AttributeError(f'{type(self).__name__}.{name} cannot be set: '
                                  f'retune({name}=...) changes it')
-        super().__setattr__(name, value)
+        try:
+            super().__setattr__(name, value)
+        except AttributeError:  # computed, or an object that nothing can be set on
+            hint = self._instead.get(f'{name} =', 'it follows from the rest')
+            raise AttributeError(
+                f'{type(self).__name__}.{name} cannot be set: {hint}') from None

@@ -103,7 +103,7 @@ def made(parameter: str, value: object, given: Any, names: Sequence[str], *argum
             kinds = ', '.join(type(argument).__name__ for argument in arguments)
             raise ParameterError(parameter, value, 'an object, or what can be called with '
                                  f'{kinds} ({type(error).__name__}: {error}) and returns one, '
-                                 f'with {", ".join(names)}') from error
+                                 f'with {", ".join(names)}{_inherited(base)}') from error
     require(parameter, value, part, names, base)
     return part
 
@@ -126,5 +126,9 @@ def require(parameter: str, value: object, part: object, names: Sequence[str],
     if missing:
         raise ParameterError(parameter, value, f'a part with {", ".join(names)}: '
                              f'{type(part).__name__} has no {", ".join(missing)}'
-                             + (f'; a class that inherits from {base} has most of them'
-                                if base else ''))
+                             + _inherited(base))
+
+
+def _inherited(base: str) -> str:
+    """Return what is said of the class of the package that a part may inherit from."""
+    return f'; a class that inherits from {base} has most of them' if base else ''

@@ -23,7 +23,12 @@ from typing import Any, ClassVar, get_type_hints, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from adaptive_blf_control.errors import ParameterError, UnknownParameter, without_attribute
+from adaptive_blf_control.errors import (
+    ParameterError,
+    TypeWithHints,
+    UnknownParameter,
+    without_attribute,
+)
 from adaptive_blf_control.parameters.table import (
     bounds_of,
     broadcast,
@@ -35,6 +40,7 @@ from adaptive_blf_control.parameters.table import (
     Value,
     value_problem,
 )
+from adaptive_blf_control.spelling import setting
 
 __all__ = ['Settings', 'changed_names', 'group', 'group_per_joint', 'listed', 'parameter']
 
@@ -84,10 +90,19 @@ def group_per_joint(kind: type[Settings]) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Settings:
+class Settings(metaclass=TypeWithHints):
     """Base of all settings; makes every value usable or refuses it with ParameterError."""
 
     _where: ClassVar[str] = ''
+    _instead: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(('from_yaml', 'from_file', 'load', 'read', 'from_dict'),
+                        'from_values(values) takes them by name, simulate(file, 0.001) builds '
+                        'identifier and controller of a parameter file'),
+        **dict.fromkeys(('update', 'set', 'copy'), 'replace(name=...) returns a changed copy'),
+        **dict.fromkeys(('to_dict', 'as_dict', 'asdict', 'dict', 'items', 'keys', 'to_yaml',
+                         'save', 'dump'), 'values() returns all of them by name'),
+        **dict.fromkeys(('describe', 'description', 'doc', 'defaults', 'names', 'info'),
+                        'help(...) of the class says what each one is, values() returns all')}
 
     def __init_subclass__(cls, where: str = '', **options: Any) -> None:
         """Take the prefix for the names in messages, e.g. ``identifier.history``."""
@@ -99,6 +114,8 @@ class Settings:
         if unnamed:
             raise ParameterError(cls.__name__, unnamed[0], 'parameters by name: '
                                  f'{cls.__name__}({dataclasses.fields(cls)[0].name}=...)')
+        # In place of that of `dataclass`, which does not say what to do instead.
+        type.__setattr__(cls, '__setattr__', _cannot_be_set)
         own = {item.name for item in dataclasses.fields(cls)}
         for name, value in given.items():
             if name not in own:
@@ -192,8 +209,14 @@ class Settings:
         elif isinstance(settings, Mapping):
             settings = cls.from_values(cls._by_name(settings))
         elif not isinstance(settings, cls):
-            raise ParameterError('settings', settings, f'{cls.__name__} or a mapping')
-        return settings.replace(**changes)
+            raise ParameterError('settings', settings, f'{cls.__name__} or a mapping; an '
+                                 'estimate is given as initial_estimate=..., and '
+                                 'simulate(file, 0.001) has the controller and the identifier of '
+                                 'a parameter file')
+        try:
+            return settings.replace(**changes)
+        except UnknownParameter as error:  # may also be meant for the argument
+            raise error.beside(['settings']) from None
 
     def values(self) -> dict[str, Any]:
         """Return all values by parameter name, arrays as lists: what YAML and ROS hold."""
@@ -304,6 +327,15 @@ class Settings:
                 shown = value.tolist() if isinstance(value, np.ndarray) else value
                 parts.append(f'{item.name}={shown!r}')
         return f'{type(self).__name__}({", ".join(parts)})'
+
+
+def _cannot_be_set(settings: Settings, name: str, value: Any) -> None:
+    if name not in {item.name for item in dataclasses.fields(settings)}:
+        raise without_attribute(settings, name)
+    written = setting('.'.join([*settings._where.split('.')[1:], name]), '...')
+    raise dataclasses.FrozenInstanceError(
+        f'{type(settings).__name__}.{name} cannot be set: replace({written}) of the settings '
+        f'returns a changed copy, retune({written}) of an Identifier or a Controller changes them')
 
 
 def listed(cls: type[_Self]) -> type[_Self]:

@@ -29,8 +29,8 @@ from adaptive_blf_control.identification.estimate_file import write_estimate
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.settings import FilterSettings, IdentifierSettings
 from adaptive_blf_control.identification.uncertainty import Uncertainty
-from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.runs.finding import Finding, listed
+from adaptive_blf_control.runs.learned import Learned
 from adaptive_blf_control.runs.log_checks import checks_of
 from adaptive_blf_control.runs.log_options import LogOptions, name_of, several
 from adaptive_blf_control.runs.log_pass import (
@@ -59,6 +59,12 @@ _NOT_THERE = {
     'confidence': "figures['confidence'] says of each parameter how well it is determined",
     'intervals': 'theta ± 1.96 std is the 95 % interval of a parameter, prediction.half_width '
                  'half of that of a torque',
+    **dict.fromkeys(('confidence_interval', 'confidence_intervals', 'ci', 'conf_int', 'interval'),
+                    'theta ± 1.96 std is the 95 % interval of a parameter'),
+    **dict.fromkeys(('identifiable', 'determined', 'identified'),
+                    'undetermined names the others'),
+    **dict.fromkeys(('compare', 'difference'),
+                    'theta - arm.nominal has the differences, in the order of parameters'),
     'model': 'consistent is the physically consistent model, urdf() a URDF with its values',
     'history': 'identifier.stack has the recorded pairs',
     'log': 'read_log(...) returns it as arrays; source says where it came from',
@@ -69,7 +75,7 @@ _NOT_THERE = {
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Identification(Guided, instead=_NOT_THERE):
+class Identification(Learned, instead=_NOT_THERE):
     """What one pass over a log has taught; ``print`` shows the figures as a table.
 
     Attributes:
@@ -98,21 +104,6 @@ class Identification(Guided, instead=_NOT_THERE):
     growth: Growth | None = None
 
     @property
-    def arm(self) -> Arm:
-        """The arm whose parameters were learned."""
-        return self.identifier.arm
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Joint names, in the order of every array."""
-        return self.arm.joints
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Parameter names, in the order of ``theta`` and ``std``."""
-        return self.arm.parameters
-
-    @property
     def settings(self) -> IdentifierSettings:
         """Those that it was learned with."""
         return self.identifier.settings
@@ -123,19 +114,9 @@ class Identification(Guided, instead=_NOT_THERE):
         return self.identifier.theta
 
     @property
-    def estimate(self) -> dict[str, float]:
-        """θ̂ by parameter name."""
-        return self.identifier.estimate
-
-    @property
     def rank(self) -> int:
         """Rank of the history."""
         return self.identifier.rank
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """Names of the parameters that the log does not determine."""
-        return self.identifier.undetermined
 
     @property
     def std(self) -> np.ndarray:

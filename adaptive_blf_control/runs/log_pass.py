@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Sequence
+import functools
 import itertools
 import time
 from typing import NamedTuple
@@ -42,7 +43,8 @@ class Span(NamedTuple):
     end: float
 
 
-@with_hints
+@functools.partial(with_hints, instead=dict.fromkeys(
+    ('residual', 'residuals', 'error', 'errors'), 'measured - predicted'))
 class Prediction(NamedTuple):
     """The filtered torque of samples that θ̂ was not learned from, K of them.
 

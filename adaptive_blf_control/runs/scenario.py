@@ -8,6 +8,8 @@ import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from adaptive_blf_control.arms.arm import Arm, checked_arm, SIMULATED
 from adaptive_blf_control.arrays import checked_finite
 from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop, OwnParts
@@ -76,6 +78,9 @@ def joined(scenario: Scenario, own: OwnParts, changes: Mapping[str, Any]) -> Joi
     data, arm = _data_and_arm(scenario)
     if arm is not None and own.plant is None:
         require('scenario', arm, arm, SIMULATED)
+        if np.shape(arm.nominal) != (arm.m,) or not isinstance(arm.nominal, np.ndarray):
+            raise ParameterError('nominal', arm.nominal, f'a numpy array of shape ({arm.m},), one '
+                                 f'for each of {", ".join(arm.parameters)}')
     refuse_unused(changes, arm=arm, plant=None if isinstance(own.plant, type) or callable(
         own.plant) else own.plant)
     data = apply_changes(data, _by_value(changes, arm))

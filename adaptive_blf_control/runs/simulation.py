@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.calls import argument_names, checked_call
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build_closed_loop import OwnParts
@@ -24,9 +23,9 @@ from adaptive_blf_control.control.set_constraints import OwnConstraints
 from adaptive_blf_control.errors import BagError, ParameterError, UnknownParameter
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
-from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.runs.bag_observer import BagObserver
+from adaptive_blf_control.runs.learned import Learned
 from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee, why_not
 from adaptive_blf_control.runs.saved_arrays import save_arrays
 from adaptive_blf_control.runs.scenario import duration_of, Joined, joined, Scenario
@@ -50,18 +49,26 @@ _NOT_THERE = {
     'qdd': 'no acceleration is measured or used; numpy.gradient(run.qd, run.t, axis=0) '
            'approximates it',
     'e2': f'{_SAMPLE}sample.output.e2', 'V': _LYAPUNOV, 'lyapunov': _LYAPUNOV,
+    'energy': _LYAPUNOV,
     'rmse': "figures['rms_error']", 'max_error': "figures['max_abs_error']",
     'margins': "figures['margins'] has the least of each constraint",
-    'theta_star': 'arm.nominal, where the scenario says nothing else',
+    **dict.fromkeys(('theta_star', 'theta_true', 'true_theta', 'true_parameters', 'ground_truth'),
+                    'plant.truth(run.parameters) has it over time, where the plant knows it'),
+    **dict.fromkeys(('theta_tilde', 'theta_error', 'parameter_error'),
+                    'theta_hat - plant.truth(run.parameters)[0][1]; '
+                    "figures['theta_error_norm'] has its norm at the end"),
+    'load': 'numpy.load(path) reads what save wrote',
     'settings': 'controller.settings and identifier.settings',
     'dt': 'loop.period', 'duration': 't[-1]', 'bag': "simulate(..., bag='run') writes one",
+    **dict.fromkeys(('to_dict', 'as_dict', 'arrays'), 'save(path) writes the arrays, figures is a '
+                    'dictionary of what was achieved'),
     'history': 'identifier.stack', 'sensor': 'plant.sensor, where the plant has one',
     **dict.fromkeys(('plot', 'show', 'draw', 'animate', 'figure'), _DRAWN),
     **dict.fromkeys(('to_dataframe', 'dataframe', 'df', 'data', 'to_pandas'), _TABLE)}
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Simulation(Trace, Guided, instead=_NOT_THERE):
+class Simulation(Trace, Learned, instead=_NOT_THERE):
     """A run of the closed loop as arrays over N samples; ``print`` shows what it achieved.
 
     Attributes:
@@ -97,31 +104,6 @@ class Simulation(Trace, Guided, instead=_NOT_THERE):
     def plant(self) -> Plant:
         """What was driven, in its last state."""
         return self.loop.plant
-
-    @property
-    def arm(self) -> Arm:
-        """The arm that controller and identifier know."""
-        return self.loop.arm
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Joint names, in the order of every array."""
-        return self.arm.joints
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Parameter names, in the order of ``theta_hat``."""
-        return self.arm.parameters
-
-    @property
-    def estimate(self) -> dict[str, float]:
-        """θ̂ at the end by parameter name."""
-        return self.identifier.estimate
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """Names of the parameters that the run has not determined; see `Identifier`."""
-        return self.identifier.undetermined
 
     @property
     def reference(self) -> np.ndarray:

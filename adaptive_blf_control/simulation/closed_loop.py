@@ -19,6 +19,7 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arrays import checked_array, checked_finite
 from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.control.controller import Controller
+from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.parameters.plugin import require
@@ -80,6 +81,9 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
         Raises:
             ParameterError: the plant lacks what a plant needs, or a value cannot be used.
         """
+        if hasattr(plant, 'Y1') or hasattr(plant, 'acceleration'):
+            raise ParameterError('plant', plant, 'what moves under torques: simulate(arm) drives '
+                                 'a simulated arm, a class that inherits from Plant your own')
         require('plant', plant, plant, REQUIRED, 'Plant')
         require('controller', controller, controller, ('arm', 'reference', 'update'))
         self.plant = plant

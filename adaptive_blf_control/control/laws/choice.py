@@ -54,7 +54,8 @@ def checked_law(name: str, value: object, given: Any, arm: Arm,
     Raises:
         ParameterError: it cannot be made or has no ``answer``.
     """
-    return _Checked(made(name, value, given, ('answer',), arm, settings), arm)
+    return _Checked(made(name, value, given, ('answer',), arm, settings,
+                         base='Law'), arm)
 
 
 def retuned_law(law: Law, settings: ControllerSettings) -> Law | None:

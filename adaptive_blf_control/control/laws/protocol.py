@@ -8,16 +8,23 @@ and the anti-windup; a law is only the formula. The ABLF law (38) is one of them
 from __future__ import annotations
 
 from abc import abstractmethod
+import functools
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
+from adaptive_blf_control.errors import with_hints
 
 __all__ = ['Law', 'LawAnswer', 'LawSample', 'own_estimate', 'uses_estimate']
 
 
+@functools.partial(with_hints, instead={
+    **dict.fromkeys(('e1', 'e', 'error'), 'q - reference.position'),
+    **dict.fromkeys(('e2', 'de', 'velocity_error'), 'qd - reference.velocity'),
+    **dict.fromkeys(('q_d', 'q_des', 'y_d'), 'reference.position'),
+    'dt': 'the time between two t', 'arm': 'a law is made with the arm: law(arm, settings)'})
 class LawSample(NamedTuple):
     """What a law is asked about; arrays of shape (n,) unless another is given.
 

@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is not there is refused with what to write instead: attributes, classes, items, topics."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+
+import adaptive_blf_control as door
+
+ARM = door.TwoLinkArm()
+T = np.arange(0.0, 0.1, 1e-3)
+Q = np.column_stack([np.sin(3.0 * T), np.cos(2.0 * T)])
+LOG = {'t': T, 'q': Q, 'qd': Q, 'tau': Q}
+SWING = door.SumOfSinusoids([0.0, 1.0], [0.1, 0.2], 2.0)
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    path = tmp_path_factory.mktemp('hints') / 'run'
+    door.simulate(ARM, 0.02, bag=path)
+    return door.read_bag(path)
+
+
+@functools.cache
+def run():
+    return door.simulate(ARM, 0.01)
+
+
+@functools.cache
+def learned():
+    t = np.arange(0.0, 0.5, 1e-3)
+    q = np.column_stack([np.sin(3.0 * t), np.cos(2.0 * t)])
+    qd = np.column_stack([3.0 * np.cos(3.0 * t), -2.0 * np.sin(2.0 * t)])
+    return door.identify({'t': t, 'q': q, 'qd': qd, 'tau': q}, ARM,
+                         filter={'time_constant': 0.01})
+
+
+@pytest.mark.parametrize(('subject', 'name', 'hint'), [
+    (lambda: door.Identifier, 'load', "initial_estimate='theta.yaml'"),
+    (lambda: door.Identifier, 'from_yaml', r'simulate\(file, 0\.001\)\.identifier'),
+    (lambda: door.Identifier, 'fit', r'did you mean learn\?'),
+    (lambda: door.Identifier, 'kt', r'settings\.kt has it'),
+    (lambda: door.Controller, 'from_yaml', r'simulate\(file, 0\.001\)\.controller'),
+    (lambda: door.ControllerSettings, 'from_yaml', r'from_values\(values\)'),
+    (lambda: door.Simulation, 'load', r'numpy\.load'),
+    (lambda: door.Identification, 'theta_hat', 'theta is the estimate')])
+def test_a_class_says_what_its_objects_would(subject, name, hint):
+    with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
+        getattr(subject(), name)
+
+
+def test_what_an_object_of_a_class_will_have_is_plainly_missing_in_the_class():
+    with pytest.raises(AttributeError, match=r"^Identification has no attribute 'identifier'$"):
+        _ = door.Identification.identifier
+
+
+@pytest.mark.parametrize(('subject', 'name', 'hint'), [
+    (lambda: ARM, 'M', r'Y1\(q, e\) @ theta'), (lambda: ARM, 'G', 'inverse_dynamics'),
+    (lambda: ARM, 'coriolis', r'C qd \+ G \+ F qd'), (lambda: ARM, 'friction', 'nominal'),
+    (lambda: door.Identifier(ARM), 'is_converged', r'rank == arm\.m'),
+    (lambda: door.Identifier(ARM), 'condition_number', "figures\\['condition'\\]"),
+    (lambda: door.Identifier(ARM), 'covariance', 'identify.*uncertainty'),
+    (lambda: door.Identifier(ARM), 'learning_rate', r'did you mean settings\.gamma\?'),
+    (lambda: door.Identifier(ARM), 'set_parameters', r'did you mean retune\?'),
+    (lambda: door.Identifier(ARM), 'theta_dict', r'did you mean estimate\?'),
+    (lambda: door.Controller(ARM), 'reset', 'belongs to one motion'),
+    (lambda: door.Controller(ARM), 'kp', r'did you mean settings\.k1\?'),
+    (lambda: door.IdentifierSettings(), 'to_dict', r'values\(\)'),
+    (lambda: door.read_log(LOG), 'duration', r't\[-1\] - t\[0\]'),
+    (lambda: door.read_log(LOG), 'to_csv', r'numpy\.savez'),
+    (lambda: SWING, 'y_d', r'at\(t\) has position'), (lambda: SWING, 'bounds', r'range\(\)'),
+    (run, 'true_parameters', r'plant\.truth\(run\.parameters\)'),
+    (run, 'q_desired', r'did you mean reference\?'), (run, 'energy', r'controller\.lyapunov'),
+    (lambda: ARM, 'torque', r'inverse_dynamics\(arm'),
+    (lambda: ARM, 'kinematics', r'did you mean link_points\?'),
+    (lambda: ARM, 'theta0', r'did you mean nominal\?'),
+    (lambda: door.Controller(ARM), 'is_safe', r'did you mean margins\?'),
+    (lambda: door.Controller(ARM), 'barrier', r'did you mean lyapunov\?'),
+    (lambda: learned(), 'confidence_interval', r'1\.96 std'),
+    (lambda: learned(), 'identifiable', 'undetermined names the others'),
+    (lambda: learned().prediction, 'residual', 'measured - predicted'),
+    (lambda: door.LawSample(*[None] * 7), 'e1', r'q - reference\.position'),
+    (run, 'theta_tilde', r'theta_hat - plant\.truth')])
+def test_words_of_other_programs_are_told_ours(subject, name, hint):
+    with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
+        getattr(subject(), name)
+
+
+def test_the_hint_for_the_true_parameters_gives_them():
+    (begin, theta), = run().plant.truth(run().parameters)
+    assert begin == 0.0
+    np.testing.assert_array_equal(theta, ARM.nominal)
+
+
+def test_an_arm_of_a_urdf_has_hints_of_its_own():
+    pytest.importorskip('pinocchio')
+    arm = door.load_arm('<robot name="r"><link name="base"/><link name="rod"><inertial><mass '
+                        'value="1"/><origin xyz="0 0 -0.2"/><inertia ixx="0.1" ixy="0" ixz="0" '
+                        'iyy="0.1" iyz="0" izz="0.1"/></inertial></link><joint name="pivot" '
+                        'type="continuous"><parent link="base"/><child link="rod"/>'
+                        '<axis xyz="0 1 0"/></joint></robot>')
+    for name, hint in (('M', r'mass_matrix\(q\)'), ('gravity', r'load_arm\(urdf, gravity='),
+                       ('jacobian', 'link_points'), ('theta', 'nominal has'),
+                       ('effort_limits', r'did you mean torque_limit\?')):
+        with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
+            getattr(arm, name)
+
+
+@pytest.mark.parametrize(('name', 'hint'), [
+    ('compare', 'python -m adaptive_blf_control compare` is a command'),
+    ('regressor', r'arm\.X\(q, qd, qd, qdd\)'), ('load_config', r'simulate\(file\)'),
+    ('PD', r"law='pd'")])
+def test_what_is_not_at_the_door_is_told_where_it_is(name, hint):
+    with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
+        getattr(door, name)
+
+
+def test_the_theta_of_an_arm_cannot_be_set_without_effect():
+    with pytest.raises(AttributeError, match="'theta': nominal has the nominal parameters"):
+        ARM.theta = ARM.nominal
+
+
+def test_an_estimate_cannot_be_set():
+    with pytest.raises(AttributeError, match=r'theta cannot be set: .*initial_estimate='):
+        door.Identifier(ARM).theta = np.zeros(5)
+
+
+@pytest.mark.parametrize('result', [run, learned])
+def test_a_result_is_read_by_attribute(result):
+    with pytest.raises(TypeError, match=r"has no \['theta'\]: its arrays and names are attr"):
+        result()['theta']
+
+
+def test_a_nominal_that_is_no_array_is_refused():
+    arm = door.TwoLinkArm()
+    arm.nominal = [3.0, 0.2, 0.2, 5.0, 1.0]
+    with pytest.raises(door.ParameterError, match=r"'nominal' is .*a numpy array of shape \(5,\)"):
+        door.simulate(arm, 0.01)
+
+
+def test_a_setting_that_is_set_is_told_what_changes_it():
+    settings = door.IdentifierSettings()
+    with pytest.raises(dataclasses.FrozenInstanceError, match=r"replace\(history={'size': \.\.\.}"
+                       r'\) of the settings.*retune'):
+        settings.history.size = 5
+    with pytest.raises(AttributeError, match=r'did you mean gamma\?'):
+        settings.gammas = 5
+
+
+@pytest.mark.parametrize(('call', 'message'), [
+    (lambda: door.Controller(ARM, params_file='x.yaml'), r'did you mean settings\?'),
+    (lambda: door.Controller(ARM, 'x.yaml'), r'a mapping; .*simulate\(file, 0\.001\)'),
+    (lambda: door.simulate(ARM, 0.01, theta=[1.0] * 5), r'mean initial_estimate or arm_driver'),
+    (lambda: door.simulate(ARM, 0.01, noise=0.1), r'did you mean arm_driver\.sensors\.torque_no'),
+    (lambda: door.simulate(ARM, 0.01, encoder=9), r'mean arm_driver\.sensors\.encoder_co'),
+    (lambda: door.simulate(ARM, 0.01, payload_mass=1.0), r'did you mean arm_driver\.payload'),
+    (lambda: door.Identifier(ARM, P=9), r'did you mean history\.size\?'),
+    (lambda: door.Identifier(ARM, law='gradient'), r'did you mean update_law\?'),
+    (lambda: door.Identifier(ARM, 'theta.yaml'), r'is given as initial_estimate='),
+    (lambda: door.Controller(ARM).margins(), r"'output' is missing"),
+    (lambda: door.load_arm('x', friction_coulomb=True), r'did you mean coulomb\?'),
+    (lambda: door.load_arm(robot_description='x'), r'did you mean urdf\?'),
+    (lambda: door.ClosedLoop(ARM, door.Controller(ARM)), r'simulate\(arm\) drives a simulated'),
+    (lambda: door.ClosedLoop(ARM.dynamics(ARM.nominal), door.Controller(ARM)), 'from Plant'),
+    (lambda: door.simulate(ARM, 0.01, law=lambda sample: 0.0), 'with answer; .*inherits from Law'),
+    (lambda: door.simulate(ARM, 0.01, constraints=[lambda state: 0.0]), 'from Constraint')])
+def test_a_wrong_argument_is_told_what_is_meant(call, message):
+    with pytest.raises(door.ParameterError, match=message):
+        call()
+
+
+def test_a_reference_may_be_called_at_one_time_or_at_many():
+    np.testing.assert_array_equal(SWING(0.3), SWING.at(0.3))
+    np.testing.assert_array_equal(SWING(T), SWING.along(T))
+    np.testing.assert_array_equal(SWING.at(np.float32(0.5)), SWING.at(0.5))
+    started = door.Controller(ARM, reference=SWING, start=[0.0, 1.0]).reference
+    np.testing.assert_array_equal(started([0.1, 0.2]).position[1], started(0.2).position)
+    for call in (SWING, SWING.at):
+        with pytest.raises(door.ParameterError, match="'t' is 'now'"):
+            call('now')
+    with pytest.raises(door.ParameterError, match="'t' is .*expected a number"):
+        SWING.at(T)
+
+
+@pytest.mark.parametrize('key', ['q', slice(10, 20)])
+def test_a_log_is_not_cut_into_its_fields_without_a_word(key):
+    log = door.read_log(LOG)
+    with pytest.raises(door.LogError, match=r'log\.q\[100:200\]'):
+        log[key]
+    joints, t, *_ = log
+    assert (joints, len(t)) == (log[0], len(T))
+    assert log._replace(dropped=2).dropped == 2
+
+
+@pytest.mark.parametrize(('name', 'hint'), [
+    ('log.mat', r"scipy\.io\.loadmat\('log\.mat'"), ('log.xlsx', r'pandas\.read_excel'),
+    ('log.parquet', r'pandas\.read_parquet')])
+def test_a_file_of_another_program_is_told_what_reads_it(tmp_path, name, hint):
+    (tmp_path / name).write_bytes(b'1234567890')
+    with pytest.raises(door.LogError, match=hint):
+        door.read_log(tmp_path / name)
+
+
+def test_a_bag_shows_what_it_is_and_what_reads_a_topic(bag):
+    assert repr(bag).startswith(f'<Bag {bag.path}: ')
+    assert f'{sum(info.count for info in bag.topics.values())} messages' in repr(bag)
+    for topic, hint in (('/joint_states', r"joint_states\('/joint_states'\)"),
+                        ('effort_controller/commands', r"doubles\('/effort_controller/comm"),
+                        ('/robot_description', r"messages\(\['/robot_description'\]\)"),
+                        ('/nothing', r"no topic '/nothing'"), (3, r'no \[3\]')):
+        with pytest.raises(door.BagError, match=hint):
+            bag[topic]
+    with pytest.raises(AttributeError, match='topics has name, type and count'):
+        _ = bag.topic_names
+    with pytest.raises(door.BagError, match=r'joint_states\(topic\) reads it'):
+        bag.doubles('/joint_states')
+
+
+def test_one_topic_of_a_bag_is_named_with_or_without_its_slash(bag):
+    expected = list(bag.messages(['/joint_states']))
+    assert len(expected) == 21
+    for given in ('/joint_states', 'joint_states'):
+        assert list(bag.messages(given)) == expected
+        assert list(bag.in_time_order(given)) == expected
+    assert not list(bag.messages(['/nothing']))
+    with pytest.raises(door.BagError, match="no topic '/joint_state'"):
+        bag.messages('/joint_state')
+
+
+def test_the_history_shows_what_it_holds():
+    identifier = door.Identifier(ARM)
+    assert repr(identifier.stack) == '<HistoryStack: 0 of 20 pairs, rank 0, sigma_min 0>'
