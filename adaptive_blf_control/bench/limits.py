@@ -25,7 +25,7 @@ from adaptive_blf_control.configuration.parameter_file import (
 )
 from adaptive_blf_control.control.constraints import MotionState
 from adaptive_blf_control.control.reference import full_range, Reference, ReferencePoint
-from adaptive_blf_control.control.safety_filter import FilterSample
+from adaptive_blf_control.control.safety_filter import FilterSample, Governed
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.limits.limit_constraints import ClearanceConstraint
 from adaptive_blf_control.limits.link_spheres import sphere_centres
@@ -292,26 +292,44 @@ class _Onwards:
 
 
 class _Timed:
-    """A safety filter with the time that each sample takes."""
+    """Takes the time of each sample of a safety filter and of its governor.
+
+    Attributes:
+        kinds: What became of the torque of each sample.
+        times: Of the filter [µs].
+        governing: Of the governor [µs].
+        off: Distance of the reference from its path [rad].
+    """
 
     def __init__(self, inner: LimitsFilter) -> None:
-        self._inner = inner
+        """Stand before both from now on."""
+        self._inner, self._filtered = inner, inner.filtered
+        vars(inner)['filtered'] = self.filtered
         self.kinds: list[int] = []
         self.times: list[float] = []
+        self.governing: list[float] = []
         self.off: list[float] = []
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._inner, name)
+        if inner.governor is not None:
+            self._governed = inner.governor.governed
+            vars(inner.governor)['governed'] = self.governed
 
     def filtered(self, sample: FilterSample) -> np.ndarray:
+        """Return what the filter does."""
         begin = time.perf_counter()
-        torque = self._inner.filtered(sample)
+        torque = self._filtered(sample)
         self.times.append(1e6 * (time.perf_counter() - begin))
         assert self._inner.report is not None
         self.kinds.append(self._inner.report.kind)
         if self._inner.governor is not None:
             self.off.append(self._inner.governor.off)
         return torque
+
+    def governed(self, t: float, q: np.ndarray, reference: Reference) -> Governed:
+        """Return what the governor does."""
+        begin = time.perf_counter()
+        result = self._governed(t, q, reference)
+        self.governing.append(1e6 * (time.perf_counter() - begin))
+        return result
 
 
 def figures_of(case: Case, config: Path, duration: float) -> Figures:
@@ -350,7 +368,7 @@ def _loop(case: Case, config: Path, seed: int) -> ClosedLoop:
 def _add(figures: Figures, loop: ClosedLoop, duration: float) -> None:
     inner, timed = loop.controller.safety_filter, None
     if isinstance(inner, LimitsFilter):
-        loop.controller.safety_filter = timed = _Timed(inner)
+        timed = _Timed(inner)
     trace = loop.run(duration)
     for k, part in enumerate(_margins(loop, trace)):
         figures.outside[k] += int((part < 0.0).sum())
@@ -364,6 +382,7 @@ def _add(figures: Figures, loop: ClosedLoop, duration: float) -> None:
     figures.off += timed.off
     for kind, spent in zip(timed.kinds, timed.times):
         figures.times[min(kind, 1)].append(spent)
+    figures.times[2].extend(timed.governing)
 
 
 def row(case: Case, figures: Figures) -> str:
