@@ -37,7 +37,8 @@ from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.limits.link_spheres import LinkSpheres, place_sphere, sphere_centres
 from adaptive_blf_control.limits.obstacles import distance, Obstacles
 
-__all__ = ['FAR', 'held_by_limits', 'kept_to', 'least_clearance', 'stop_clearances', 'stop_path', 'StopPath']
+__all__ = ['FAR', 'held_by_limits', 'kept_to', 'least_clearance', 'stop_clearances', 'stop_path',
+           'StopPath']
 
 PIECES = 6  # K
 PULL = 0.2  # κ, part of the way back to the path that a sample makes
