@@ -380,8 +380,8 @@ class _Timed:
         if self._inner.governor is not None:
             self.off.append(self._inner.governor.off)
         if self._moving is not None and len(self.kinds) % SIGHTS == 1:
-            self._inner.see({'ball': sphere(self._moving.at(sample.t).tolist(), self._moving.radius)},
-                            frozenset())
+            place = self._moving.at(sample.t).tolist()
+            self._inner.see({'ball': sphere(place, self._moving.radius)}, frozenset())
         return torque
 
     def governed(self, t: float, q: np.ndarray, reference: Reference) -> Governed:
