@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,11 +24,14 @@ from adaptive_blf_control.configuration.parameter_file import (
     node_settings,
 )
 from adaptive_blf_control.control.constraints import MotionState
+from adaptive_blf_control.control.limit_settings import LimitSettings
 from adaptive_blf_control.control.reference import full_range, Reference, ReferencePoint
-from adaptive_blf_control.control.safety_filter import FilterSample
+from adaptive_blf_control.control.safety_filter import FilterSample, Governed
 from adaptive_blf_control.errors import BlfError
+from adaptive_blf_control.limits.filter_step import Scene
 from adaptive_blf_control.limits.limit_constraints import ClearanceConstraint
 from adaptive_blf_control.limits.link_spheres import sphere_centres
+from adaptive_blf_control.limits.obstacles import sphere
 from adaptive_blf_control.limits.safety_filter import LimitsFilter
 from adaptive_blf_control.limits.scene import scene_of
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
@@ -53,6 +56,29 @@ _PUSHED = {'Panda': 'panda_link4', 'UR10': 'forearm_link'}
 _TABLE = {'Panda': 0.2, 'UR10': 0.0}
 _BOTH = 'governor and filter'
 CLEAR = 0.06  # of the start, more than which is asked of a random scene [m]
+SIGHTS = 20  # samples from one sight of a sphere that moves to the next
+
+
+class MovingSphere(NamedTuple):
+    """A sphere on a straight line.
+
+    Attributes:
+        begin: Where its centre is at the begin, shape (3,) [m].
+        velocity: Shape (3,) [m/s].
+        radius: Of the sphere [m].
+    """
+
+    begin: np.ndarray
+    velocity: np.ndarray
+    radius: float
+
+    def at(self, t: float) -> np.ndarray:
+        """Return its centre at ``t`` [s], shape (3,) [m]."""
+        return self.begin + t * self.velocity
+
+
+def _nothing(seed: int) -> MovingSphere | None:
+    return None
 
 
 @dataclass(frozen=True)
@@ -70,6 +96,7 @@ class Case:
         real: With sensors and delay, and the parameter file of ``configure``.
         towards: A joint that is sent beyond its limit, from 0.
         tight: Whether the safety set is no wider than reference and performance set need.
+        moving: What moves, for each seed.
     """
 
     name: str
@@ -82,6 +109,7 @@ class Case:
     real: bool = False
     towards: int | None = None
     tight: bool = False
+    moving: Callable[[int], MovingSphere | None] = _nothing
 
 
 @dataclass
@@ -182,7 +210,8 @@ def cases(config: Path, seeds: tuple[int, ...], scenes: int) -> Iterator[Case]:
     for law, changes in (('law alone', _OFF), (_BOTH, {})):
         yield Case(f'{scenes} random scenes', 'Panda', law,
                    lambda seed, changes=changes: {  # type: ignore[misc]
-                       **random_scene(config, seed), **changes}, seeds=tuple(range(scenes)))
+                       **random_scene(config, seed), **changes}, seeds=tuple(range(scenes)),
+                   moving=lambda seed: moving_sphere(config, seed))
 
 
 def _base(config: Path, case: Case) -> dict[str, Any]:
@@ -227,26 +256,53 @@ def _faster(data: Mapping[str, Any], speed: float) -> dict[str, Any]:
 
 
 def random_scene(config: Path, seed: int) -> Mapping[str, Any]:
-    """Return a table and spheres in the way of the Panda's reference that its start is clear of.
+    """Return a table and up to three spheres in the way of the Panda, clear of its start."""
+    arm, reference, spheres = _passing(config)
+    random = np.random.default_rng(1000 + seed)
+    return _crossing(arm, reference, random.uniform(-0.1, 0.2), spheres, random,
+                     count=int(random.integers(1, 4)))
 
-    Of three spheres the last moves, in every second scene.
+
+def moving_sphere(config: Path, seed: int) -> MovingSphere | None:
+    """Return a sphere that crosses the way of the Panda when it is there, in every second scene.
+
+    It comes at 0.05 to 0.2 m/s, horizontally, and is clear of the arm's start when that starts.
     """
+    if seed % 2:
+        return None
+    arm, reference, spheres = _passing(config)
+    random = np.random.default_rng(2000 + seed)
+    given = _scene_with(arm, spheres)
+    start = sphere_centres(given.chain, given.spheres, reference.at(0.0).position)
+    while True:
+        when, angle = random.uniform(3.0, 8.0), random.uniform(-np.pi, np.pi)
+        there = sphere_centres(given.chain, given.spheres, reference.at(when).position)
+        centre = there[random.integers(there.shape[0] // 2, there.shape[0])]
+        velocity = random.uniform(0.05, 0.2) * np.array([np.cos(angle), np.sin(angle), 0.0])
+        moving = MovingSphere(centre - when * velocity, velocity, random.uniform(0.04, 0.1))
+        apart = np.linalg.norm(start - moving.begin, axis=1) - given.spheres.radius
+        if apart.min() - moving.radius > CLEAR:
+            return moving
+
+
+def _passing(config: Path) -> tuple[Any, Reference, list[float]]:
+    """Return arm, reference and link spheres of the Panda beside obstacles."""
     data = load_yaml(config / 'panda_obstacles.yaml')
     loop = build_closed_loop(apply_changes(data, dict(_OFF)))
     settings = node_settings(data, ControllerNodeSettings).limits
-    random = np.random.default_rng(1000 + seed)
-    arm = loop.arm
-    assert isinstance(arm, UrdfArm)
-    return _crossing(arm, loop.controller.reference, random.uniform(-0.1, 0.2),
-                     settings.link_spheres.tolist(), random, count=int(random.integers(1, 4)))
+    return loop.arm, loop.controller.reference, settings.link_spheres.tolist()
+
+
+def _scene_with(arm: Any, spheres: Any) -> Scene:
+    """Return the link spheres of an arm, without obstacles."""
+    limits = {'link_spheres': spheres} if spheres else {}
+    return scene_of(arm, LimitSettings(**limits).resolved(joints=arm.n))
 
 
 def _crossing(arm: Any, reference: Reference, table: float, spheres: Any,
               random: np.random.Generator, count: int = 1) -> dict[str, Any]:
     """Return obstacles near what the links of an arm pass, and clear of where they start."""
-    limits = {'link_spheres': spheres} if spheres else {}
-    from adaptive_blf_control.control.limit_settings import LimitSettings
-    given = scene_of(arm, LimitSettings(**limits).resolved(joints=arm.n))
+    given = _scene_with(arm, spheres)
     chain, links = given.chain, given.spheres
     start = sphere_centres(chain, links, reference.at(0.0).position)
     rows: list[float] = []
@@ -292,26 +348,48 @@ class _Onwards:
 
 
 class _Timed:
-    """A safety filter with the time that each sample takes."""
+    """Takes the time of each sample of a safety filter and of its governor.
 
-    def __init__(self, inner: LimitsFilter) -> None:
-        self._inner = inner
+    Attributes:
+        kinds: What became of the torque of each sample.
+        times: Of the filter [µs].
+        governing: Of the governor [µs].
+        off: Distance of the reference from its path [rad].
+    """
+
+    def __init__(self, inner: LimitsFilter, moving: MovingSphere | None = None) -> None:
+        """Stand before both from now on, and show the filter what moves."""
+        self._moving = moving
+        self._inner, self._filtered = inner, inner.filtered
+        vars(inner)['filtered'] = self.filtered
         self.kinds: list[int] = []
         self.times: list[float] = []
+        self.governing: list[float] = []
         self.off: list[float] = []
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._inner, name)
+        if inner.governor is not None:
+            self._governed = inner.governor.governed
+            vars(inner.governor)['governed'] = self.governed
 
     def filtered(self, sample: FilterSample) -> np.ndarray:
+        """Return what the filter does."""
         begin = time.perf_counter()
-        torque = self._inner.filtered(sample)
+        torque = self._filtered(sample)
         self.times.append(1e6 * (time.perf_counter() - begin))
         assert self._inner.report is not None
         self.kinds.append(self._inner.report.kind)
         if self._inner.governor is not None:
             self.off.append(self._inner.governor.off)
+        if self._moving is not None and len(self.kinds) % SIGHTS == 1:
+            place = self._moving.at(sample.t).tolist()
+            self._inner.see({'ball': sphere(place, self._moving.radius)}, frozenset())
         return torque
+
+    def governed(self, t: float, q: np.ndarray, reference: Reference) -> Governed:
+        """Return what the governor does."""
+        begin = time.perf_counter()
+        result = self._governed(t, q, reference)
+        self.governing.append(1e6 * (time.perf_counter() - begin))
+        return result
 
 
 def figures_of(case: Case, config: Path, duration: float) -> Figures:
@@ -320,11 +398,10 @@ def figures_of(case: Case, config: Path, duration: float) -> Figures:
     for seed in case.seeds:
         try:
             loop = _loop(case, config, seed)
-            loop.warm_up()
         except BlfError as error:
             figures.refused = str(error)
             continue
-        _add(figures, loop, duration)
+        _add(figures, loop, duration, case.moving(seed))
     return figures
 
 
@@ -338,6 +415,7 @@ def _loop(case: Case, config: Path, seed: int) -> ClosedLoop:
         data = apply_changes(data, {'controller.safety.lower': (lower - width).tolist(),
                                     'controller.safety.upper': (upper + width).tolist()})
     loop = build_closed_loop(data)
+    loop.warm_up()  # before a reference that no controller would take at its start
     if case.towards is not None:
         controller, j = loop.controller, case.towards
         assert isinstance(loop.arm, UrdfArm)
@@ -347,12 +425,13 @@ def _loop(case: Case, config: Path, seed: int) -> ClosedLoop:
     return loop
 
 
-def _add(figures: Figures, loop: ClosedLoop, duration: float) -> None:
+def _add(figures: Figures, loop: ClosedLoop, duration: float,
+         moving: MovingSphere | None) -> None:
     inner, timed = loop.controller.safety_filter, None
     if isinstance(inner, LimitsFilter):
-        loop.controller.safety_filter = timed = _Timed(inner)
+        timed = _Timed(inner, moving)
     trace = loop.run(duration)
-    for k, part in enumerate(_margins(loop, trace)):
+    for k, part in enumerate(_margins(loop, trace, moving)):
         figures.outside[k] += int((part < 0.0).sum())
         figures.worst[k] = min(figures.worst[k], part.min())
     if timed is None or not isinstance(inner, LimitsFilter):
@@ -364,6 +443,7 @@ def _add(figures: Figures, loop: ClosedLoop, duration: float) -> None:
     figures.off += timed.off
     for kind, spent in zip(timed.kinds, timed.times):
         figures.times[min(kind, 1)].append(spent)
+    figures.times[2].extend(timed.governing)
 
 
 def row(case: Case, figures: Figures) -> str:
@@ -380,13 +460,14 @@ def row(case: Case, figures: Figures) -> str:
         f' ({progress.min():.2f} to {progress.max():.2f})' if progress.size > 1 else '')
     off = f'{np.mean(figures.off):.2f}, {np.max(figures.off):.2f}' if figures.off else ''
     spent = '; '.join(', '.join(f'{value:.0f}' for value in np.percentile(part, (50, 99)))
-                      for part in figures.times if part)
+                      if part else '–' for part in figures.times) if any(figures.times) else ''
     counts = ' / '.join(map(str, figures.counts)) if figures.counts.any() else ''
     refused = f' ({len(case.seeds) - progress.size} refused)' if figures.refused else ''
     return f'{head}{outside} | {worst} | {shown}{refused} | {off} | {counts} | {spent} |'
 
 
-def _margins(loop: ClosedLoop, trace: Trace) -> Iterator[np.ndarray]:
+def _margins(loop: ClosedLoop, trace: Trace,
+             moving: MovingSphere | None) -> Iterator[np.ndarray]:
     """Yield the smallest margin to positions, velocities, e1 and obstacles, (N,) each."""
     controller, arm = loop.controller, loop.arm
     speed = getattr(arm, 'velocity_limit', np.inf)
@@ -397,5 +478,11 @@ def _margins(loop: ClosedLoop, trace: Trace) -> Iterator[np.ndarray]:
     if scene.obstacles.radius.size:
         near = ClearanceConstraint(scene)
         bounds = controller.bounds(0.0)
-        yield np.array([near.bounded(MotionState(t, q, qd, e1, bounds)).margin().min()
-                        for t, q, qd, e1 in zip(trace.t, trace.q, trace.qd, trace.e1)])
+        clear = np.array([near.bounded(MotionState(t, q, qd, e1, bounds)).margin().min()
+                          for t, q, qd, e1 in zip(trace.t, trace.q, trace.qd, trace.e1)])
+        if moving is not None:
+            clear = np.minimum(clear, [
+                (np.linalg.norm(sphere_centres(scene.chain, scene.spheres, q) - moving.at(t),
+                                axis=1) - scene.spheres.radius).min() - moving.radius
+                for t, q in zip(trace.t, np.ascontiguousarray(trace.q))])
+        yield clear

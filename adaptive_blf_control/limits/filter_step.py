@@ -33,7 +33,13 @@ from adaptive_blf_control.limits.acceleration_error import (
 from adaptive_blf_control.limits.link_spheres import LinkSpheres
 from adaptive_blf_control.limits.obstacles import Obstacles
 from adaptive_blf_control.limits.quadratic_program import solve
-from adaptive_blf_control.limits.stop_path import FAR, kept_to, stop_clearances, stop_path
+from adaptive_blf_control.limits.stop_path import (
+    FAR,
+    held_by_limits,
+    kept_to,
+    stop_clearances,
+    stop_path,
+)
 from adaptive_blf_control.limits.viability import acceleration_bounds
 
 __all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'FilterParts', 'IDLE', 'JointLimits', 'Report',
@@ -299,7 +305,7 @@ def _leaves(parts: FilterParts, q: np.ndarray, qd: np.ndarray, a: np.ndarray, er
     """Write what a stop after a leaves free, and its change with a; return the least [m]."""
     if not room.found.size:
         return np.inf
-    clear(parts.scene, q, qd, a, error, parts.limits.braking, parts.period, room.found, room.now,
+    clear(parts.scene, q, qd, a, error, parts.limits, parts.period, room.found, room.now,
           room.gradients)
     return float(room.found.min())
 
@@ -339,11 +345,13 @@ def error_of(model: Handle, posture: Posture, q: np.ndarray, qd: np.ndarray, a: 
 
 @jit
 def clear(scene: Handle, q: np.ndarray, qd: np.ndarray, a: np.ndarray, error: np.ndarray,
-          braking: np.ndarray, period: float, found: np.ndarray, now: np.ndarray,
+          limits: JointLimits, period: float, found: np.ndarray, now: np.ndarray,
           gradients: np.ndarray) -> None:
     """Write `stop_clearances` of the `stop_path` after a."""
     parts = scene.value
-    path = stop_path(qd, a, error, braking, period)
+    held = held_by_limits(q, qd, a, error, limits.lower, limits.upper, limits.speed,
+                          limits.braking, period)
+    path = stop_path(qd, a, error, limits.braking, period, held)
     stop_clearances(parts.chain, parts.spheres, parts.obstacles, parts.pairs, q, path, found, now,
                     gradients)
 

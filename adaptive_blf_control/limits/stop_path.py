@@ -9,10 +9,10 @@ between its ends by no more than 4 s (1 − s) D + R, s the part of the piece, w
 
     D = ¼ λ + Σ_j ℓ_j b_j,   λ = ½ Σ_j ℓ_j |x_j| (|x_j| + 2 Σ_i |x_i|),   R = Σ_j ℓ_j ρ_j,
 
-x = q_B − q_A, the inner sum over the joints i before j in the chain. b_j is how far the joint is
-from its own straight line. λ is the curvature of the motion: ∂²p/∂q_i∂q_j = z_i × (z_j × (p −
-o_j)) is not longer than the distance of p from axis j, and that is ‖J_j‖ at A and grows by at most
-the displacements behind it:
+x = q_B − q_A, the inner sum over the joints i before j in the chain. A joint is off its own
+straight line by no more than 4 s (1 − s) b_j (`_bend`). λ is the curvature of the motion:
+∂²p/∂q_i∂q_j = z_i × (z_j × (p − o_j)) is not longer than the distance of p from axis j, and that
+is ‖J_j‖ at A and grows by at most the displacements behind it:
 
     ℓ_j = ‖J_j‖ + Σ_k ℓ_k |x_k|,   k behind j.
 
@@ -37,10 +37,12 @@ from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.limits.link_spheres import LinkSpheres, place_sphere, sphere_centres
 from adaptive_blf_control.limits.obstacles import distance, Obstacles
 
-__all__ = ['FAR', 'kept_to', 'least_clearance', 'stop_clearances', 'stop_path', 'StopPath']
+__all__ = ['FAR', 'held_by_limits', 'kept_to', 'least_clearance', 'stop_clearances', 'stop_path',
+           'StopPath']
 
 PIECES = 6  # K
-PULL = 0.05  # κ, part of the way back to the path that a sample makes
+PULL = 0.2  # κ, part of the way back to the path that a sample makes
+GROWTH = 2.0  # how many times as large as at the begin e may become on the way
 FAR = 0.05  # clearance of the whole path beyond which nobody looks at its pieces [m]
 
 
@@ -51,7 +53,7 @@ class StopPath(NamedTuple):
         shift: Displacement of the joints, shape (K + 1, n) [rad].
         slope: Its change with a, shape (K + 1, n) [s²].
         spread: ρ, how far the joints may be from it, shape (K + 1, n) [rad].
-        bend: b, shape (n,) [rad].
+        bend: b of each piece, shape (K, n) [rad].
         time: Shape (K + 1,) [s].
     """
 
@@ -64,12 +66,18 @@ class StopPath(NamedTuple):
 
 @jit
 def stop_path(qd: np.ndarray, a: np.ndarray, error: np.ndarray, braking: np.ndarray,
-              period: float) -> StopPath:
+              period: float, held: np.ndarray) -> StopPath:
     """Return the path with a for one sample and then braking.
 
-    Whoever follows it (`kept_to`) corrects at each sample what the velocity is off, so that it is
-    off by no more than 2 e h: once for what the sample before left, once for the way back, or for
-    a joint that its own limit lets brake no later. A joint that stands is back within e h² / κ.
+    Whoever follows it (`kept_to`) is off by x and v at a sample, and w of the sample before with
+    |w| ≤ ē is in v = h (w − κ x₋ / h²), x₋ being x then. So y = x − ½ h v goes on as
+
+        y₊ = y − ½ κ (y + y₋) + h² w,    x = ½ (y + y₊),
+
+    whose answer to a single w is positive and sums up to 1 / κ for κ ≤ 0.34: |x| ≤ ē h² / κ, and
+    ½ ē h² more between the samples. Where its own limits may stop a joint from coming back
+    (``held``), its velocity may stay off by 2 ē h, also where it is to stand: these limits keep it
+    off until there is room for ē. ē = 2 e, `GROWTH` of them.
 
     Args:
         qd: Velocities now, shape (n,) [rad/s].
@@ -77,10 +85,11 @@ def stop_path(qd: np.ndarray, a: np.ndarray, error: np.ndarray, braking: np.ndar
         error: e, how far it may be from that, shape (n,) [rad/s²].
         braking: a_b, shape (n,) [rad/s²].
         period: h [s].
+        held: Of each joint, shape (n,); see `held_by_limits`.
     """
     n = qd.size
     shift, slope = np.zeros((PIECES + 1, n)), np.zeros((PIECES + 1, n))
-    spread, bend, time = np.zeros((PIECES + 1, n)), np.empty(n), np.zeros(PIECES + 1)
+    spread, bend, time = np.zeros((PIECES + 1, n)), np.empty((PIECES, n)), np.zeros(PIECES + 1)
     longest = 0.0
     for j in range(n):
         longest = max(longest, abs(qd[j] + period * a[j]) / braking[j])
@@ -88,17 +97,90 @@ def stop_path(qd: np.ndarray, a: np.ndarray, error: np.ndarray, braking: np.ndar
     for j in range(n):
         end = qd[j] + period * a[j]
         moved, stop = 0.5 * period * (qd[j] + end), abs(end) / braking[j]
-        bend[j] = 0.125 * braking[j] * (step + period) * (step + period)
+        bend[0, j] = _bend(braking[j], stop + period, step + period)
         jolt = 0.5 * (abs(a[j]) + braking[j]) * period * period
+        most = GROWTH * error[j] * period  # ē h
+        drift = 2.0 * most if held[j] else 0.0
         for k in range(1, PIECES + 1):
             t = min(k * step, stop)
             way = abs(end) * t - 0.5 * braking[j] * t * t
             shift[k, j] = moved + (way if end > 0.0 else -way)
             slope[k, j] = (0.5 * period + t) * period
-            spread[k, j] = error[j] * period * (2.0 * (period + t) + period / PULL) + jolt
+            spread[k, j] = most * period * (1.0 / PULL + 0.5) + jolt
+            spread[k, j] += drift * (period + k * step)
+            if k > 1:
+                bend[k - 1, j] = _bend(braking[j], stop - (k - 1) * step, step)
     for k in range(1, PIECES + 1):
         time[k] = period + k * step
     return StopPath(shift, slope, spread, bend, time)
+
+
+@jit
+def held_by_limits(q: np.ndarray, qd: np.ndarray, a: np.ndarray, error: np.ndarray,
+                   lower: np.ndarray, upper: np.ndarray, speed: np.ndarray, braking: np.ndarray,
+                   period: float) -> np.ndarray:
+    """Return whether its own limits may stop a joint from following its stop path, shape (n,).
+
+    Who is off it by up to ē h² / κ goes for its velocity after the sample, and up to ē h beside.
+    With ē more, by which bounds of the acceleration are narrowed (`acceleration_bounds`), that is
+    g = 2 ē h from it, and the stop from there ends
+
+        (v g + ½ g²) / a_b + ē h² (1 / κ + 2) + ¼ a_b h²
+
+    farther than that from the path, v its velocity towards the limit. Where that is inside, and
+    |v| + g no more than the largest velocity, nothing is cut off.
+
+    Args:
+        q: Positions now, shape (n,) [rad].
+        qd: Velocities now, shape (n,) [rad/s].
+        a: Mean acceleration over the sample, shape (n,) [rad/s²].
+        error: e, shape (n,) [rad/s²].
+        lower: Position limits, shape (n,) [rad].
+        upper: Likewise.
+        speed: Velocity limits, shape (n,) [rad/s].
+        braking: a_b, shape (n,) [rad/s²].
+        period: h [s].
+    """
+    held = np.empty(q.size, dtype=np.bool_)
+    for j in range(q.size):
+        end, most = qd[j] + period * a[j], GROWTH * error[j] * period
+        after = q[j] + 0.5 * period * (qd[j] + end)
+        more, around = 2.0 * most, most * period * (1.0 / PULL + 2.0)
+        around += 0.25 * braking[j] * period * period
+        held[j] = abs(end) + more > speed[j]
+        for side in (-1.0, 1.0):
+            v = max(side * end, 0.0)
+            room = upper[j] - after if side > 0.0 else after - lower[j]
+            reach = (v * (0.5 * v + more) + 0.5 * more * more) / braking[j]
+            held[j] = held[j] or room < reach + around
+    return held
+
+
+@jit
+def _bend(braking: float, rest: float, length: float) -> float:
+    """Return b of a joint that brakes until it stands, and then stands [rad].
+
+    It is off the straight line between the ends of a piece of length T by
+
+        a_b t (r − ½ t),  r = τ (1 − τ / 2T),     until it stands, then  ½ a_b τ² (1 − t / T),
+
+    τ ≤ T being how long it brakes. Neither is more than 4 s (1 − s) b with s = t / T and
+    b = ¼ a_b r T: the first because of 2 r ≤ T, the second because of τ ≤ t and τ ≤ 2 r. Braking
+    for all of the piece has b = ⅛ a_b T², standing none.
+
+    The first piece begins with a sample that the joint does not brake in. It is taken to do so;
+    what that is off, and that braking at samples stops later than at any time, by ⅛ a_b h² at
+    most, is in the spread.
+
+    Args:
+        braking: a_b [rad/s²].
+        rest: How long the joint still brakes, more than T or less than 0 where it does [s].
+        length: T [s].
+    """
+    if rest <= 0.0:
+        return 0.0
+    rest = min(rest, length)
+    return 0.25 * braking * rest * (length - 0.5 * rest)
 
 
 def kept_to(a: np.ndarray, place: np.ndarray, speed: np.ndarray, q: np.ndarray, qd: np.ndarray,
@@ -155,11 +237,11 @@ def stop_clearances(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles, pa
     used, far = np.ones(count, dtype=np.bool_), np.empty(n)
     _motion(chain, spheres, q, used, centres[0], jacobians[0])
     for j in range(n):
-        far[j] = path.spread[last, j] + path.bend[j]
-        farthest = 0.0
-        for k in range(1, last + 1):
-            farthest = max(farthest, abs(path.shift[k, j]))
-        far[j] += farthest
+        farthest, bend = 0.0, 0.0
+        for k in range(last):
+            farthest = max(farthest, abs(path.shift[k + 1, j]))
+            bend = max(bend, path.bend[k, j])
+        far[j] = path.spread[last, j] + bend + farthest
     reach, lever = np.empty(count), np.zeros(n)
     for s in range(count):
         _levers(chain, jacobians[0, s], spheres.body[s], far, lever)
@@ -199,14 +281,14 @@ def stop_clearances(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles, pa
         _motion(chain, spheres, moved, used, centres[b], jacobians[b])
         for j in range(n):
             moved[j] = abs(path.shift[piece + 1, j] - path.shift[piece, j])
-            moved[j] += path.bend[j] + path.spread[piece + 1, j]
+            moved[j] += path.bend[piece, j] + path.spread[piece + 1, j]
         for s in range(count):
             if not used[s]:
                 continue
             curved = _levers(chain, jacobians[a, s], spheres.body[s], moved, lever)
             bows[s], offsets[s] = 0.25 * curved, 0.0
             for j in range(n):
-                bows[s] += lever[j] * path.bend[j]
+                bows[s] += lever[j] * path.bend[piece, j]
                 offsets[s] += lever[j] * path.spread[piece + 1, j]
         for p in range(pairs.shape[0]):
             if not near[p]:
