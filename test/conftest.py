@@ -75,7 +75,7 @@ _SLOW_PLAIN = {
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that are not to run beside what computes, and those that need compiled laws."""
+    """Mark what is not to run beside what computes, and what needs compiled laws."""
     for item in items:
         room = item.path.relative_to(REPOSITORY / 'test').parts[0]
         if room in _REAL_TIME:

@@ -6,10 +6,11 @@ With ``change.suspicion`` 0 the recorded pairs are forgotten at once. Else:
 * in *doubt*, from that mean of d² on, nothing is recorded, so that what contradicts the recorded
   pairs does not come among them and hide;
 * *held*, from ``change.threshold`` on, no pair moves θ̂, recorded or present, and Xᵀe2 does with
-  ``change.adapt`` only: it holds a load, and pushes ever harder against a wall. That lasts until
-  one of three explanations holds: the residual is gone, so it was a contact, and θ̂ is again what
-  it was before; one load at the tip predicts it; or neither within ``change.patience``, so the
-  arm is another one;
+  ``change.adapt`` only: it holds a load, and pushes ever harder against a wall. With it θ̂ also
+  is that of the arm with a load for as long as one predicts the residual, in what is certain of
+  it. That lasts until one of three explanations holds: the residual is gone, so it was a contact,
+  and θ̂ is again what it was before; one load at the tip predicts it; or neither within
+  ``change.patience``, so the arm is another one;
 * *loaded*, θ̂ and the recorded pairs become those of the arm with the load (`tip_load`): what they
   say about everything else stays. It ends when what is open of the load is below what the monitor
   notices;
@@ -47,6 +48,7 @@ from adaptive_blf_control.identification.stack_arrays import (
     sum_again,
 )
 from adaptive_blf_control.identification.tip_load import (
+    certain_part,
     fit_tip_load,
     forget_tip_load,
     new_tip_load,
@@ -246,6 +248,8 @@ def _held(response: ResponseArrays, monitor: ResidualArrays, history: Pairs, the
         fit_tip_load(load, min(dt / response.memory, 1.0), -math.expm1(-dt / window), regressor,
                  torque, monitor.scale)
         predicted = np.max(load.statistic) < response.suspicion
+        if not predicted and clock[EXPLAINED] > 0.0:
+            theta[:] = response.before
         clock[EXPLAINED] = clock[EXPLAINED] + dt if predicted else 0.0
     if clock[EXPLAINED] > CONFIRM * window:
         counts[LOADS] += 1
@@ -254,7 +258,12 @@ def _held(response: ResponseArrays, monitor: ResidualArrays, history: Pairs, the
         theta[:] = response.before
         _follow_load(load, monitor, history, theta)
         return RECALL
-    return FORGET if clock[SINCE] >= response.patience else _moved(response)
+    if clock[SINCE] >= response.patience:
+        return FORGET
+    if response.adapts and clock[EXPLAINED] > 0.0:
+        theta[:] = response.before + product(load.directions, certain_part(load))
+        return KEEP
+    return _moved(response)
 
 
 @jit

@@ -27,8 +27,9 @@ import numpy as np
 from adaptive_blf_control.arms.mass_and_bias import mass, mass_and_bias
 from adaptive_blf_control.arms.regressors import law_regressor
 from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.linear_algebra import inverse, product
 
-__all__ = ['acceleration_error', 'inverse', 'Model', 'model_inverses', 'Posture', 'product']
+__all__ = ['acceleration_error', 'Model', 'model_inverses', 'Posture']
 
 
 class Model(NamedTuple):
@@ -71,43 +72,6 @@ class Posture(NamedTuple):
     compliance: np.ndarray
     middle: np.ndarray
     radius: np.ndarray
-
-
-@jit
-def inverse(matrix: np.ndarray) -> np.ndarray:
-    """Return the inverse of a symmetric positive definite matrix, shape (n, n)."""
-    n = matrix.shape[0]
-    factor, result = np.zeros((n, n)), np.zeros((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            value = matrix[i, j]
-            for k in range(j):
-                value -= factor[i, k] * factor[j, k]
-            factor[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / factor[j, j]
-    for c in range(n):  # columns of L⁻¹
-        for i in range(c, n):
-            value = 1.0 if i == c else 0.0
-            for k in range(c, i):
-                value -= factor[i, k] * result[k, c]
-            result[i, c] = value / factor[i, i]
-    product = np.empty((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            value = 0.0
-            for k in range(i, n):
-                value += result[k, i] * result[k, j]
-            product[i, j] = product[j, i] = value
-    return product
-
-
-@jit
-def product(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Return a matrix (n, n) times a vector (n,)."""
-    result = np.zeros(vector.size)
-    for i in range(vector.size):
-        for j in range(vector.size):
-            result[i] += matrix[i, j] * vector[j]
-    return result
 
 
 @jit

@@ -26,7 +26,6 @@ from adaptive_blf_control.arms.mass_and_bias import mass_and_bias
 from adaptive_blf_control.compiled import Handle, jit
 from adaptive_blf_control.limits.acceleration_error import (
     acceleration_error,
-    inverse,
     model_inverses,
     Posture,
 )
@@ -41,6 +40,7 @@ from adaptive_blf_control.limits.stop_path import (
     stop_path,
 )
 from adaptive_blf_control.limits.viability import acceleration_bounds
+from adaptive_blf_control.linear_algebra import inverse
 
 __all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'FilterParts', 'IDLE', 'JointLimits', 'Report',
            'Scene', 'SOFTENED', 'Stop']

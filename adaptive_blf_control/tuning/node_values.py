@@ -25,6 +25,7 @@ __all__ = ['node_settings_of', 'reasons_of']
 SIGNIFICANT = 4  # digits of a gain
 SAMPLES = 10  # that may be missing before a watchdog acts
 SETTLE = 3.0  # of the change monitor
+SUSPICION = 2.0  # mean of d² from which on nothing is recorded
 LARGEST = 10.0  # an estimate beyond so many times the largest of its kind is refused
 
 
@@ -68,7 +69,7 @@ def _identifier(recipe: Recipe) -> dict[str, Any]:
         'filter.time_constant': filters.time_constant, 'filter.state_order': filters.state_order,
         'filter.state_time_constant': filters.state_time_constant,
         'filter.gap': max(0.05, 5.0 / recipe.robot.rate),
-        'change.settle': SETTLE,
+        'change.settle': SETTLE, 'change.suspicion': SUSPICION,
         'change.adapt': recipe.robot.payload > 0.0}
     if filters.state_order:
         return values | {'history.size': max(100, 2 * m),
@@ -110,8 +111,8 @@ def reasons_of(recipe: Recipe) -> Mapping[str, str]:
                             f'loop with {ms} of delay bears.',
         'identifier.kh': 'So that the noise of the torque is weighted against Gamma.',
         'identifier.filter.time_constant': _filter_reason(recipe),
-        'identifier.change.suspicion': '2.0 holds back what contradicts the recorded pairs until '
-                                       'its reason is known; docs/robots.md has what that gave.',
+        'identifier.change.suspicion': 'So that a contact does not teach, and a load at the tip '
+                                       'leaves what was learned of the arm.',
         'identifier.change.adapt': 'True where a payload is stated.',
         'controller.k1': 'A tenth of the damping rate of k2, over bound^4.',
         'controller.k2': f'lambda_max(M^-1 k2) = {recipe.rate:.3g} 1/s along the reference, with '

@@ -112,6 +112,17 @@ def test_a_load_is_found_and_corrects_the_recorded_pairs():
     np.testing.assert_allclose(subject.theta, TRUE, atol=0.05)
 
 
+def test_a_load_that_predicts_the_pairs_at_once_is_confirmed_after_little_more_than_3_windows():
+    subject = Subject()
+    loaded = TRUE + 2.0 * LOAD[:, 0]
+    verdicts = [subject.feed(loaded) for _ in range(600)]
+    alarm = verdicts.index(KEEP)
+    known = verdicts.index(RECALL, alarm)
+    confirmed = round(3.0 * subject.monitor.arrays.window / DT)
+    settled = round(subject.response.settling / DT)
+    assert settled + confirmed < known - alarm < settled + 1.5 * confirmed
+
+
 def test_a_push_is_no_load_and_leaves_everything_as_it_was():
     subject = Subject()
     regressors, torques = subject.stack.regressors.copy(), subject.stack.torques.copy()
@@ -153,6 +164,21 @@ def test_what_xt_e2_may_do_while_the_reason_is_not_known_is_a_setting():
         subject = Subject(adapts=adapts)
         verdicts = [subject.feed(TRUE, push=np.array([5.0, 5.0])) for _ in range(100)]
         assert verdicts[-1] == expected
+
+
+def test_a_load_that_is_expected_is_held_by_itself_before_it_is_confirmed():
+    subject = Subject(adapts=True)
+    loaded = TRUE + 2.0 * LOAD[:, 0]
+    verdicts = [subject.feed(loaded) for _ in range(250)]
+    assert ADAPT in verdicts
+    assert verdicts[-1] == KEEP
+    assert subject.count(LOADS) == 0
+    np.testing.assert_allclose(subject.theta, loaded, atol=0.05)
+    fitted = np.linalg.solve(subject.stack.gram, subject.stack.moment)
+    np.testing.assert_allclose(fitted, TRUE, atol=0.05)  # the recorded pairs are as they were
+    for _ in range(50):  # what does not predict is no load
+        subject.feed(TRUE, push=np.array([50.0, -50.0]))
+    np.testing.assert_array_equal(subject.theta, TRUE)
 
 
 def test_nothing_is_learned_while_a_contact_is_known_of_and_the_filters_settle_after_it():
