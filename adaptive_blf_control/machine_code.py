@@ -24,6 +24,8 @@ __all__ = ['alone_with', 'cache_folder']
 PACKAGE = Path(__file__).parent
 # Where the compiled functions are.
 ROOMS = ('arms', 'control', 'identification', 'limits', 'simulation')
+# What checks, names and says things for Python callers; no compiled function has anything of it.
+NEVER_COMPILED = ('bounded_yaml', 'calls', 'errors', 'parameters', 'spelling', 'synonyms')
 
 _IMPORT = re.compile(r'^\s*from adaptive_blf_control\.?(\S*) import (\(?)([^#\n(]*)', re.MULTILINE)
 _BY_TYPE = re.compile(r'^@by_type\ndef (\w+)', re.MULTILINE)
@@ -143,6 +145,8 @@ def _imports(source: Path) -> frozenset[Path]:
     found: set[Path] = set()
     for module, parenthesis, names in _IMPORT.findall(_text(source)):
         path = _path(module)
+        if module.partition('.')[0] in NEVER_COMPILED:
+            continue
         if path is not None:
             found.add(path)
         elif parenthesis:  # the names are on the next lines: any module of that room
