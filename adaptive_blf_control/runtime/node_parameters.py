@@ -194,8 +194,8 @@ def check_all_reached(node: Node, kinds: Collection[str], args: Sequence[str]) -
         args: The command line.
     """
     full_name = node.get_fully_qualified_name()
-    for rule in _rules(args):
-        name, _, value = rule.partition(':=')
+    given = dict(rule.partition(':=')[::2] for rule in _rules(args))  # of equal names the last
+    for name, value in given.items():
         target, colon, own = name.rpartition(':')
         if colon and target != node.get_name() and target in TABLES:
             continue  # for another node that is started with the same arguments

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+import signal
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -14,11 +15,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.bags.reader import read_bag
+from adaptive_blf_control.configuration.parameter_file import node_values
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
+from adaptive_blf_control.runs.bag_run import bag_parameters
 
 PARAMETERS = TwoLinkArm().parameters
 LABEL = '/identifier#0000abcd'
@@ -157,6 +161,18 @@ def test_a_second_graph_does_not_start_beside_the_first(
     assert second.wait() == 2
     assert f'/{kind} is running already' in second.text
     assert 'Traceback' not in second.text
+
+
+def test_of_a_parameter_that_is_given_twice_the_last_value_counts(
+        processes, graph_of, wait_until) -> None:
+    diagnostics = graph_of(processes.domain).peer().listen(DiagnosticArray, '/diagnostics')
+    recorder = processes.start(
+        'recorder', '--ros-args', '-p', f'bag:={processes.folder / "bag"}', '-p',
+        'recorder:flush_period:=0.2', '-p', 'recorder:flush_period:=0.4')
+    wait_until(lambda: diagnostics or recorder.popen.poll() is not None, 'a sign of it')
+    assert recorder.signal(signal.SIGINT) == 0
+    values = bag_parameters(read_bag(processes.folder / 'bag'))
+    assert node_values(values, 'recorder')['flush_period'] == 0.4
 
 
 def test_a_parameter_that_reaches_no_node_ends_the_start_with_its_name(processes) -> None:
