@@ -15,6 +15,8 @@ import hashlib
 from importlib.util import find_spec
 import math
 import struct
+import sys
+from types import ModuleType, SimpleNamespace
 from typing import Any, Protocol, TypeVar
 import warnings
 
@@ -40,7 +42,7 @@ except ImportError:  # plain numpy is the documented fallback
 if numba is not None:
     try:
         from llvmlite import ir
-        from numba.core import cgutils, event as numba_event, sigutils
+        from numba.core import cgutils, environment, event as numba_event, sigutils
         from numba.core.caching import FunctionCache
         from numba.core.codegen import JITCodeLibrary
         from numba.core.compiler import compile_extra, Flags
@@ -81,6 +83,20 @@ def _is_ours(kind: Any) -> bool:
 
 
 if COMPILED:
+    @contextmanager
+    def _without_imports() -> Iterator[None]:
+        """Return a context in which code is loaded without the modules that it was compiled from.
+
+        numba imports them for their names, which only Python functions look up.
+        """
+        before = environment.importlib
+        environment.importlib = SimpleNamespace(
+            import_module=lambda name: sys.modules.get(name) or ModuleType(name))
+        try:
+            yield
+        finally:
+            environment.importlib = before
+
     class _CacheOfOurTypes(FunctionCache):  # type: ignore[misc]
         """Keeps no machine code for types of a user's program.
 
@@ -102,7 +118,7 @@ if COMPILED:
             if not self._is_ours:
                 return super().load_overload(sig, target_context)
             rtsys.initialize(target_context)
-            with self._guard_against_spurious_io_errors():
+            with self._guard_against_spurious_io_errors(), _without_imports():
                 return self._load_overload(sig, target_context)
 
         def save_overload(self, sig: Any, data: Any) -> None:
