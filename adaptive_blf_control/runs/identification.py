@@ -215,7 +215,7 @@ def identify(log: Log, urdf: UrdfSource | None = None,
             frame (see `read_log`) or a log that was read; or a list of them, all of which are
             learned from before any is predicted.
         urdf: Path, ``package://...`` or XML text of the robot (see `load_arm`), all of
-            whose friction is learned; or what ``arm`` takes.
+            whose friction is learned; or what ``arm`` takes, which is then learned as it is.
         joints: Joints to identify, the others are locked; the URDF's where None. For a CSV file
             and arrays the names of their columns, in order.
         arm: In place of a URDF an arm, or ``'two_link'`` or ``'three_link'``.
