@@ -208,8 +208,8 @@ def test_a_history_too_small_for_its_rank_is_noted():
     (lambda: ARM, 'regressor', r'X\(q, qd, qd, qdd\)'),
     (lambda: ARM.dynamics(ARM.nominal), 'step', r'advance\(q, qd, tau, dt\)'),
     (lambda: Rail(), 'dof', r'did you mean n\?'),
-    (lambda: door.simulate(ARM, 0.01), 'tau', r'did you mean torque\?'),
-    (lambda: door.simulate(ARM, 0.01), 'torques', r'did you mean torque\?'),
+    (lambda: door.simulate(ARM, 0.01), 'tau', r'did you mean torque or measured\?'),
+    (lambda: door.simulate(ARM, 0.01), 'torques', r'did you mean torque or measured\?'),
     (lambda: door.simulate(ARM, 0.01), 'error', r'did you mean e1\?'),
     (lambda: door.simulate(ARM, 0.01), 'time', r'did you mean t\?'),
     (lambda: door.simulate(ARM, 0.01), 'safe', r'did you mean kept'),
@@ -544,7 +544,7 @@ def test_sinusoids_need_no_second_axis():
     assert repr(plain) == '<SumOfSinusoids: 2 joints, 1 terms, [-0.1, 0.8] to [0.1, 1.2] rad>'
 
 
-@pytest.mark.parametrize('thing', ['two_link', ARM.dynamics(ARM.nominal), Lost()])
+@pytest.mark.parametrize('thing', [3, ARM.dynamics(ARM.nominal), Lost()])
 def test_what_is_no_scenario_is_told_what_is_one(thing):
     with pytest.raises(door.ParameterError, match=r'an arm such as TwoLinkArm\(\)'):
         door.simulate(thing)

@@ -82,9 +82,9 @@ class LogReader:
             source, self._arm.joints, self._options,
             velocity=filters.state_order == 0 or filters.state_filter != 'low_pass')
         arm = self._arm
-        weighs = isinstance(arm, UrdfArm) and bool(arm.model.gravity.linear.any())
-        found = check_log(log, arm, settings, arm.without_gravity if weighs else None,
-                          self._described)
+        weightless = (arm.without_gravity if isinstance(arm, UrdfArm)
+                      and arm.model.gravity.linear.any() else None)
+        found = check_log(log, arm, settings, weightless, self._described)
         if not self._options.force:
             refuse(found, name_of(source))
         self.findings += found
