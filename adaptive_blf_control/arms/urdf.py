@@ -125,6 +125,7 @@ class UrdfArm(ClosedArm, instead={
             ParameterError: If a number is out of range or of the wrong length.
             MissingExtra: If Pinocchio is not installed.
         """
+        load_pinocchio()  # what is missing is said before the URDF is looked for
         self._options: dict[str, Any] = {
             'friction_viscous': friction_viscous, 'friction_coulomb': friction_coulomb,
             'friction_offset': friction_offset, 'friction_square_root': friction_square_root,
