@@ -9,7 +9,7 @@ import inspect
 import re
 from typing import Any, cast, TypeVar
 
-from adaptive_blf_control.errors import ParameterError, UnknownParameter
+from adaptive_blf_control.errors import close_names, ParameterError, UnknownParameter
 
 __all__ = ['argument_names', 'checked_call', 'without_argument']
 
@@ -84,6 +84,9 @@ def _problem(function: Callable[..., Any], arguments: tuple[Any, ...],
     missing = next((name for name, each in declared.items() if name not in named
                     and name not in places[:given] and each.default is each.empty
                     and each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD)), None)
+    for name, value in named.items():
+        if missing is not None and name not in declared and close_names(name, [missing]):
+            return UnknownParameter(name, value, [missing])
     return None if missing is None else without_argument(function, missing)
 
 

@@ -61,6 +61,7 @@ link_points fk forward_kinematics kinematics fkine tip_position
 initial_estimate theta theta_hat
 initial_estimate initial theta0 theta_0 initial_guess initial_theta theta_init initial_parameters
 start q0 q_0 initial_position initial_posture x0 start_position
+initial_position start q0 q_0 initial_posture x0 start_position
 velocity qd0 initial_velocity v0
 duration time t_end tf t_final seconds length horizon T
 period dt ts step timestep time_step sample_time
@@ -78,6 +79,7 @@ encoder_counts encoder encoders ticks
 size P history_size stack_size buffer_size memory
 safety bounds limits joint_limits position_limits safety_set
 performance error_bounds error_limits tolerance performance_set
+true_parameters viscous friction damping
 viscous coulomb offset square_root friction damping
 viscous friction_viscous
 coulomb friction_coulomb dry static_friction

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Filter the measured state with a filter of your own: here the mean of the last samples.
 
+The arm is seen by encoders, whose counts make noise of the velocities, and learns for 5 s. Printed
+is how far off the torques are that it then predicts for this motion: without a filter 65 % at the
+first joint, with this one 7 % (21 % and 27 % at the second). ``docs/noise.md`` says what helps.
+
 In a parameter file the same class is named by
 ``identifier.filter.state_filter: own_state_filter:Mean``.
 """
@@ -37,5 +41,5 @@ if __name__ == '__main__':
             arm_driver={'sensors': {'model': 'encoder'}},
             identifier={'filter': {'state_filter': name}},
             controller={'k2': [30.0, 10.0], 'reference': {'joint1': swing, 'joint2': swing}})
-        error = np.abs(run.theta_hat[-1] - blf.TwoLinkArm().nominal).max()
-        print(f'{name:<14} sets kept: {run.kept}, largest error of a parameter {error:.3f}')
+        off = ', '.join(f'{error:.0%}' for error in run.figures['predicted_torque_error'])
+        print(f'{name:<14} sets kept: {run.kept}, predicted torque of the joints off by {off}')

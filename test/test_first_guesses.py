@@ -99,17 +99,20 @@ def test_a_command_spells_options_its_way():
     assert option('effort_delay', '0.02') == 'effort_delay=0.02'
 
 
+PENDULUM = (
+    '<robot name="r"><link name="base"/><link name="rod"><inertial><mass value="1"/>'
+    '<origin xyz="0 0 -0.2"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" '
+    'izz="0.1"/></inertial></link><joint name="pivot" type="continuous"><parent '
+    'link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>')
+
+
 def test_an_exported_urdf_is_a_urdf_wherever_one_is_taken():
     pytest.importorskip('pinocchio')
-    urdf = ('<robot name="r"><link name="base"/><link name="rod"><inertial><mass value="1"/>'
-            '<origin xyz="0 0 -0.2"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" '
-            'izz="0.1"/></inertial></link><joint name="pivot" type="continuous"><parent '
-            'link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>')
-    exported = ExportedUrdf(urdf, {}, {})
-    assert str(exported) == urdf
+    exported = ExportedUrdf(PENDULUM, {}, {})
+    assert str(exported) == PENDULUM
     assert len(repr(exported)) < 100
     assert door.load_arm(exported).joints == ('pivot',)
-    assert door.load_arm(door.load_arm(urdf)).joints == ('pivot',)
+    assert door.load_arm(door.load_arm(PENDULUM)).joints == ('pivot',)
 
 
 class Broken:
@@ -205,8 +208,8 @@ def test_a_history_too_small_for_its_rank_is_noted():
     (lambda: ARM, 'regressor', r'X\(q, qd, qd, qdd\)'),
     (lambda: ARM.dynamics(ARM.nominal), 'step', r'advance\(q, qd, tau, dt\)'),
     (lambda: Rail(), 'dof', r'did you mean n\?'),
-    (lambda: door.simulate(ARM, 0.01), 'tau', r'did you mean torque\?'),
-    (lambda: door.simulate(ARM, 0.01), 'torques', r'did you mean torque\?'),
+    (lambda: door.simulate(ARM, 0.01), 'tau', r'did you mean torque or measured\?'),
+    (lambda: door.simulate(ARM, 0.01), 'torques', r'did you mean torque or measured\?'),
     (lambda: door.simulate(ARM, 0.01), 'error', r'did you mean e1\?'),
     (lambda: door.simulate(ARM, 0.01), 'time', r'did you mean t\?'),
     (lambda: door.simulate(ARM, 0.01), 'safe', r'did you mean kept'),
@@ -541,7 +544,7 @@ def test_sinusoids_need_no_second_axis():
     assert repr(plain) == '<SumOfSinusoids: 2 joints, 1 terms, [-0.1, 0.8] to [0.1, 1.2] rad>'
 
 
-@pytest.mark.parametrize('thing', ['two_link', ARM.dynamics(ARM.nominal), Lost()])
+@pytest.mark.parametrize('thing', [3, ARM.dynamics(ARM.nominal), Lost()])
 def test_what_is_no_scenario_is_told_what_is_one(thing):
     with pytest.raises(door.ParameterError, match=r'an arm such as TwoLinkArm\(\)'):
         door.simulate(thing)
@@ -664,6 +667,25 @@ def test_an_arm_may_stand_where_a_urdf_could():
     for arm in (ARM, 'two_link'):
         result = door.identify(LOG, arm, filter={'time_constant': 0.01})
         np.testing.assert_array_equal(result.theta, identified().theta)
+
+
+def test_an_arm_of_a_urdf_is_learned_as_it_is_and_its_result_can_be_copied():
+    pytest.importorskip('pinocchio')
+    arm = door.load_arm(PENDULUM, coulomb=True)
+    log = {'t': T, 'q': Q[:, :1], 'qd': QD[:, :1], 'tau': Q[:, :1]}
+    named = door.identify(log, arm=arm, filter={'time_constant': 0.01})
+    for given in ((arm,), (arm, ['pivot'])):
+        result = door.identify(log, *given, filter={'time_constant': 0.01})
+        assert result.arm is arm
+        assert result.figures['checks'] == named.figures['checks']
+        np.testing.assert_array_equal(result.theta, named.theta)
+    with pytest.raises(door.ParameterError, match=r"'friction\.offset' is True.*arm is given"):
+        door.identify(log, arm, friction={'offset': True})
+    controller = door.Controller(arm)
+    for duplicate in (copy.deepcopy, _by_pickle):
+        np.testing.assert_array_equal(duplicate(named).theta, named.theta)
+        np.testing.assert_array_equal(duplicate(controller).safety.upper, controller.safety.upper)
+        assert duplicate(door.simulate(arm, 0.01)).joints == ('pivot',)
 
 
 def test_parts_show_what_they_are():

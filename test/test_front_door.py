@@ -335,6 +335,21 @@ def test_an_identification_tells_names_and_predicts_what_it_never_saw():
     np.testing.assert_array_equal(same.theta, result.theta)
 
 
+def test_the_log_of_a_run_teaches_what_a_driver_s_log_would():
+    swing = {'joint1': {'amplitude': 0.3, 'frequency': 2.0},
+             'joint2': {'amplitude': 0.3, 'frequency': 3.1}}
+    run = door.simulate(ARM, 3.0, reference=swing, controller={'k2': [30.0, 10.0]})
+    log = run.log()
+    assert (log.joints, log.dropped) == (ARM.joints, 0)
+    np.testing.assert_array_equal(log.q, run.q)
+    np.testing.assert_array_equal(log.tau[1:], run.torque[:-1])  # held over the interval before
+    result = door.identify(log, ARM, filter={'time_constant': 0.02})
+    np.testing.assert_allclose(result.theta, ARM.nominal, rtol=1e-4)
+    noisy = door.simulate(ARM, 0.01, arm_driver={'sensors': {'torque_noise': 0.1}})
+    np.testing.assert_array_equal(noisy.log().tau, noisy.measured.torque)
+    assert abs(noisy.log().tau[1:] - noisy.torque[:-1]).max() > 0.01
+
+
 @pytest.mark.parametrize(('given', 'name'), [
     ({'train': (8.0, 9.0)}, 'train'), ({'train': (0.0, 9.0)}, 'test'),
     ({'train': (0.2,)}, 'train'),

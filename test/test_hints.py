@@ -17,6 +17,39 @@ Q = np.column_stack([np.sin(3.0 * T), np.cos(2.0 * T)])
 LOG = {'t': T, 'q': Q, 'qd': Q, 'tau': Q}
 SWING = door.SumOfSinusoids([0.0, 1.0], [0.1, 0.2], 2.0)
 
+PENDULUM = (
+    '<robot name="r"><link name="base"/><link name="rod"><inertial><mass value="1"/>'
+    '<origin xyz="0 0 -0.2"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
+    '</inertial></link><joint name="pivot" type="continuous"><parent link="base"/>'
+    '<child link="rod"/><axis xyz="0 1 0"/></joint></robot>')
+
+
+class NoArguments(door.Plant):
+    """A plant that is made of nothing."""
+
+    def __init__(self):
+        self.q = self.qd = self.torque = np.zeros(2)
+
+    def advance(self, dt):
+        pass
+
+
+class Halves(door.Constraint):
+    """A constraint that was only begun."""
+
+    def margin(self, q):
+        return 1.0 - q
+
+
+class Answerless(door.Constraint):
+    """A constraint that forgets to answer."""
+
+    name = quantity = 'half'
+    unit, recovery, bodies = 'rad', 'go back', ('joint1',)
+
+    def bounded(self, state):
+        pass
+
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
@@ -47,6 +80,7 @@ def learned():
     (lambda: door.Controller, 'from_yaml', r'simulate\(file, 0\.001\)\.controller'),
     (lambda: door.ControllerSettings, 'from_yaml', r'from_values\(values\)'),
     (lambda: door.Simulation, 'load', r'numpy\.load'),
+    (lambda: door.Identification, 'load', 'initial_estimate=path'),
     (lambda: door.Identification, 'theta_hat', 'theta is the estimate')])
 def test_a_class_says_what_its_objects_would(subject, name, hint):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
@@ -84,7 +118,11 @@ def test_what_an_object_of_a_class_will_have_is_plainly_missing_in_the_class():
     (lambda: learned(), 'identifiable', 'undetermined names the others'),
     (lambda: learned().prediction, 'residual', 'measured - predicted'),
     (lambda: door.LawSample(*[None] * 7), 'e1', r'q - reference\.position'),
-    (run, 'theta_tilde', r'theta_hat - plant\.truth')])
+    (run, 'theta_tilde', r'theta_hat - plant\.truth'),
+    (run, 'k2', r'controller\.settings\.k2'), (run, 'to_bag', r"bag='run'\) writes one"),
+    (run, 'truth', r'plant\.truth\(\) has'), (lambda: run().plant, 'theta', r'truth\(\) has'),
+    (lambda: learned(), 'weakly', r"figures\['confidence'\]"),
+    (lambda: door.Controller(ARM), 'save', r'settings\.values\(\)')])
 def test_words_of_other_programs_are_told_ours(subject, name, hint):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
         getattr(subject(), name)
@@ -94,15 +132,12 @@ def test_the_hint_for_the_true_parameters_gives_them():
     (begin, theta), = run().plant.truth(run().parameters)
     assert begin == 0.0
     np.testing.assert_array_equal(theta, ARM.nominal)
+    np.testing.assert_array_equal(run().plant.truth()[0][1], ARM.nominal)
 
 
 def test_an_arm_of_a_urdf_has_hints_of_its_own():
     pytest.importorskip('pinocchio')
-    arm = door.load_arm('<robot name="r"><link name="base"/><link name="rod"><inertial><mass '
-                        'value="1"/><origin xyz="0 0 -0.2"/><inertia ixx="0.1" ixy="0" ixz="0" '
-                        'iyy="0.1" iyz="0" izz="0.1"/></inertial></link><joint name="pivot" '
-                        'type="continuous"><parent link="base"/><child link="rod"/>'
-                        '<axis xyz="0 1 0"/></joint></robot>')
+    arm = door.load_arm(PENDULUM)
     for name, hint in (('M', r'mass_matrix\(q\)'), ('gravity', r'load_arm\(urdf, gravity='),
                        ('jacobian', 'link_points'), ('theta', 'nominal has'),
                        ('effort_limits', r'did you mean torque_limit\?')):
@@ -167,10 +202,67 @@ def test_a_setting_that_is_set_is_told_what_changes_it():
     (lambda: door.ClosedLoop(ARM, door.Controller(ARM)), r'simulate\(arm\) drives a simulated'),
     (lambda: door.ClosedLoop(ARM.dynamics(ARM.nominal), door.Controller(ARM)), 'from Plant'),
     (lambda: door.simulate(ARM, 0.01, law=lambda sample: 0.0), 'with answer; .*inherits from Law'),
-    (lambda: door.simulate(ARM, 0.01, constraints=[lambda state: 0.0]), 'from Constraint')])
+    (lambda: door.simulate(ARM, 0.01, constraints=[lambda state: 0.0]), 'from Constraint'),
+    (lambda: door.simulate(ARM, 0.01, plant={'payload': 2}), r'payload=2\.0, or as arm_driver='),
+    (lambda: door.simulate(ARM, 0.01, plant=NoArguments), r'give the object, NoArguments\(\)'),
+    (lambda: door.simulate(ARM, 0.01, constraints=[Halves()]), 'no name, .*bodies, bounded$'),
+    (lambda: door.simulate(ARM, 0.01, constraints=[Answerless()]), 'bounded.* is None: .*Bounded'),
+    (lambda: door.simulate('two_link', 0.01, friction={'coulomb': True}), 'true_parameters sets'),
+    (lambda: door.simulate(ARM, 0.01, viscous=[8, 3]), r'mean .*arm_driver\.true_parameters'),
+    (lambda: door.simulate(ARM, 0.01, start=[0.1, 0.0]), r'mean arm_driver\.initial_position'),
+    (lambda: door.Controller(ARM, initial_position=[0.1, 0.0]), r'did you mean start\?'),
+    (lambda: door.load_arm('two_link'), r'TwoLinkArm\(\)'),
+    (lambda: door.load_arm('x', payload=2.0), r'simulate\(arm, payload=2\.0\)'),
+    (lambda: door.TwoLinkArm(l1=0.5), r'lengths and masses are in theta; .*load_arm\(urdf\)'),
+    (lambda: door.ThreeLinkArm(joint_names='abc'), r'did you mean joints\?'),
+    (lambda: door.Identifier(ARM).learn(1e3 * T, Q, Q, Q), 't / 1000 are seconds')])
 def test_a_wrong_argument_is_told_what_is_meant(call, message):
     with pytest.raises(door.ParameterError, match=message):
         call()
+
+
+def test_an_own_law_is_named_as_it_is_called():
+    class Limp(door.Law):
+        def answer(self, sample):
+            return door.LawAnswer(np.zeros(2), np.zeros(2), None)
+
+    assert 'controller with Limp of TwoLinkArm' in repr(door.simulate(ARM, 0.01, law=Limp()))
+
+
+def test_a_shipped_scenario_is_found_from_everywhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    torques = [door.simulate(name, 0.01).torque for name in (
+        'two_link', 'two_link.yaml', 'config/two_link.yaml')]
+    for torque in torques:
+        np.testing.assert_array_equal(torque, torques[0])
+    with pytest.raises(door.ParameterError, match='readable YAML'):
+        door.simulate('sub/two_link.yaml')
+
+
+def test_times_in_milliseconds_are_asked_about_without_warnings(recwarn):
+    t = np.arange(0.0, 2000.0)
+    q = np.column_stack([np.sin(3e-3 * t), np.cos(2e-3 * t)])
+    qd = np.column_stack([3.0 * np.cos(3e-3 * t), -2.0 * np.sin(2e-3 * t)])
+    with pytest.raises(door.LogError, match=r'1 Hz.*in ms \(the velocities say so.* t / 1000'):
+        door.identify({'t': t, 'q': q, 'qd': qd, 'tau': q}, ARM)
+    assert not recwarn.list
+
+
+def test_a_urdf_of_a_result_is_written_where_it_is_wanted(tmp_path):
+    pytest.importorskip('pinocchio')
+    t = np.arange(0.0, 2.0, 1e-3)
+    q, qd, qdd = np.sin(3.0 * t), 3.0 * np.cos(3.0 * t), -9.0 * np.sin(3.0 * t)
+    arm = door.load_arm(PENDULUM)
+    tau = door.inverse_dynamics(arm, arm.nominal, q[:, None], qd[:, None], qdd[:, None])
+    result = door.identify({'t': t, 'q': q, 'qd': qd, 'tau': tau}, arm,
+                           filter={'time_constant': 0.01})
+    exported = result.urdf(tmp_path / 'out.urdf')
+    assert (tmp_path / 'out.urdf').read_text(encoding='utf-8') == exported.xml
+    with pytest.raises(AttributeError, match=r'xml is the text; .*urdf\(path\) writes it'):
+        _ = exported.text
+    for path in (tmp_path / 'out', tmp_path / 'none' / 'out.urdf', 3):
+        with pytest.raises(door.ParameterError, match="'path' is"):
+            result.urdf(path)
 
 
 def test_a_reference_may_be_called_at_one_time_or_at_many():
@@ -218,6 +310,8 @@ def test_a_bag_shows_what_it_is_and_what_reads_a_topic(bag):
         _ = bag.topic_names
     with pytest.raises(door.BagError, match=r'joint_states\(topic\) reads it'):
         bag.doubles('/joint_states')
+    with pytest.raises(door.ParameterError, match="'topic' is missing.*topics"):
+        bag.joint_states()
 
 
 def test_one_topic_of_a_bag_is_named_with_or_without_its_slash(bag):

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.arms.urdf_source import UrdfSource
-from adaptive_blf_control.calls import checked_call
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.calls import argument_names, checked_call
+from adaptive_blf_control.errors import ParameterError, UnknownParameter
 
 __all__ = ['load_arm']
 
@@ -20,7 +21,8 @@ def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
              viscous: bool = True, coulomb: bool = False, offset: bool = False,
              square_root: bool = False, rotor_inertia: bool = False,
              coulomb_velocity: float = 0.02,
-             gravity: Sequence[float] | np.ndarray = (0.0, 0.0, -9.81)) -> UrdfArm:
+             gravity: Sequence[float] | np.ndarray = (0.0, 0.0, -9.81),
+             **others: Any) -> UrdfArm:
     """Return the arm of a URDF, linear in its base parameters and the friction asked for (2).
 
     Args:
@@ -36,12 +38,21 @@ def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
         rotor_inertia: Whether θ has the inertias of the rotors, seen from the joints [kg·m²].
         coulomb_velocity: v_s [rad/s], > 0.
         gravity: In the base frame of the URDF, shape (3,) [m/s²].
+        others: None: every other name is refused.
 
     Raises:
         ArmError: no arm can be made of the URDF and the joints.
         ParameterError: a number cannot be used.
         MissingExtra: Pinocchio, which reads the URDF, is not installed.
     """
+    for name, value in others.items():
+        if name in ('payload', 'load', 'mass', 'payload_mass'):
+            raise ParameterError(name, value, 'nothing: an arm is what is known; '
+                                 'simulate(arm, payload=2.0) drives one that carries a load')
+        raise UnknownParameter(name, value, argument_names(load_arm))
+    if urdf in ('two_link', 'three_link') if isinstance(urdf, str) else False:
+        raise ParameterError('urdf', urdf, 'a URDF; the arms in closed form are TwoLinkArm() and '
+                             'ThreeLinkArm()')
     for name, value in (('viscous', viscous), ('coulomb', coulomb), ('offset', offset),
                         ('square_root', square_root), ('rotor_inertia', rotor_inertia)):
         if not isinstance(value, (bool, np.bool_)):

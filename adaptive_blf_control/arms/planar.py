@@ -3,19 +3,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import ClassVar, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import ClosedArm
 from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors
-from adaptive_blf_control.errors import ArmError
+from adaptive_blf_control.errors import ArmError, close_names, ParameterError, UnknownParameter
 
-__all__ = ['PlanarArm', 'PlanarRegressors', 'planar_points']
+__all__ = ['PlanarArm', 'PlanarRegressors', 'planar_points', 'refuse_lengths']
 
 
 _WORDS = {2: 'two', 3: 'three'}
+
+
+def refuse_lengths(arm: type, others: Mapping[str, Any]) -> None:
+    """Raise ParameterError for what these arms cannot be told, such as the length of a link."""
+    for name, value in others.items():
+        if close_names(name, ['joints']):
+            raise UnknownParameter(name, value, ['joints'])
+        raise ParameterError(name, value, f'nothing: {arm.__name__}(joints) is the arm of the '
+                             'paper, whose lengths and masses are in theta; another arm is '
+                             'load_arm(urdf), or a class that inherits from Arm, and '
+                             'simulate(arm, true_parameters=[...]) moves with another theta')
 
 
 class PlanarRegressors(NamedTuple):

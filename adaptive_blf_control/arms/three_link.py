@@ -10,13 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
-from adaptive_blf_control.arms.planar import planar_points, PlanarArm, PlanarRegressors
+from adaptive_blf_control.arms.planar import (
+    planar_points,
+    PlanarArm,
+    PlanarRegressors,
+    refuse_lengths,
+)
 from adaptive_blf_control.arms.regressors import law_regressor, regressors
 from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.calls import checked_call
@@ -263,8 +268,15 @@ class ThreeLinkArm(PlanarArm):
     _regressors = PlanarRegressors(three_link_Y1, three_link_Y2, three_link_Y12, three_link_X)
 
     @checked_call
-    def __init__(self, joints: Sequence[str] = ('joint1', 'joint2', 'joint3')) -> None:
-        """Name the joints; ArmError unless there are exactly three distinct names."""
+    def __init__(self, joints: Sequence[str] = ('joint1', 'joint2', 'joint3'), **others: Any,
+                 ) -> None:
+        """Name the joints; ArmError unless there are exactly three distinct names.
+
+        Args:
+            joints: Their names.
+            others: None: every other name is refused.
+        """
+        refuse_lengths(type(self), others)
         super().__init__('three_link', joints, 3)
         self.parameters = (*(f'p{i}' for i in range(1, 11)), 'f')
         self.nominal = three_link_parameters()

@@ -4,13 +4,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import ForwardDynamics
 from adaptive_blf_control.arms.integrator import acceleration, CompiledDynamics
-from adaptive_blf_control.arms.planar import planar_points, PlanarArm, PlanarRegressors
+from adaptive_blf_control.arms.planar import (
+    planar_points,
+    PlanarArm,
+    PlanarRegressors,
+    refuse_lengths,
+)
 from adaptive_blf_control.arms.regressors import law_regressor, regressors
 from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.calls import checked_call
@@ -143,8 +148,14 @@ class TwoLinkArm(PlanarArm):
     _regressors = PlanarRegressors(two_link_Y1, two_link_Y2, two_link_Y12, two_link_X)
 
     @checked_call
-    def __init__(self, joints: Sequence[str] = ('joint1', 'joint2')) -> None:
-        """Name the joints; ArmError unless there are exactly two distinct names."""
+    def __init__(self, joints: Sequence[str] = ('joint1', 'joint2'), **others: Any) -> None:
+        """Name the joints; ArmError unless there are exactly two distinct names.
+
+        Args:
+            joints: Their names.
+            others: None: every other name is refused.
+        """
+        refuse_lengths(type(self), others)
         super().__init__('two_link', joints, 2)
         self.parameters = ('p1', 'p2', 'p3', *(f'fv_{joint}' for joint in self.joints))
         self.nominal = np.array(NOMINAL)

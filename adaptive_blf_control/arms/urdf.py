@@ -125,7 +125,13 @@ class UrdfArm(ClosedArm, instead={
             ParameterError: If a number is out of range or of the wrong length.
             MissingExtra: If Pinocchio is not installed.
         """
-        self._pin = load_pinocchio()
+        load_pinocchio()  # what is missing is said before the URDF is looked for
+        self._options: dict[str, Any] = {
+            'friction_viscous': friction_viscous, 'friction_coulomb': friction_coulomb,
+            'friction_offset': friction_offset, 'friction_square_root': friction_square_root,
+            'rotor_inertia': rotor_inertia, 'coulomb_velocity': coulomb_velocity,
+            'viscous': viscous, 'coulomb': coulomb, 'offset': offset,
+            'square_root': square_root, 'rotor': rotor}
         self.xml = read_urdf(source, package_dirs)
         model, self.joints = reduced_model(self.xml, joints)
         self._shape = (len(self.joints),)
@@ -267,14 +273,18 @@ class UrdfArm(ClosedArm, instead={
         """
         model, data = self.model, self._data
         q, = checked_vectors(self.joints, q=q)
-        self._pin.framesForwardKinematics(model, data, self._order.position(q))
+        load_pinocchio().framesForwardKinematics(model, data, self._order.position(q))
         chain, tip = self._chain()
         origins = [data.oMi[joint].translation for joint in chain]  # joint 0 is the root
         return np.array([*origins, data.oMf[tip].translation])
 
+    def without_gravity(self) -> UrdfArm:
+        """Return the same arm where nothing weighs anything."""
+        return UrdfArm(self.xml, self.joints, gravity=(0.0, 0.0, 0.0), **self._options)
+
     def links(self) -> dict[str, Link]:
         """Return the links that move, by name: where they are on the bodies of ``chain.chain``."""
-        body = self._pin.FrameType.BODY
+        body = load_pinocchio().FrameType.BODY
         return {frame.name: Link(int(frame.parentJoint), np.array(frame.placement.translation))
                 for frame in self.model.frames if frame.type == body and frame.parentJoint > 0}
 
@@ -325,7 +335,7 @@ class UrdfArm(ClosedArm, instead={
     def _payload_direction(self) -> np.ndarray:
         chain, tip = self._chain()
         placement = self.model.frames[tip].placement.translation
-        point = self._pin.Inertia(1.0, placement, np.zeros((3, 3)))
+        point = load_pinocchio().Inertia(1.0, placement, np.zeros((3, 3)))
         inertial = np.zeros((self.n, PER_BODY))
         inertial[self.last_body] = point.toDynamicParameters()
         return np.concatenate([self.base_from_inertial(inertial),
@@ -340,9 +350,10 @@ class UrdfArm(ClosedArm, instead={
 
     def _random_regressors(self) -> np.ndarray:
         order = self._order
+        regressor = load_pinocchio().computeJointTorqueRegressor
         return np.vstack([  # (which also puts the single row of a single joint back in shape)
-            self._pin.computeJointTorqueRegressor(self.model, self._data, order.position(q),
-                                                  order.velocity(qd), order.velocity(qdd))
+            regressor(self.model, self._data, order.position(q), order.velocity(qd),
+                      order.velocity(qdd))
             for q, qd, qdd in zip(*self._random_states(), strict=True)])
 
     def _random_rotor_regressors(self) -> np.ndarray:

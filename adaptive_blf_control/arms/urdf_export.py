@@ -9,6 +9,7 @@ Where the rest would not be a body, theirs are scaled down together until it is 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -18,13 +19,16 @@ from adaptive_blf_control.arms.joint_friction import FRICTION_KINDS
 from adaptive_blf_control.arms.pseudo_inertia import inertial_parameters, pseudo_inertias
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.arms.urdf_text import UrdfText
-from adaptive_blf_control.errors import ArmError
+from adaptive_blf_control.errors import ArmError, with_hints
 
 __all__ = ['ExportedUrdf', 'export_urdf']
 
 _TENSOR = tuple(name for name in INERTIAL_NAMES if name.startswith('I'))
 
 
+@functools.partial(with_hints, instead=dict.fromkeys(
+    ('text', 'string', 'save', 'write', 'write_text', 'to_file', 'dump'),
+    'xml is the text; identify(...).urdf(path) writes it'))
 class ExportedUrdf(NamedTuple):
     """A URDF with identified values.
 

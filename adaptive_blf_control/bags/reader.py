@@ -196,6 +196,7 @@ class Bag(Guided, instead={
         while waiting:
             yield heappop(waiting)[2]
 
+    @checked_call
     def joint_states(self, topic: str, joints: Sequence[str] | None = None, *,
                      skip_foreign: bool = False) -> JointSeries:
         """Return a topic of joint values as arrays, matched by joint name.
@@ -204,7 +205,7 @@ class Bag(Guided, instead={
         only, with ``skip_foreign`` the parts are joined, see `merged`.
 
         Args:
-            topic: Topic name.
+            topic: Topic name, such as ``'/joint_states'``; ``topics`` has those there are.
             joints: Which joints in which order; those of the first message where None.
             skip_foreign: Count messages that cannot be matched instead of raising, for topics
                 on which other publishers publish other joints.

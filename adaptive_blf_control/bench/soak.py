@@ -29,14 +29,9 @@ from adaptive_blf_control.bench.soak_figures import (
     Latency,
     latency_of,
 )
+from adaptive_blf_control.configuration.shipped import scenario
 from adaptive_blf_control.errors import BlfError, MissingExtra
-from adaptive_blf_control.runtime.processes import (
-    COMPOSED,
-    NodeProcesses,
-    NODES,
-    nodes_in,
-    scenario,
-)
+from adaptive_blf_control.runtime.processes import COMPOSED, NodeProcesses, NODES, nodes_in
 
 __all__ = ['main']
 

@@ -27,6 +27,7 @@ import numpy as np
 
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.errors import ParameterError, SetViolation
+from adaptive_blf_control.parameters.plugin import to_be_written
 
 __all__ = ['Bounded', 'Constraint', 'Constraints', 'MarginName', 'MotionState', 'Violation']
 
@@ -87,6 +88,7 @@ class Constraint(Protocol):
     recovery: str
     bodies: tuple[str, ...]
 
+    @to_be_written
     def bounded(self, state: MotionState) -> Bounded:
         """Return the quantities and their bounds in a sample."""
         ...
@@ -219,7 +221,13 @@ class Constraints:
         """Raise ParameterError where a constraint does not give one margin for each body."""
         for part in self.parts:
             try:
-                shape = np.shape(part.bounded(state).margin())
+                bounded = part.bounded(state)
+                if not hasattr(bounded, 'margin'):
+                    raise ParameterError(f'{type(part).__name__}.bounded', bounded,
+                                         'a Bounded of value, lower and upper')
+                shape = np.shape(bounded.margin())
+            except ParameterError:
+                raise
             except Exception as error:  # a plug-in may raise anything
                 raise ParameterError('constraints', part.name, f'margins of the state '
                                      f'({type(error).__name__}: {error})') from error

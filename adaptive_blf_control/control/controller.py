@@ -63,7 +63,7 @@ from adaptive_blf_control.control.step import (
     Memory,
     new_memory,
 )
-from adaptive_blf_control.errors import ParameterError, with_hints
+from adaptive_blf_control.errors import ParameterError, UnknownParameter, with_hints
 from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.parameters.settings import Settings
 
@@ -145,6 +145,10 @@ class Controller(Guided, settings=ControllerSettings,
                               ('reset', 'restart', 'start'),
                               'a Controller belongs to one motion: make another one, '
                               'Controller(arm, ..., start=q)'),
+                          **dict.fromkeys(
+                              ('save', 'to_yaml', 'dump'),
+                              'settings.values() has all that it was made with by name; what is '
+                              'learned is in the Identifier'),
                           'theta': 'update is given it: the theta of an Identifier',
                           'gains': 'settings has them, retune(k2=...) changes them',
                           'set_reference': 'retune(t, q, reference=...) changes it'}):
@@ -209,7 +213,10 @@ class Controller(Guided, settings=ControllerSettings,
         changes.update((name, value) for name, value in groups.items() if is_group(name, value))
         if isinstance(law, str):
             changes['law'] = law
-        settings = ControllerSettings.taken(settings, changes)
+        try:
+            settings = ControllerSettings.taken(settings, changes)
+        except UnknownParameter as error:  # may also be meant for an argument
+            raise error.beside(('settings', 'start', 'velocity')) from None
         parts: dict[str, Any] = controller_parts(settings, arm.joints)._asdict()
         for name, value in groups.items():
             if value is not None and name not in changes:

@@ -142,7 +142,7 @@ class GrowingBounds:
     def at(self, t: float) -> Bounds:
         """Evaluate at ``t`` [s] since the start of the motion."""
         t = max(t, 0.0)
-        if t >= self._duration:  # always, where there is no smooth start
+        if not t < self._duration:  # always, where there is no smooth start; also where t is NaN
             return self._end
         return Bounds(*_grown(t, self._duration, *self._start, *self._end[:2]))
 

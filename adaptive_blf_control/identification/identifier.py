@@ -464,7 +464,9 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         if times.size > 1 and unused >= times.size:
             raise ParameterError('t', f'{times.size} times from {times[0]:g} to {times[-1]:g}',
                                  'times in s that rise by less than filter.gap = '
-                                 f'{self.settings.filter.gap:g} s: no sample could be used')
+                                 f'{self.settings.filter.gap:g} s: no sample could be used'
+                                 + ('; are they in ms? t / 1000 are seconds' if np.median(
+                                     np.diff(times)) >= 0.5 else ''))
         return self.theta
 
     def learn_in_blocks(self, t: Any, q: Any, qd: Any, tau: Any, learning: Any = True,

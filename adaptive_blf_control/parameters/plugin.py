@@ -6,11 +6,15 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Sequence
 import importlib
 import inspect
-from typing import Any
+from typing import Any, TypeVar
 
 from adaptive_blf_control.errors import BlfError, ParameterError
 
-__all__ = ['NamesIn', 'is_plugin', 'load_plugin', 'made', 'require']
+__all__ = ['NamesIn', 'is_plugin', 'load_plugin', 'made', 'require',
+           'to_be_written']
+
+
+Method = TypeVar('Method', bound=Callable[..., Any])
 
 
 class NamesIn(Collection[str]):
@@ -103,7 +107,8 @@ def made(parameter: str, value: object, given: Any, names: Sequence[str], *argum
             kinds = ', '.join(type(argument).__name__ for argument in arguments)
             raise ParameterError(parameter, value, 'an object, or what can be called with '
                                  f'{kinds} ({type(error).__name__}: {error}) and returns one, '
-                                 f'with {", ".join(names)}{_inherited(base)}') from error
+                                 f'with {", ".join(names)}{_inherited(base)}'
+                                 + _alone(given)) from error
     require(parameter, value, part, names, base)
     return part
 
@@ -119,14 +124,36 @@ def require(parameter: str, value: object, part: object, names: Sequence[str],
         names: What the protocol asks for.
         base: Class of the package that has most of them, for who inherits from it.
     """
-    missing = [name for name in names if not hasattr(part, name)]
+    missing = [name for name in names if _lacks(part, name)]
     if missing and isinstance(part, type):
         raise ParameterError(parameter, value, f'a part with {", ".join(names)}: '
                              f'an object, not the class {part.__name__}')
     if missing:
         raise ParameterError(parameter, value, f'a part with {", ".join(names)}: '
                              f'{type(part).__name__} has no {", ".join(missing)}'
-                             + _inherited(base))
+                             + _inherited('' if base in [
+                                 each.__name__ for each in type(part).__mro__] else base))
+
+
+def _alone(given: Callable[..., Any]) -> str:
+    """Return what is said of a class that is called with nothing."""
+    try:
+        _check_call(given, ())
+        inspect.signature(given)
+    except (TypeError, ValueError):
+        return ''
+    name = getattr(given, '__name__', 'it')
+    return f'; {name} takes no arguments: give the object, {name}()'
+
+
+def to_be_written(method: Method) -> Method:
+    """Decorate a method that a class of the user's has to have: the inherited one is none."""
+    method.__dict__['to_be_written'] = True
+    return method
+
+
+def _lacks(part: object, name: str) -> bool:
+    return not hasattr(part, name) or getattr(getattr(part, name), 'to_be_written', False)
 
 
 def _inherited(base: str) -> str:

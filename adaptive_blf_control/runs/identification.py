@@ -53,6 +53,10 @@ __all__ = ['Identification', 'identify']
 _DRAWN = ('matplotlib draws arrays: plt.plot(result.prediction.t, result.prediction.measured); '
           '`python -m adaptive_blf_control identify LOG --html page.html` draws all of it')
 _NOT_THERE = {
+    'load': 'Identifier(arm, initial_estimate=path) starts from what save(path) wrote',
+    **dict.fromkeys(('weakly', 'determined_weakly', 'weak'),
+                    "figures['confidence'] says of each parameter whether it is determined, "
+                    'weakly or not'),
     'theta_hat': 'theta is the estimate, estimate has it by name',
     'covariance': 'uncertainty.covariance', 'condition': "figures['condition']",
     'residuals': 'prediction.measured - prediction.predicted, of the test span',
@@ -137,14 +141,31 @@ class Identification(Learned, instead=_NOT_THERE):
             raise ArmError(f'there is no consistent model: {reason}')
         return self.possible
 
-    def urdf(self) -> ExportedUrdf:
+    @checked_call
+    def urdf(self, path: str | os.PathLike[str] | None = None) -> ExportedUrdf:
         """Return the URDF with the values of the consistent model; its ``xml`` is the text.
+
+        Args:
+            path: A file that ends in ``.urdf`` or ``.xml``, which the text is written to as well;
+                replaced if it exists.
 
         Raises:
             ArmError: the arm is not from a URDF, or no pair was recorded.
+            ParameterError: the path ends otherwise or cannot be written.
         """
         model = self.consistent
-        return export_urdf(self.arm, model.theta, model.inertial)  # type: ignore[arg-type]
+        exported = export_urdf(self.arm, model.theta, model.inertial)  # type: ignore[arg-type]
+        if path is not None:
+            target = Path(path) if isinstance(path, (str, os.PathLike)) else Path()
+            if target.suffix.lower() not in ('.urdf', '.xml'):
+                raise ParameterError('path', path, "a file that ends in .urdf, such as "
+                                     "'identified.urdf'")
+            try:
+                target.write_text(exported.xml, encoding='utf-8')
+            except OSError as error:
+                raise ParameterError('path', str(target),
+                                     f'a file that can be written ({error.strerror})') from None
+        return exported
 
     @property
     def sigma_min(self) -> float:
@@ -215,7 +236,7 @@ def identify(log: Log, urdf: UrdfSource | None = None,
             frame (see `read_log`) or a log that was read; or a list of them, all of which are
             learned from before any is predicted.
         urdf: Path, ``package://...`` or XML text of the robot (see `load_arm`), all of
-            whose friction is learned; or what ``arm`` takes.
+            whose friction is learned; or what ``arm`` takes, which is then learned as it is.
         joints: Joints to identify, the others are locked; the URDF's where None. For a CSV file
             and arrays the names of their columns, in order.
         arm: In place of a URDF an arm, or ``'two_link'`` or ``'three_link'``.

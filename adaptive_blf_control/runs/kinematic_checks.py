@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.bags.log_clock import period_unit, UNITS
 from adaptive_blf_control.identification.settings import FilterSettings
 from adaptive_blf_control.runs.finding import Excerpt, Finding, gain_of, REFUSED, WARNING
 from adaptive_blf_control.spelling import argument, option, setting
@@ -182,7 +183,7 @@ def rate_findings(log: Excerpt, settings: FilterSettings) -> Iterator[Finding]:
         if settings.time_constant < 2.0 * log.period:
             help_ += ' ' + setting('filter.time_constant', f'{3.0 * log.period:.2g}')
         yield Finding('rate', None, REFUSED, rate, f'the log has {rate:.3g} Hz, and the filters '
-                      f'restart after {settings.gap:g} s without a sample', help_)
+                      f'restart after {settings.gap:g} s without a sample{_unit(log)}', help_)
     elif log.period > settings.time_constant:
         yield Finding('rate', None, WARNING, rate, f'the log has {rate:.3g} Hz, too few for a '
                       f'filter of {settings.time_constant:g} s',
@@ -191,6 +192,13 @@ def rate_findings(log: Excerpt, settings: FilterSettings) -> Iterator[Finding]:
     if late > 0.01:
         yield Finding('rate', None, WARNING, late, f'{late:.1%} of the intervals are more than '
                       f'three times the median of {1e3 * log.period:.3g} ms')
+
+
+def _unit(log: Excerpt) -> str:
+    """Return the question whether the times are in another unit, where that is likely."""
+    unit, reason = period_unit(log.t, log.q, log.qd)
+    return (f'; are its times in {unit} ({reason})? t / {UNITS[unit]:g} are seconds'
+            if reason else '')
 
 
 def _state_filter() -> str:

@@ -50,7 +50,8 @@ def check_log(log: MeasuredLog, arm: Arm, settings: IdentifierSettings,
     looked_at = excerpt(log)
     found = [*motion_findings(looked_at, arm), *position_findings(looked_at, arm),
              *effort_findings(looked_at, arm), *rate_findings(looked_at, settings.filter)]
-    if log.measured_velocity:
+    slow = any(finding.check == 'rate' and finding.level == REFUSED for finding in found)
+    if log.measured_velocity and not slow:  # the windows of these checks would hold no row
         found += velocity_findings(looked_at, arm)
     if any(finding.level == REFUSED for finding in found):
         return found  # what a model says about such a log is of no use

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.bags.logs import Log, MeasuredLog
-from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.runs.finding import Finding
@@ -81,18 +81,12 @@ class LogReader:
         log = read_converted(
             source, self._arm.joints, self._options,
             velocity=filters.state_order == 0 or filters.state_filter != 'low_pass')
-        found = check_log(log, self._arm, settings,
-                          self._weightless if self._has_gravity() else None, self._described)
+        arm = self._arm
+        weightless = (arm.without_gravity if isinstance(arm, UrdfArm)
+                      and arm.model.gravity.linear.any() else None)
+        found = check_log(log, arm, settings, weightless, self._described)
         if not self._options.force:
             refuse(found, name_of(source))
         self.findings += found
         self.notes += log.notes
         return log
-
-    def _has_gravity(self) -> bool:
-        return self._settings.arm == 'urdf' and hasattr(self._arm, 'base_count') and bool(
-            self._settings.urdf) and bool(self._settings.gravity.any())
-
-    def _weightless(self) -> Arm:
-        return build_arm(self._settings.replace(gravity=[0.0, 0.0, 0.0],
-                                                joints=list(self._arm.joints)))

@@ -13,14 +13,21 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm, checked_arm, SIMULATED
 from adaptive_blf_control.arrays import checked_finite
 from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop, OwnParts
-from adaptive_blf_control.configuration.node_settings import DriverSettings, TABLES
+from adaptive_blf_control.configuration.node_settings import (
+    ControllerNodeSettings,
+    DriverSettings,
+    IdentifierNodeSettings,
+    TABLES,
+)
 from adaptive_blf_control.configuration.offline import refuse_unused
 from adaptive_blf_control.configuration.parameter_file import (
     apply_changes,
     checked_sections,
+    flattened,
     load_yaml,
     node_settings,
 )
+from adaptive_blf_control.configuration.shipped import scenario as shipped_scenario
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.given_parameters import values_of
 from adaptive_blf_control.parameters.plugin import require
@@ -84,9 +91,26 @@ def joined(scenario: Scenario, own: OwnParts, changes: Mapping[str, Any]) -> Joi
     refuse_unused(changes, arm=arm, plant=None if isinstance(own.plant, type) or callable(
         own.plant) else own.plant)
     data = apply_changes(data, _by_value(changes, arm))
+    _refuse_friction(changes, data)
     loop = build_closed_loop(data, own._replace(arm=arm))
     notes = tuple(start_warnings(data, loop))  # may refuse an unstable loop
     return Joined(loop, data, notes, arm is None and own.plant is None)
+
+
+def _refuse_friction(changes: Mapping[str, Any], data: Mapping[str, Any]) -> None:
+    """Raise ParameterError for a choice of friction that an arm in closed form does not have."""
+    for name, value in flattened(changes):
+        head, _, tail = name.partition('.')
+        key = tail if head in TABLES else name
+        if not key.startswith('friction.'):
+            continue
+        kinds = {node_settings(data, ControllerNodeSettings).arm,
+                 node_settings(data, DriverSettings).arm,
+                 node_settings(data, IdentifierNodeSettings).arm}
+        if 'urdf' not in kinds:
+            raise ParameterError(name, value, f'nothing: the friction of {min(kinds)} is part of '
+                                 'its theta, which true_parameters sets; only arms of a URDF '
+                                 'have a choice')
 
 
 def _by_value(changes: Mapping[str, Any], arm: Arm | None) -> dict[str, Any]:
@@ -112,15 +136,23 @@ def _data_and_arm(scenario: Any) -> tuple[dict[str, Any], Arm | None]:
         if '<robot' in text or text.lower().endswith(('.urdf', '.xacro')):
             raise ParameterError('scenario', scenario, 'a parameter file: load_arm reads a URDF, '
                                  'simulate(load_arm(urdf))')
-        if text in ('two_link', 'three_link'):
-            raise ParameterError('scenario', scenario, _SCENARIOS)
-        return load_yaml(Path(scenario), 'scenario'), None
+        return load_yaml(_file(text), 'scenario'), None
     if isinstance(scenario, Mapping):
         return checked_sections(scenario, 'scenario', scenario), None
     if not hasattr(scenario, 'Y1'):
         raise ParameterError('scenario', scenario, _SCENARIOS)
     arm = checked_arm('scenario', scenario)
     return _of_joints(arm), arm
+
+
+def _file(text: str) -> Path:
+    """Return the parameter file that is meant: one that there is, else a shipped one."""
+    path = Path(text)
+    if not path.is_file() and str(path.parent) in ('.', 'config'):
+        shipped = shipped_scenario(f'{path.name.removesuffix(".yaml")}.yaml')
+        if shipped.is_file():
+            return shipped
+    return path
 
 
 def _of_joints(arm: Arm) -> dict[str, Any]:

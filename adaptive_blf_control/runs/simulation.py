@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from adaptive_blf_control.bags.logs import MeasuredLog, read_log
 from adaptive_blf_control.calls import argument_names, checked_call
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build_closed_loop import OwnParts
@@ -57,6 +58,13 @@ _NOT_THERE = {
     **dict.fromkeys(('theta_tilde', 'theta_error', 'parameter_error'),
                     'theta_hat - plant.truth(run.parameters)[0][1]; '
                     "figures['theta_error_norm'] has its norm at the end"),
+    **dict.fromkeys(('to_bag', 'save_bag', 'write_bag', 'record'),
+                    "simulate(..., bag='run') writes one"),
+    **dict.fromkeys(('truth', 'nominal'), 'plant.truth() has the true parameters over time, '
+                    'where the plant knows them'),
+    **{name: f'controller.settings.{name}' for name in ('k1', 'k2', 'law', 'torque_limit')},
+    **{name: f'identifier.settings.{name}' for name in ('kt', 'kh', 'gamma', 'update_law')},
+    **dict.fromkeys(('safety', 'performance', 'constraints'), 'controller has them'),
     'load': 'numpy.load(path) reads what save wrote',
     'settings': 'controller.settings and identifier.settings',
     'dt': 'loop.period', 'duration': 't[-1]', 'bag': "simulate(..., bag='run') writes one",
@@ -76,7 +84,9 @@ class Simulation(Trace, Learned, instead=_NOT_THERE):
         q: True positions, shape (N, n) [rad].
         qd: True velocities, shape (N, n) [rad/s].
         e1: Tracking errors (5), shape (N, n) [rad].
-        torque: Commanded torques, shape (N, n) [N·m].
+        torque: Commanded torques, each held from its t on, shape (N, n) [N·m].
+        measured: What the sensors showed, q, qd and torque, shape (N, n) each; its torque is the
+            mean over the interval that ends at t, as a driver publishes it, see ``log``.
         theta_hat: Estimates, shape (N, m).
         rank: Rank of the history, shape (N,).
         sigma_min: Its σ_min, shape (N,).
@@ -109,6 +119,18 @@ class Simulation(Trace, Learned, instead=_NOT_THERE):
     def reference(self) -> np.ndarray:
         """y_d, shape (N, n) [rad]."""
         return self.q - self.e1
+
+    def log(self) -> MeasuredLog:
+        """Return what the sensors showed, as a log for `identify` and `Identifier.learn`.
+
+        The effort of a row is the mean torque over the interval that ends with it, while
+        ``torque`` is the command from there on: as effort that would be one sample early.
+
+        Raises:
+            LogError: the run has no three samples that are finite.
+        """
+        q, qd, tau = self.measured
+        return read_log({'t': self.t, 'q': q, 'qd': qd, 'tau': tau}, joints=self.joints)
 
     @checked_call
     def save(self, path: str | os.PathLike[str]) -> Path:
@@ -193,8 +215,9 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
     """Run a scenario in lockstep without ROS: the same objects that run in the nodes.
 
     Args:
-        scenario: A parameter file, e.g. ``config/two_link.yaml``, its data, an arm that is driven
-            with the defaults of every parameter, or a `ClosedLoop` joined by hand.
+        scenario: A parameter file, its data, an arm that is driven with the defaults of every
+            parameter, or a `ClosedLoop` joined by hand. Where there is no such file,
+            ``'two_link'`` and ``'config/two_link.yaml'`` are the one that is shipped.
         duration: Length of the run [s]; the scenario's, else 20 s, where None.
         plant: What is driven in place of the simulated arm: a plant, a class of plants, which is
             called with the driver's settings and the arm, or a name such as ``'mujoco'``.
@@ -225,6 +248,10 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
     """
     if isinstance(reference, (Mapping, Settings)):
         changes['reference'], reference = reference, None
+    if isinstance(plant, (Mapping, Settings)):
+        raise ParameterError('plant', plant, "a plant, a class of plants, or a name such as "
+                             "'mujoco'; parameters of the simulated arm are given by name, "
+                             'payload=2.0, or as arm_driver={...}')
     if isinstance(plant, str):
         changes['arm_driver.plant'], plant = plant, None
     if isinstance(sensor, str):

@@ -9,11 +9,12 @@ import os
 from typing import Any, NamedTuple
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm
+from adaptive_blf_control.arms.settings import ArmSettings
 from adaptive_blf_control.arms.urdf_inertials import with_inertials
 from adaptive_blf_control.arms.urdf_source import read_urdf
 from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
-from adaptive_blf_control.configuration.parameter_file import node_settings
+from adaptive_blf_control.configuration.parameter_file import flattened, node_settings
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.identification.settings import IdentifierSettings
 
@@ -65,11 +66,13 @@ def subject_of(urdf: Any, joints: Sequence[str] | None, arm: Arm | str | None,
         changes: See there.
         arguments: Names that a caller may have meant as well.
     """
-    if arm is None and (urdf in _NAMED if isinstance(urdf, str) else _is_arm(urdf)):
+    if arm is None and (urdf in _NAMED if isinstance(urdf, str) else hasattr(urdf, 'Y1')):
         urdf, arm = None, urdf
     urdf = getattr(urdf, 'xml', urdf)
     if urdf is not None and not isinstance(urdf, (str, os.PathLike)):
         raise ParameterError('urdf', urdf, 'a path, package://..., XML text or an arm')
+    if arm is not None and not isinstance(arm, str):
+        _refuse_of_arm(changes, arm)
     given = {'arm': arm if isinstance(arm, str) else None, 'urdf': urdf and os.fspath(urdf),
              'joints': joints}
     changes.update((name, value) for name, value in given.items() if value is not None)
@@ -85,9 +88,12 @@ def subject_of(urdf: Any, joints: Sequence[str] | None, arm: Arm | str | None,
     return Subject(arm, chosen, filled)
 
 
-def _is_arm(given: Any) -> bool:
-    """Return whether an arm is given where a URDF could be; one of a URDF stands for its text."""
-    return all(hasattr(given, name) for name in ('Y1', 'parameters')) and not hasattr(given, 'xml')
+def _refuse_of_arm(changes: Mapping[str, Any], arm: Any) -> None:
+    """Raise ParameterError for a change to the arm, where that is given as it is."""
+    for name, value in flattened(changes):
+        if name in {row.name for row in ArmSettings.table()}:
+            raise ParameterError(name, value, 'nothing: the arm is given as it is, by '
+                                 f'{type(arm).__name__}')
 
 
 def real_robot_settings() -> IdentifierNodeSettings:

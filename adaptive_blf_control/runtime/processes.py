@@ -16,8 +16,7 @@ from typing import TypeVar
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runtime.domain import own_domain
 
-__all__ = ['COMPOSED', 'FAST_DISCOVERY', 'NODES', 'NodeProcesses', 'Processes', 'nodes_in',
-           'scenario']
+__all__ = ['COMPOSED', 'FAST_DISCOVERY', 'NODES', 'NodeProcesses', 'Processes', 'nodes_in']
 
 NODES = ('recorder', 'identifier', 'controller', 'arm_driver')
 COMPOSED = ('recorder', 'arm_control', 'arm_driver')  # the same nodes in three processes
@@ -38,18 +37,6 @@ FAST_DISCOVERY = """<?xml version="1.0" encoding="UTF-8" ?>
   </participant>
 </profiles>
 """
-
-
-def scenario(name: str) -> Path:
-    """Find ``config/<name>`` in the source tree or in an installed share folder."""
-    package = Path(__file__).resolve().parents[1]
-    for folder in (package.parent / 'config',
-                   Path(sys.prefix) / 'share/adaptive_blf_control/config',
-                   *(Path(prefix) / 'share/adaptive_blf_control/config'
-                     for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':') if prefix)):
-        if (folder / name).is_file():
-            return folder / name
-    return Path('config') / name
 
 
 def _wanted_domain() -> int | None:

@@ -17,6 +17,7 @@ from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.control.step import Answer, controller_step, ControllerArrays
 from adaptive_blf_control.identification.stack_arrays import INSERTIONS, RANK, SIGMA_MIN
 from adaptive_blf_control.identification.step import identifier_step, IdentifierState
+from adaptive_blf_control.simulation.sensors import Measurement
 from adaptive_blf_control.simulation.step import (
     plant_step,
     PlantArrays,
@@ -93,15 +94,13 @@ class TraceRows(NamedTuple):
     theta_hat: np.ndarray
     rank: np.ndarray
     sigma_min: np.ndarray
+    measured: Measurement
 
 
 class ObservedRows(NamedTuple):
     """What an observer sees besides: rows of shape (N, n) unless said; none without an observer.
 
     Attributes:
-        q: Measured positions [rad].
-        qd: Measured velocities [rad/s].
-        torque: Measured torque [N·m].
         theta_used: θ of the controller, shape (N, m).
         term: Adaptation term, shape (N, m).
         x: Regressor, shape (N, n, m).
@@ -115,9 +114,6 @@ class ObservedRows(NamedTuple):
         scale: What its square is compared with [N²·m²].
     """
 
-    q: np.ndarray
-    qd: np.ndarray
-    torque: np.ndarray
     theta_used: np.ndarray
     term: np.ndarray
     x: np.ndarray
@@ -151,17 +147,17 @@ class Block(NamedTuple):
 
 def trace_rows(samples: int, n: int, m: int) -> TraceRows:
     """Return room for the trace of so many samples."""
-    q, qd, e1, torque = (np.empty((samples, n)) for _ in range(4))
+    q, qd, e1, torque, *measured = (np.empty((samples, n)) for _ in range(7))
     return TraceRows(q, qd, e1, torque, np.empty((samples, m)),
-                     np.empty(samples, dtype=np.int64), np.empty(samples))
+                     np.empty(samples, dtype=np.int64), np.empty(samples), Measurement(*measured))
 
 
 def observed_rows(samples: int, n: int, m: int) -> ObservedRows:
     """Return room for what an observer sees of so many samples."""
     joints, parameters, counts = (samples, n), (samples, m), samples
     return ObservedRows(
-        np.empty(joints), np.empty(joints), np.empty(joints), np.empty(parameters),
-        np.empty(parameters), np.empty((samples, n, m)), np.empty(joints), np.empty(joints),
+        np.empty(parameters), np.empty(parameters), np.empty((samples, n, m)),
+        np.empty(joints), np.empty(joints),
         np.empty(joints), np.empty(joints), np.empty(counts, dtype=np.int64),
         np.empty(counts, dtype=np.int64), np.empty(joints), np.empty(joints))
 
@@ -194,8 +190,10 @@ def run_block(block: Handle) -> None:
         identifier_step(arm, identifier, times[k], q, qd, torque, term)
         _write_trace(trace, k, plant.q, plant.qd, point.position, answer.torque, learned)
         trace.rank[k], trace.sigma_min[k] = counters[RANK], figures[SIGMA_MIN]
-        if observed.q.shape[0] > 0:
-            _write_observed(observed, k, q, qd, torque, theta, answer, x)
+        measured = trace.measured
+        measured.q[k], measured.qd[k], measured.torque[k] = q, qd, torque
+        if observed.term.shape[0] > 0:
+            _write_observed(observed, k, theta, answer, x)
             observed.insertions[k] = counters[INSERTIONS]
             observed.excitation_parts[k] = excitation.completed[0]
             observed.residual[k] = monitor.residual
@@ -218,10 +216,8 @@ def _write_trace(trace: TraceRows, k: int, q: np.ndarray, qd: np.ndarray, refere
 
 
 @jit
-def _write_observed(rows: ObservedRows, k: int, q: np.ndarray, qd: np.ndarray,
-                    torque: np.ndarray, theta: np.ndarray, answer: Answer,
+def _write_observed(rows: ObservedRows, k: int, theta: np.ndarray, answer: Answer,
                     x: np.ndarray) -> None:
-    rows.q[k], rows.qd[k], rows.torque[k] = q, qd, torque
     rows.theta_used[k], rows.term[k], rows.x[k] = theta, answer.term, x
     rows.e1[k], rows.e2[k] = answer.e1, answer.e2
     rows.bound[k], rows.wanted[k] = answer.bound, answer.wanted

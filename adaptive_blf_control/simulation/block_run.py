@@ -70,7 +70,8 @@ def parts_in_python(parts: LoopParts) -> tuple[str, ...]:
     elif sensor_arrays(plant.sensor, controller.arm.n) is None:
         found.append('sensor')
     if type(controller) is not Controller or controller.arrays is None:
-        found.append(f'controller with {type(getattr(controller, "law", controller)).__name__} '
+        law = getattr(controller, 'law', controller)
+        found.append(f'controller with {type(getattr(law, "given", law)).__name__} '
                      f'of {type(controller.arm).__name__}')
     if type(identifier) is not Identifier or identifier.state is None:
         found.append(f'identifier of {type(identifier.arm).__name__}')
@@ -97,7 +98,7 @@ class BlockRun:
     def run(self, times: np.ndarray, trace: TraceRows, observer: Observer | None) -> None:
         """Run the samples at ``times``, (N,) [s], and write their rows of the trace."""
         for block in self._blocks(times.size, observer is not None):
-            rows = TraceRows(*(each[block.begin:block.end] for each in trace))
+            rows = _rows(trace, block)
             given, observed = self._given(times, block), self._room(block, observer)
             before = self._parts.identifier.excitation if observer is not None else None
             arrays = self._arrays(block.end - block.begin)
@@ -155,7 +156,7 @@ class BlockRun:
         completed = observed.excitation_parts[-1]
         threshold = self._parts.identifier.settings.change.threshold
         for k, t in enumerate(given.t.tolist()):
-            seen = Measurement(observed.q[k], observed.qd[k], observed.torque[k])
+            seen = Measurement(*(each[k] for each in trace.measured))
             bounds = Bounds(*(each[k] for each in given.bounds))
             output = ControlOutput(
                 trace.torque[k], observed.term[k],
@@ -167,6 +168,13 @@ class BlockRun:
                          int(trace.rank[k]), float(trace.sigma_min[k]),
                          int(observed.insertions[k]), index,
                          external_torque(observed.residual[k], observed.scale[k], threshold))
+
+
+def _rows(value: Any, block: _Span) -> Any:
+    """Return NamedTuples of arrays with the rows of a block."""
+    if isinstance(value, tuple):
+        return type(value)(*(_rows(each, block) for each in value))
+    return value[block.begin:block.end]
 
 
 def _copied(value: Any) -> Any:

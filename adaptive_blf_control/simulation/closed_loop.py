@@ -28,6 +28,7 @@ from adaptive_blf_control.simulation.block_run import BlockRun, LoopParts, parts
 from adaptive_blf_control.simulation.failure import Failure, failure_at, first_failure
 from adaptive_blf_control.simulation.plant import Plant, REQUIRED, SimulatedArm
 from adaptive_blf_control.simulation.sample import Sample, sample_time, sample_times
+from adaptive_blf_control.simulation.sensors import Measurement
 
 __all__ = ['ClosedLoop', 'Trace']
 
@@ -37,8 +38,10 @@ class Trace:
     """A run as arrays over N samples.
 
     t (N,) [s]; q, e1 (N, n) [rad] and qd (N, n) [rad/s], the true ones; torque (N, n) [N·m];
-    theta_hat (N, m); rank and σ_min (N,). ``in_python`` names the parts for which it went sample
-    by sample; it is empty where whole blocks ran as one compiled function. ``failure`` is
+    theta_hat (N, m); rank and σ_min (N,); measured, what the sensors showed, (N, n) each.
+    ``torque`` is the command that is held *from* t on, ``measured.torque`` the mean over the
+    interval that *ends* at t, as in every log. ``in_python`` names the parts for which it went
+    sample by sample; it is empty where whole blocks ran as one compiled function. ``failure`` is
     the first state or torque that is not finite.
     """
 
@@ -52,6 +55,7 @@ class Trace:
     sigma_min: np.ndarray
     wall_s: float
     in_python: tuple[str, ...]
+    measured: Measurement = field(kw_only=True)
     failure: Failure | None = field(default=None, kw_only=True)
 
 
@@ -167,7 +171,8 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
                               (('position', rows.q), ('velocity', rows.qd)))
         if failure is None or (state is not None and state.t <= failure.t):
             failure = state  # a law that is asked about no number is not to blame
-        return Trace(times, *rows, seconds, in_python, failure=failure)
+        return Trace(times, rows.q, rows.qd, rows.e1, rows.torque, rows.theta_hat, rows.rank,
+                     rows.sigma_min, seconds, in_python, measured=rows.measured, failure=failure)
 
     def _run_by_samples(self, duration: float, rows: TraceRows,
                         observer: Callable[[Sample], None] | None) -> Failure | None:
@@ -175,7 +180,7 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
         for k, sample in enumerate(self.samples(duration)):
             row = (plant.q, plant.qd, plant.q - sample.output.reference.position,
                    sample.output.torque, sample.theta_hat, sample.rank, sample.sigma_min)
-            for column, value in zip(rows, row):
+            for column, value in zip((*rows[:-1], *rows.measured), (*row, *sample.measured)):
                 column[k] = value
             failure = failure or failure_at(sample.t, sample.output.wanted, self.arm.joints,
                                             "law's torque")

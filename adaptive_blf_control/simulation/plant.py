@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable, TYPE_CHECKING
 
 import numpy as np
 
@@ -110,6 +110,13 @@ def known_truth(plant: Plant, parameters: Sequence[str]) -> Truth:
     return truth
 
 
+_INSTEAD = {
+    **dict.fromkeys(('theta', 'theta_star', 'theta_true', 'true_theta', 'parameters', 'nominal',
+                     'true_parameters'), 'truth() has (t, theta) over time'),
+    **dict.fromkeys(('payload', 'true_friction', 'initial_position'),
+                    'settings has what it was made with')}
+
+
 class SimulatedArm:
     """State (3) of the true arm, advanced with RK4 under the torque last applied.
 
@@ -146,6 +153,12 @@ class SimulatedArm:
         self._idle, self._unpushed = idle_actuators(arm.n), Links(arm).pushed(())
         self._take(settings)
 
+    if not TYPE_CHECKING:
+        def __getattr__(self, name: str) -> Any:
+            """Raise AttributeError for what is not there, with the one that is meant."""
+            hint = f': {_INSTEAD[name]}' if name in _INSTEAD else ''
+            raise AttributeError(f'{type(self).__name__} has no attribute {name!r}{hint}')
+
     def __repr__(self) -> str:
         """Name the arm and the time."""
         return f'<{type(self).__name__} of {self._arm!r} at {self.t:.4g} s>'
@@ -156,9 +169,14 @@ class SimulatedArm:
         self.torque_limit = settings.torque_limit.copy()  # the limit is compiled for such
         self._line = new_delay_line(max(settings.dead_time, 1), self._commanded)
 
-    def truth(self, parameters: Sequence[str]) -> Truth:
-        """Return (t, θ*) of each epoch in the order of ``parameters``, for monitors only."""
-        return epochs_truth(self.epochs, parameters)
+    def truth(self, parameters: Sequence[str] | None = None) -> Truth:
+        """Return (t, θ*) of each epoch, for monitors only.
+
+        Args:
+            parameters: Names in the order that is wanted; those of the arm where None.
+        """
+        return epochs_truth(self.epochs,
+                            self._arm.parameters if parameters is None else parameters)
 
     def measure(self, torque: np.ndarray, dt: float) -> Measurement:
         """Take a sample ``dt`` [s] after the last one; call it once a sample.

@@ -13,11 +13,12 @@ import time
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.configuration.parameter_file import load_yaml, node_settings
+from adaptive_blf_control.configuration.shipped import scenario
 from adaptive_blf_control.errors import BlfError, MissingExtra
 from adaptive_blf_control.report.plot import plot_run
 from adaptive_blf_control.runs.bag_run import rates, run_of_bag
 from adaptive_blf_control.runs.summary import summarise, table
-from adaptive_blf_control.runtime.processes import COMPOSED, NodeProcesses, NODES, scenario
+from adaptive_blf_control.runtime.processes import COMPOSED, NodeProcesses, NODES
 from adaptive_blf_control.tools.report import write_page
 
 __all__ = ['main']

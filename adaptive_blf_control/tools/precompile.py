@@ -13,9 +13,9 @@ from adaptive_blf_control.compilation_notice import CompilationNotice
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
+from adaptive_blf_control.configuration.shipped import scenario
 from adaptive_blf_control.errors import ArmError, BlfError, MissingExtra
 from adaptive_blf_control.runs.simulation import simulate
-from adaptive_blf_control.runtime.processes import scenario
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 
 __all__ = ['main']

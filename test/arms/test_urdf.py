@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import copy
+import pickle
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -376,3 +378,15 @@ def test_a_payload_adds_the_torque_of_a_point_mass_at_the_tip(case: Case,
     for q, qd, qdd, _ in states[:10]:
         np.testing.assert_allclose(case.arm.Y(q, qd, qdd) @ theta, loaded.rnea(q, qd, qdd),
                                    atol=1e-5)
+
+
+@pytest.mark.parametrize('duplicate', [copy.deepcopy, lambda arm: pickle.loads(pickle.dumps(arm))])
+def test_a_copy_computes_the_same_bits(duplicate: Callable[[UrdfArm], UrdfArm]) -> None:
+    arm = panda(friction_coulomb=True)
+    other = duplicate(arm)
+    q, qd, qdd = np.random.default_rng(4).uniform(-1.0, 1.0, (3, arm.n))
+    assert other.parameters == arm.parameters
+    np.testing.assert_array_equal(other.X(q, qd, qd, qdd), arm.X(q, qd, qd, qdd))
+    np.testing.assert_array_equal(other.link_points(q), arm.link_points(q))
+    np.testing.assert_array_equal(other.dynamics(other.nominal).acceleration(q, qd, qdd),
+                                  arm.dynamics(arm.nominal).acceleration(q, qd, qdd))

@@ -475,3 +475,12 @@ def test_a_safety_filter_stays_within_limit_and_rate_from_what_it_let_through(mo
     np.testing.assert_allclose(torques, np.column_stack([expected, expected]), rtol=1e-12)
     least, _ = law.safety_filter.allowed[-1]
     np.testing.assert_allclose(least, 4.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize('smooth_start', [0.0, 1.0])
+@pytest.mark.parametrize('place', range(4))
+def test_no_number_is_answered_with_zero_torque(smooth_start, place):
+    sample = [0.1, np.array([0.1, 0.0]), np.array([0.1, 0.0]), np.ones(5)]
+    sample[place] = sample[place] * np.nan
+    controller = Controller(ARM, start=[0.0, 0.0], reference={'smooth_start': smooth_start})
+    np.testing.assert_array_equal(controller.update(*sample).torque, 0.0)

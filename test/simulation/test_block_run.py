@@ -81,6 +81,7 @@ def test_an_observer_changes_no_bit_of_the_trace(build, config):
     traces = [build(config, *CASES[config]).run(0.2, observer) for observer in (None, seen.append)]
     for name in ('t', 'q', 'qd', 'e1', 'torque', 'theta_hat', 'rank', 'sigma_min'):
         np.testing.assert_array_equal(*(getattr(trace, name) for trace in traces))
+    np.testing.assert_array_equal(*(trace.measured for trace in traces))
 
 
 def test_the_parts_go_on_from_what_a_block_has_done(build):

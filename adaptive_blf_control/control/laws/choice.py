@@ -73,6 +73,11 @@ class _Checked:
         self.uses_estimate = uses_estimate(law)
 
     @property
+    def given(self) -> Law:
+        """The law itself."""
+        return self._law
+
+    @property
     def theta(self) -> np.ndarray | None:
         return own_estimate(self._law)
 

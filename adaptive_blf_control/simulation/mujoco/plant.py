@@ -170,9 +170,10 @@ class MujocoPlant(Plant):
         model = [model for begin, model in self._epochs if begin <= now + ROUNDING][-1]
         return model.inverse_dynamics(q, qd, qdd)
 
-    def truth(self, parameters: Sequence[str]) -> Truth:
+    def truth(self, parameters: Sequence[str] | None = None) -> Truth:
         """Return (t, θ*) of each epoch, θ* being what fits its inverse dynamics best."""
-        return tuple((t, fit.theta) for (t, _), fit in zip(self._epochs, self.fits(parameters)))
+        fits = self.fits(self._arm.parameters if parameters is None else parameters)
+        return tuple((t, fit.theta) for (t, _), fit in zip(self._epochs, fits))
 
     def fits(self, parameters: Sequence[str]) -> list[TruthFit]:
         """Return the fit of each epoch, with what the parameters cannot express."""
