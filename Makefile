@@ -103,7 +103,7 @@ clean:  ## remove .venv and everything that was built, not your bags
 $(STAMP): setup.py setup.cfg
 	@command -v $(PYTHON) >/dev/null || { echo "make: no $(PYTHON) found: expected Python 3.10 to 3.13, try make PYTHON=/path/to/python3" >&2; exit 1; }
 	@$(PYTHON) -c "$$CHECK_PYTHON"
-	@echo "Making $(VENV) with $$($(PYTHON) --version): about $(SIZE), two to four minutes."
+	@echo "Making $(VENV) with $$($(PYTHON) --version): about $(SIZE), about five minutes."
 	@$(PYTHON) -m venv --clear $(VENV_FLAGS) $(VENV)
 	@$(if $(ROS),$(PYTHON) -c 'import numpy; print("numpy==" + numpy.__version__)' > $(VENV)/constraints.txt)
 	@$(PY) -m pip install --quiet --disable-pip-version-check --prefer-binary --use-pep517 $(PIP_FLAGS) --editable '.[$(EXTRAS)]'
