@@ -136,7 +136,7 @@ class Arm(TwoLinkArm):
 
 
 @pytest.mark.parametrize(('parts', 'words'), [
-    (OwnParts(law=Damped), ['controller with _Checked of TwoLinkArm']),
+    (OwnParts(law=Damped), ['controller with Damped of TwoLinkArm']),
     (OwnParts(sensor=Held), ['sensor']),
     (OwnParts(arm=Arm()), ['controller with AblfLaw of Arm', 'identifier of Arm'])])
 def test_a_part_in_python_is_named_and_asked_sample_by_sample(build, parts, words):
