@@ -47,12 +47,12 @@ def check_sections_reach(keys: Iterable[str], node: str) -> None:
     """
     own = node.rpartition('/')[2]
     keys = list(keys)
-    has_own = any(key.rpartition('/')[2] == own and reaches(key, node) for key in keys)
+    fine = {*TABLES} - {own}  # names that a section may have without reaching the node
+    if any(key.rpartition('/')[2] == own and reaches(key, node) for key in keys):
+        fine.add(own)
     for key in keys:
         last = key.rpartition('/')[2]
-        if reaches(key, node) or last in ('*', _ANY) or last in TABLES and last != own:
-            continue
-        if last == own and has_own:
+        if reaches(key, node) or last in ('*', _ANY) or last in fine:
             continue
         if last == own:
             raise ParameterError('params-file', key,

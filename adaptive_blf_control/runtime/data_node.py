@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import gc
-import inspect
-import os
 import sys
 import threading
 import time
@@ -28,7 +26,7 @@ from adaptive_blf_control.runtime.node_parameters import (
     on_change,
     refuse_untyped,
 )
-from adaptive_blf_control.runtime.rclpy_internals import DIRECT
+from adaptive_blf_control.runtime.rclpy_internals import DIRECT, know_callers_of_loggers
 from adaptive_blf_control.runtime.realtime import cpus_of, go_first
 from adaptive_blf_control.runtime.request_server import RequestServer
 from adaptive_blf_control.runtime.sample_clock import SampleClock
@@ -42,20 +40,6 @@ DRAIN_TIMEOUT = 5.0  # s
 EMPTY_PASSES = 20  # of rclpy's executor, which has other work than data, that mean: all is taken
 # Python's default of 5 ms would let a thread that answers a request delay a control cycle.
 SWITCH_INTERVAL = 2e-5  # s
-
-
-def _know_callers_of_loggers() -> None:
-    """Tell inspect where the modules are that log.
-
-    rclpy's logger asks inspect for its caller, which at first looks for the file of every module
-    that is loaded: 50 to 200 ms, not to be spent in a control cycle, nor at the start.
-    """
-    known: dict[str, str] = getattr(inspect, 'modulesbyfile', {})
-    for name, module in list(sys.modules.items()):
-        file = getattr(module, '__file__', None)
-        if file and name.partition('.')[0] in ('adaptive_blf_control', 'rclpy'):
-            known.setdefault(os.path.abspath(file), name)
-    inspect.getframeinfo(sys._getframe())
 
 
 class DataNode(Node, Generic[NodeSettings]):
@@ -111,7 +95,7 @@ class DataNode(Node, Generic[NodeSettings]):
         self.between_samples = threading.RLock()
         self._compose()
         on_change(self, kind, lambda: self.settings, self._retune_between_samples)
-        _know_callers_of_loggers()
+        know_callers_of_loggers()
 
     def _compose(self) -> None:
         direct = self.settings.executor == 'direct'

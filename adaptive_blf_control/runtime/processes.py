@@ -192,7 +192,8 @@ class NodeProcesses(Processes):
     def _alone(self, command: Sequence[str]) -> Sequence[str]:
         own = [word for name in nodes_in(command[2])
                for word in ('-p', f'{name}:discovery_time:=0.0')]
-        return [*command[:6], *own, *command[6:]]  # before what is asked for, which then counts
+        begin = command.index('--ros-args') + 1  # before what is asked for, which then counts
+        return [*command[:begin], *own, *command[begin:]]
 
     def until_done(self, look: Callable[[float | None], None], period: float) -> list[str]:
         """Wait until the driver has ended; return the nodes that failed meanwhile.
