@@ -207,7 +207,7 @@ def check_all_reached(node: Node, kinds: Collection[str], args: Sequence[str]) -
             raise ParameterError(f'-p {name}', value,
                                  f'a parameter of {" or ".join(sorted(kinds))}; another kind of '
                                  'node has this one')
-        _check_in_force(node, own, value)
+        _check_in_force(node, name, value)
     for path in _files(args):
         sections = load_yaml(path)
         check_sections_reach(sections, full_name)
@@ -217,12 +217,15 @@ def check_all_reached(node: Node, kinds: Collection[str], args: Sequence[str]) -
 
 def _check_in_force(node: Node, name: str, text: str) -> None:
     """Raise ParameterError where a value of the command line gives way to a section of a file."""
-    if not node.has_parameter(name):
+    target, _, own = name.rpartition(':')
+    if not node.has_parameter(own):
         return
-    given, present = load_yaml_text(text), _plain(node.get_parameter(name).value)
+    given, present = load_yaml_text(text), _plain(node.get_parameter(own).value)
     if type(given) is type(present) and given != present:
         raise ParameterError(f'-p {name}', text, (
-            f'-p {node.get_name()}:{name}:={text}, because a section of a file says {present} and '
+            f'--params-file before every -p {target}:, because a section of the file says '
+            f'{present} and has precedence over names that came before it' if target else
+            f'-p {node.get_name()}:{own}:={text}, because a section of a file says {present} and '
             'has precedence over a plain -p; under a namespace another section'))
 
 

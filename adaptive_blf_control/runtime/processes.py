@@ -192,7 +192,9 @@ class NodeProcesses(Processes):
     def _alone(self, command: Sequence[str]) -> Sequence[str]:
         own = [word for name in nodes_in(command[2])
                for word in ('-p', f'{name}:discovery_time:=0.0')]
-        begin = command.index('--ros-args') + 1  # before what is asked for, which then counts
+        # Before what is asked for, which then counts, and behind the file: ROS sorts names of nodes
+        # by their first appearance, and a section of the file would beat every later -p.
+        begin = command.index('-p')
         return [*command[:begin], *own, *command[begin:]]
 
     def until_done(self, look: Callable[[float | None], None], period: float) -> list[str]:

@@ -212,6 +212,15 @@ def test_arguments_that_ros_does_not_know_are_named(start, argument, word) -> No
     assert word in errors
 
 
+def test_a_value_that_comes_before_the_file_that_beats_it_is_refused(start, tmp_path) -> None:
+    path = _file(tmp_path, '/**/arm_driver:\n  ros__parameters:\n    rate: 500.0\n')
+    status, errors = start('arm_driver', '-p', 'arm_driver:rate:=100.0', '--params-file', path)
+    assert (status, errors.count('\n')) == (2, 1)
+    assert "'-p arm_driver:rate' is '100.0'" in errors
+    assert '--params-file before' in errors
+    assert '500.0' in errors
+
+
 def test_a_process_with_a_bad_parameter_exits_with_one_line(processes, tmp_path) -> None:
     path = _file(tmp_path, '/**/controller:\n  ros__parameters:\n    k1: [3, 4]\n')
     process = processes.start('controller', '--ros-args', '--params-file', path)
