@@ -194,7 +194,7 @@ class NodeProcesses(Processes):
                for word in ('-p', f'{name}:discovery_time:=0.0')]
         # Before what is asked for, which then counts, and behind the file: ROS sorts names of nodes
         # by their first appearance, and a section of the file would beat every later -p.
-        begin = command.index('-p')
+        begin = command.index('--params-file') + 2
         return [*command[:begin], *own, *command[begin:]]
 
     def until_done(self, look: Callable[[float | None], None], period: float) -> list[str]:
