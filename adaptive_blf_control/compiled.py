@@ -25,7 +25,7 @@ import numpy as np
 from adaptive_blf_control.machine_code import alone_with, cache_folder
 
 __all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation',
-           'before_own_compilations', 'borrowed', 'by_type', 'handle', 'jit',
+           'before_own_compilations', 'borrowed', 'by_type', 'cos_sin', 'handle', 'jit',
            'jit_without_gil', 'jitable', 'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
@@ -605,3 +605,14 @@ def all_finite(array: np.ndarray) -> bool:
     for value in array.flat:
         finite = finite and math.isfinite(value)
     return finite
+
+
+@jit
+def cos_sin(angle: float) -> tuple[float, float]:
+    """Return cosine and sine of an angle [rad]; NaN where it is not finite, with numba or without.
+
+    Python's own raise ValueError for an infinite one.
+    """
+    if not math.isfinite(angle):
+        return math.nan, math.nan
+    return math.cos(angle), math.sin(angle)

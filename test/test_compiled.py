@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import os
 import pickle
 import subprocess
@@ -19,8 +20,10 @@ from adaptive_blf_control.compiled import (
     before_each_compilation,
     by_type,
     COMPILED,
+    cos_sin,
     handle,
     jit,
+    uncompiled,
 )
 from adaptive_blf_control.control import barrier, law, reference
 from adaptive_blf_control.identification import change_monitor, pair_selection
@@ -269,3 +272,10 @@ def test_a_copied_handle_is_one_of_the_copied_tuple():
         assert _count(other) == 2.0
         assert other.value.count[0] == 2.0
     assert counter.count[0] == 0.0
+
+
+@pytest.mark.parametrize('function', [cos_sin, uncompiled(cos_sin)], ids=['as it runs', 'plain'])
+def test_an_angle_that_is_not_finite_has_no_cosine_with_and_without_numba(function) -> None:
+    assert function(2.0) == (math.cos(2.0), math.sin(2.0))
+    for angle in (math.inf, -math.inf, math.nan):
+        assert np.isnan(function(angle)).all()

@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.spatial import cross, dot6
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, cos_sin, jit
 
 __all__ = ['Chain', 'Link', 'add_wrench_torque', 'chain_of_model', 'no_chain', 'placements',
            'subtree_ends']
@@ -131,7 +130,7 @@ def _move(frame: np.ndarray, axis: np.ndarray, local: np.ndarray, slides: bool,
     for r in range(3):
         axis[r] = moment[r]
         axis[3 + r] = z[r]
-    cosine, sine = math.cos(position), math.sin(position)
+    cosine, sine = cos_sin(position)
     for c in range(3):  # Rodrigues: x cos + (z × x) sin + z (z · x)(1 − cos)
         x = (frame[0, c], frame[1, c], frame[2, c])
         turned = cross(z, x)

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from adaptive_blf_control.arrays import checked_array, checked_number, dimensions
 from adaptive_blf_control.calls import checked_call
-from adaptive_blf_control.compiled import jit, uncompiled
+from adaptive_blf_control.compiled import cos_sin, jit, uncompiled
 from adaptive_blf_control.control.harmonics import extremes
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.guided import Guided
@@ -20,6 +19,7 @@ __all__ = ['Crossfade', 'Posture', 'Reference', 'ReferencePoint', 'SmoothStart',
 
 Range = tuple[np.ndarray, np.ndarray]
 DEEPEST = 16  # crossfades that may be under way at once
+SHORTEST = 1e-9  # of a blend time, the step of ROS time [s]
 
 
 class ReferencePoint(NamedTuple):
@@ -69,10 +69,10 @@ def _write_sinusoids(position: np.ndarray, velocity: np.ndarray, acceleration: n
         y, yd, ydd = 0.0, 0.0, 0.0
         for j in range(amplitude.shape[1]):
             w = frequency[i, j]
-            angle = w * t + phase[i, j]
-            s = amplitude[i, j] * math.sin(angle)
+            cosine, sine = cos_sin(w * t + phase[i, j])
+            s = amplitude[i, j] * sine
             y += s
-            yd += amplitude[i, j] * math.cos(angle) * w
+            yd += amplitude[i, j] * cosine * w
             ydd -= s * w * w
         position[i], velocity[i], acceleration[i] = offset[i] + y, yd, ydd
 
@@ -221,13 +221,13 @@ class Crossfade(_Trajectory):
     """
 
     def __init__(self, before: Reference, after: Reference, begin: float, duration: float) -> None:
-        """Take both references, t0 [s] and the blend time T > 0 [s].
+        """Take both references, t0 [s] and the blend time T [s], 1 ns or more.
 
         Raises:
-            ParameterError: T is not a time > 0, or too many blends are under way at once.
+            ParameterError: T is no time of 1 ns or more, or too many blends are under way at once.
         """
-        if not (duration > 0.0 and np.isfinite(duration)):
-            raise ParameterError('reference.blend_time', duration, 'a time > 0 s')
+        if not SHORTEST <= duration < np.inf:
+            raise ParameterError('reference.blend_time', duration, 'a time of 1 ns or more')
         self.before, self.after = before, after
         self.begin, self.duration = float(begin), float(duration)
         self._depth = 1 + max(getattr(part, '_depth', 0) for part in (before, after))
@@ -285,9 +285,9 @@ class SmoothStart(Crossfade):
     """Join a start posture to a reference: the crossfade from rest, begun at t = 0."""
 
     def __init__(self, reference: Reference, duration: float, start: np.ndarray) -> None:
-        """Take the reference, the blend time T > 0 [s] and the start posture (n,) [rad]."""
-        if not duration > 0.0:
-            raise ParameterError('reference.smooth_start', duration, 'a time > 0 s')
+        """Take the reference, the blend time T of 1 ns or more [s], and the start (n,) [rad]."""
+        if not SHORTEST <= duration < np.inf:
+            raise ParameterError('reference.smooth_start', duration, 'a time of 1 ns or more')
         super().__init__(Posture(start), reference, 0.0, duration)
 
     @property

@@ -192,8 +192,8 @@ class NodeProcesses(Processes):
     def _alone(self, command: Sequence[str]) -> Sequence[str]:
         own = [word for name in nodes_in(command[2])
                for word in ('-p', f'{name}:discovery_time:=0.0')]
-        # Before what is asked for, which then counts, and behind the file: ROS sorts names of nodes
-        # by their first appearance, and a section of the file would beat every later -p.
+        # Before what is asked for, which then counts, and behind the file: ROS sorts the names of
+        # nodes by first appearance, and a section of the file would beat every later -p.
         begin = command.index('--params-file') + 2
         return [*command[:begin], *own, *command[begin:]]
 

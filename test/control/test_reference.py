@@ -133,7 +133,7 @@ def test_smooth_start_keeps_its_own_posture():
     np.testing.assert_array_equal(smooth.at(0.0).position, START)
 
 
-@pytest.mark.parametrize('duration', [0.0, -1.0, float('nan')])
+@pytest.mark.parametrize('duration', [0.0, -1.0, 1e-175, float('nan'), float('inf')])
 def test_a_blend_needs_time(duration):
     with pytest.raises(ParameterError, match='smooth_start'):
         SmoothStart(sinusoids(), duration, START)
@@ -208,7 +208,7 @@ def test_full_range_leaves_out_only_the_posture_of_a_smooth_start():
     np.testing.assert_array_equal(full_range(Posture(far)), [far, far])
 
 
-@pytest.mark.parametrize('duration', [0.0, -1.0, float('nan'), float('inf')])
+@pytest.mark.parametrize('duration', [0.0, -1.0, 1e-175, float('nan'), float('inf')])
 def test_a_crossfade_needs_time(duration):
     with pytest.raises(ParameterError, match='blend_time'):
         Crossfade(slow(), sinusoids(), 1.0, duration)
