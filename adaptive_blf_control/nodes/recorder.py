@@ -13,7 +13,7 @@ from rclpy.subscription import Subscription
 
 from adaptive_blf_control.bags.metadata import default_qos
 from adaptive_blf_control.configuration.node_settings import RecorderSettings
-from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.errors import BagError, BlfError
 from adaptive_blf_control.messages.definitions import message_definition
 from adaptive_blf_control.messages.stamp import stamp_of
 from adaptive_blf_control.messages.topics import JOINT_STATES, RECORDED, TOPICS
@@ -60,7 +60,6 @@ class Recorder(DataNode[RecorderSettings]):
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
         """Open the bag and subscribe; BagError where the folder exists."""
         super().__init__('recorder', RecorderSettings, context=context, **options)
-        self.output = BagOutput(self.settings.bag, self.faults, self._failed)
         self.received: dict[str, int] = {}
         self.lost: dict[str, int] = {}
         self.unknown = {self.resolve_topic_name(topic): RECORDED.get(topic, '')
@@ -69,14 +68,25 @@ class Recorder(DataNode[RecorderSettings]):
                          if topic.latched}
         self._sequence: dict[str, int] = {}
         self._recorded: dict[str, _Recorded] = {}
-        self.survey = ParameterSurvey(self, self.output.keep_parameters)
-        self.output.keep_parameters(self.get_fully_qualified_name(), self.settings.values())
+        self.survey = ParameterSurvey(self, lambda *known: self.output.keep_parameters(*known))
         self._states = self.resolve_topic_name(JOINT_STATES)
         self._dates = SampleDates()
         self._stamped: set[str] = set()  # topics whose messages have the time of their sample
         self._looked_at = self._flushed_at = time.monotonic()
         self._subscribe_known()
         self.create_timer(GRAPH_PERIOD, self._ask_for_parameters)
+        self.output = self._opened()
+
+    def _opened(self) -> BagOutput:
+        """Open the bag, last of all.
+
+        A process that is told to end before it runs may be cut short, its bag not closed.
+        """
+        if self.stop.is_set():
+            raise BlfError('told to end before it began to record')
+        output = BagOutput(self.settings.bag, self.faults, self._failed)
+        output.keep_parameters(self.get_fully_qualified_name(), self.settings.values())
+        return output
 
     def _failed(self, reason: str) -> None:
         self.exit_code = 1

@@ -59,7 +59,8 @@ TASK = {
     'initial_estimate': [3.0, 0.2, 0.3, 5.0, 1.0],
     'safety__lower': [-2.0, -2.0], 'safety__upper': [2.0, 2.0],
     'performance__lower': [-0.17], 'performance__upper': [0.2],
-    'reference__smooth_start': 0.0, 'monitor_decimation': 7, 'state_timeout': 1.0,
+    'reference__smooth_start': 0.0, 'monitor_decimation': 7,
+    'state_timeout': 60.0,  # so that no silence is one of the changes that are looked for
 }
 FIRST = 10**12  # ns, stamp of the first message
 

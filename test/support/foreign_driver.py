@@ -76,11 +76,15 @@ class ForeignDriver(Node):
         self._states.publish(message)
 
     def step(self, patience: float) -> bool:
-        """Publish a state, wait for the command that answers it, and move on; False without."""
+        """Publish a state, wait for the command that answers it, and move on.
+
+        Without one it returns False, and the next step publishes the same state again.
+        """
         with self._arrived:
             before = self._commands
             self.send()
             if not self._arrived.wait_for(lambda: self._commands > before, patience):
+                self.sent -= 1
                 return False
             command = self._command
         self._move(0.5 * self._period)
