@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+import copy
 import ctypes
 from functools import singledispatch
 import hashlib
+from importlib import import_module
 from importlib.util import find_spec
 import math
 import struct
@@ -26,7 +28,7 @@ from adaptive_blf_control.machine_code import alone_with, cache_folder
 
 __all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation',
            'before_own_compilations', 'borrowed', 'by_type', 'cos_sin', 'handle', 'jit',
-           'jit_without_gil', 'jitable', 'uncompiled']
+           'jit_apart', 'jit_without_gil', 'jitable', 'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
@@ -41,9 +43,9 @@ except ImportError:  # plain numpy is the documented fallback
 
 if numba is not None:
     try:
-        from llvmlite import ir
+        from llvmlite import binding, ir
         from numba.core import cgutils, environment, event as numba_event, sigutils
-        from numba.core.caching import FunctionCache
+        from numba.core.caching import CompileResultCacheImpl, FunctionCache
         from numba.core.codegen import JITCodeLibrary
         from numba.core.compiler import compile_extra, Flags
         from numba.core.compiler_lock import global_compiler_lock
@@ -97,12 +99,32 @@ if COMPILED:
         finally:
             environment.importlib = before
 
+    _apart: dict[str, tuple[str, str, Any]] = {}  # by symbol: module, name, types of arguments
+
+    class _WithCalled(CompileResultCacheImpl):  # type: ignore[misc]
+        """Keeps, beside the machine code of a function, what it calls of `jit_apart`."""
+
+        def reduce(self, cres: Any) -> Any:
+            """Return what is kept."""
+            called = [_apart[function.name] for function in cres.library._final_module.functions
+                      if function.is_declaration and function.name in _apart]
+            return called, super().reduce(cres)
+
+        def rebuild(self, target_context: Any, payload: Any) -> Any:
+            """Return what was kept, once all that it calls is there."""
+            called, kept = payload
+            for module, name, arguments in called:
+                getattr(import_module(module), name).part.compile(arguments)
+            return super().rebuild(target_context, kept)
+
     class _CacheOfOurTypes(FunctionCache):  # type: ignore[misc]
         """Keeps no machine code for types of a user's program.
 
         numba's index of a function names all types that it was compiled for, and cannot be read
         by a program that does not know one of them.
         """
+
+        _impl_class = _WithCalled
 
         def __init__(self, function: Any) -> None:
             """Keep the code of a function."""
@@ -152,31 +174,73 @@ if COMPILED:
             arguments = tuple(arguments)
             with global_compiler_lock:
                 if arguments not in self.overloads:
-                    data = {'dispatcher': self, 'args': arguments, 'return_type': result}
-                    with self._compiling_counter, numba_event.trigger_event('numba:compile', data):
-                        self.overloads[arguments] = self._compiled_part(arguments, result)
+                    self.overloads[arguments] = self._found(arguments, result)
                 return self.overloads[arguments].entry_point
 
-        def _compiled_part(self, arguments: Any, result: Any) -> Any:
+        def _found(self, arguments: Any, result: Any) -> Any:
+            library = _PartLibrary(self.targetctx.codegen(), self.py_func.__qualname__)
+            return self._stand_in(self._compiled(arguments, result, library), [library])
+
+        def _compiled(self, arguments: Any, result: Any, library: Any = None) -> Any:
             flags = Flags()
             self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
             flags = self._compiler._customize_flags(flags)
-            flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
-            context = self.targetdescr.target_context
-            library = _PartLibrary(context.codegen(), self.py_func.__qualname__)
-            found = compile_extra(self.targetdescr.typing_context, context, self.py_func,
-                                  args=arguments, return_type=result, flags=flags,
-                                  locals=self.locals, library=library)
+            flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+            flags.no_compile = library is not None
+            data = {'dispatcher': self, 'args': arguments, 'return_type': result}
+            with self._compiling_counter, numba_event.trigger_event('numba:compile', data):
+                return compile_extra(self.typingctx, self.targetctx, self.py_func, args=arguments,
+                                     return_type=result, flags=flags, locals=self.locals,
+                                     library=library)
+
+        def _stand_in(self, found: Any, libraries: list[Any]) -> Any:
+            """Make what compiled functions call, the code of which is in some libraries."""
             key = object()
-            context.insert_user_function(key, found.fndesc, [library])
+            self.targetctx.insert_user_function(key, found.fndesc, libraries)
             return found._replace(entry_point=key)
 
-    class _Entry(CPUDispatcher):  # type: ignore[misc]
-        """A function as Python calls it; compiled functions call its part."""
+    class _Apart(_Part):
+        """A function whose machine code compiled functions call where it is, see `jit_apart`."""
 
-        def __init__(self, function: Any, options: dict[str, Any], folder: str) -> None:
+        def __init__(self, function: Any, options: dict[str, Any], folder: str,
+                     cache: Any) -> None:
             super().__init__(function, targetoptions=options)
-            self._part = _Part(function, targetoptions=options)
+            self._folder, self._cache = folder, cache
+
+        def _found(self, arguments: Any, result: Any) -> Any:
+            name = self.py_func.__name__
+            with alone_with(self._folder, f'{name}.apart'):
+                found = self._cache.load_overload(arguments, self.targetctx)
+                if found is None:
+                    found = self._compiled(arguments, result)
+                    self._cache.save_overload(arguments, found)
+            _show_environments(found.library)
+            digest = hashlib.sha256(str(arguments).encode()).hexdigest()[:16]
+            symbol = f'{self.py_func.__module__}.{name}.{digest}'
+            _apart[symbol] = self.py_func.__module__, name, arguments
+            binding.add_symbol(symbol, found.library.get_pointer_to_function(
+                found.fndesc.llvm_func_name))
+            description = copy.copy(found.fndesc)
+            description.mangled_name = symbol
+            return self._stand_in(found._replace(fndesc=description), [])
+
+    def _show_environments(library: Any) -> None:
+        """Show code where its parts find what they need."""
+        for variable in library._final_module.global_variables:
+            environment = lookup_environment(variable.name)
+            if environment is not None:
+                library.codegen.set_env(variable.name, environment)
+
+    class _Entry(CPUDispatcher):  # type: ignore[misc]
+        """A function as Python calls it; compiled functions call its part.
+
+        Attributes:
+            part: That part.
+        """
+
+        def __init__(self, function: Any, options: dict[str, Any], folder: str, *,
+                     apart: bool) -> None:
+            super().__init__(function, targetoptions=options)
             self._folder = folder
             if folder:
                 before = numba.config.CACHE_DIR
@@ -185,10 +249,12 @@ if COMPILED:
                     self._cache = _CacheOfOurTypes(function)
                 finally:
                     numba.config.CACHE_DIR = before
+            self.part: Any = (_Apart(function, options, folder, self._cache) if apart else
+                              _Part(function, targetoptions=options))
 
         @property
         def _numba_type_(self) -> Any:
-            return numba.types.Dispatcher(self._part)
+            return numba.types.Dispatcher(self.part)
 
         def compile(self, sig: Any) -> Any:
             """Compile for a signature, or wait for the process that does and take its result."""
@@ -196,11 +262,8 @@ if COMPILED:
                 return super().compile(sig)
 
         def add_overload(self, cres: Any) -> None:
-            """Take what was compiled, and show it where its parts find what they need."""
-            for variable in cres.library._final_module.global_variables:
-                environment = lookup_environment(variable.name)
-                if environment is not None:
-                    cres.library.codegen.set_env(variable.name, environment)
+            """Take what was compiled."""
+            _show_environments(cres.library)
             super().add_overload(cres)
 
     def _stands_for(function: Any, chosen: Callable[[Any], Any]) -> None:
@@ -239,11 +302,21 @@ def jit_without_gil(function: Function) -> Function:
     return _compiled(function, nogil=True)
 
 
-def _compiled(function: Function, **options: bool) -> Function:
+def jit_apart(function: Function) -> Function:
+    """Compile as `jit`, but not anew in every compiled function that calls it.
+
+    For what is large and called with the same types from many places: they call its machine code
+    instead of holding a copy of it, which is kept on disk like theirs. It returns nothing and gets
+    references, see `borrowed`.
+    """
+    return _compiled(function, apart=True)
+
+
+def _compiled(function: Function, apart: bool = False, **options: bool) -> Function:
     if not COMPILED:
         return function
     return _Entry(function, {'nopython': True, 'error_model': 'numpy', **options},  # type: ignore
-                  cache_folder(function.__module__))
+                  cache_folder(function.__module__), apart=apart)
 
 
 def jitable(function: Function) -> Function:
@@ -471,7 +544,7 @@ def by_type(function: Callable[..., Any]) -> ByType:
         def implementation(first: Any) -> Any:
             chosen = generic.dispatch(getattr(first, 'instance_class', object))
             own = chosen if isinstance(chosen, CPUDispatcher) else None  # a user's, by numba.njit
-            return getattr(chosen, '_part', own)
+            return getattr(chosen, 'part', own)
 
         _stands_for(generic, implementation)
     result: ByType = generic

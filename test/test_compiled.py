@@ -7,6 +7,7 @@ import copy
 import math
 import os
 import pickle
+import re
 import subprocess
 import sys
 from typing import NamedTuple
@@ -18,11 +19,13 @@ from adaptive_blf_control.arms import two_link
 from adaptive_blf_control.compiled import (
     all_finite,
     before_each_compilation,
+    borrowed,
     by_type,
     COMPILED,
     cos_sin,
     handle,
     jit,
+    jit_apart,
     uncompiled,
 )
 from adaptive_blf_control.control import barrier, law, reference
@@ -279,3 +282,31 @@ def test_an_angle_that_is_not_finite_has_no_cosine_with_and_without_numba(functi
     assert function(2.0) == (math.cos(2.0), math.sin(2.0))
     for angle in (math.inf, -math.inf, math.nan):
         assert np.isnan(function(angle)).all()
+
+
+class _Sum(NamedTuple):
+    numbers: np.ndarray
+
+
+@jit_apart
+def _add_root(total: _Sum, value: float) -> None:
+    total = borrowed(total)
+    total.numbers[:] += np.sqrt(value)
+
+
+@jit
+def _add_both(total, first: float, second: float) -> None:
+    _add_root(total.value, first)
+    _add_root(total.value, second)
+
+
+def test_a_function_apart_is_called_where_it_is_and_gives_what_it_gives_in_python() -> None:
+    total = _Sum(np.zeros(3))
+    _add_both(handle(total), 4.0, 9.0)
+    _add_root(total, 16.0)
+    uncompiled(_add_root)(total, 25.0)
+    np.testing.assert_array_equal(total.numbers, 14.0)
+    if COMPILED:
+        (code,) = _add_both.inspect_llvm().values()
+        assert re.search(r'declare \S+ @\S*_add_root', code)
+        assert 'sqrt' not in code

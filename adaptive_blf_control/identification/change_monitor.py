@@ -20,7 +20,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, by_type, jit, uncompiled
+from adaptive_blf_control.compiled import borrowed, by_type, jit, jit_apart, uncompiled
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.history import facts, History, pairs, sums
 from adaptive_blf_control.linear_algebra import inverse, product
@@ -160,7 +160,7 @@ class ResidualArrays(NamedTuple):
     resolution: float
 
 
-@jit
+@jit_apart
 def take_over(monitor: ResidualArrays, regressors: np.ndarray, torques: np.ndarray,
               gram: np.ndarray, moment: np.ndarray) -> None:
     """Take θ_s and the residuals of the recorded pairs, (P, n, m) and (P, n), from their sums."""

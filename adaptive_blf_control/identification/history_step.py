@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, jit_apart
 from adaptive_blf_control.identification.pair_selection import best_replacement, is_different
 from adaptive_blf_control.identification.rank_selection import least_missed, replacement_for_rank
 from adaptive_blf_control.identification.stack_arrays import (
@@ -34,7 +34,7 @@ __all__ = ['offer']
 # function that calls it, so every level between would cost seconds of compilation.
 
 
-@jit
+@jit_apart
 def offer(pairs: Pairs, regressor: np.ndarray, torque: np.ndarray) -> int:
     """Offer a pair; while more than P are there one leaves instead.
 

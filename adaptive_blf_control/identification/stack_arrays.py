@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, jit, jit_apart
 from adaptive_blf_control.identification.squares import add_square, assign
 from adaptive_blf_control.identification.tridiagonal import (
     count_up_to,
@@ -267,7 +267,7 @@ def surely_full_rank(pairs: Pairs, sigma_min: float) -> bool:
     return bool(sigma_min > max(pairs.moment.size, rows) * EPSILON * trace(pairs.gram))
 
 
-@jit
+@jit_apart
 def measure(pairs: Pairs) -> None:
     """Set rank, its tolerance and σ_min, and in a full stack the weakest direction, from Q."""
     pairs = borrowed(pairs)

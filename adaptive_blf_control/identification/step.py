@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.regressors import regressors
-from adaptive_blf_control.compiled import all_finite, borrowed, Handle, jit
+from adaptive_blf_control.compiled import all_finite, borrowed, Handle, jit, jit_apart
 from adaptive_blf_control.identification.artificial_noise import (
     ACTIVE,
     NoisyHistoryArrays,
@@ -191,7 +191,7 @@ def observe_step(arm: Any, state_filter: Any, pair: PairState, t: float, q: np.n
     return dt
 
 
-@jit
+@jit_apart
 def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarray) -> None:
     """Record the present pair, or forget the recorded ones, and advance θ̂.
 

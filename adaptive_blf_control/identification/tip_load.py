@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.base_parameters import PER_BODY
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, jit, jit_apart
 from adaptive_blf_control.linear_algebra import inverse, matrix_product, product
 
 __all__ = ['TipLoad', 'certain_part', 'fit_tip_load', 'forget_tip_load', 'load_directions',
@@ -97,7 +97,7 @@ def forget_tip_load(fit: TipLoad, base: np.ndarray) -> None:
         fit.inverse[i, i] = 1.0
 
 
-@jit
+@jit_apart
 def fit_tip_load(fit: TipLoad, part: float, gain: float, regressor: np.ndarray, torque: np.ndarray,
              scale: np.ndarray) -> None:
     """Test a pair against p, then let it count.

@@ -51,6 +51,7 @@ def main(args: list[str] | None = None) -> int:
         with CompilationNotice():
             for loop in _loops(options.config):
                 loop.warm_up_parts()
+                loop.identifier.warm_up(log=True)
                 repr(simulate(loop, 2.0 * loop.period))  # the figures, too
     except BlfError as error:
         print(f'precompile: {error}', file=sys.stderr)
