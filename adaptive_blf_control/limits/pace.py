@@ -21,7 +21,7 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.reference import Reference
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 
-__all__ = ['NEAR', 'NEARER', 'Pace']
+__all__ = ['NEAR', 'NEARER', 'Pace', 'slowed']
 
 AHEAD = 40  # points of the path that are looked at
 STEP = 0.02  # between them [s]
@@ -73,9 +73,9 @@ class Pace:
                 self._rates[j] = self._largest(reference, j * STEP)
             ahead = max(j * STEP - before, 0.0)
             allowed = min(allowed, math.sqrt(self._rates[j] ** 2 + 2.0 * CHANGE * ahead))
-        slowed = min(1.0, max(0.0, (NEARER - nearness) / (NEARER - NEAR)))
-        hardest = CHANGE * (HARDER if slowed < 1.0 else 1.0)
-        wanted = (allowed * slowed - self.rate) / SMOOTHING
+        part = slowed(nearness)
+        hardest = CHANGE * (HARDER if part < 1.0 else 1.0)
+        wanted = (allowed * part - self.rate) / SMOOTHING
         self.change = min(max(wanted, -hardest), CHANGE) if dt > 0.0 else 0.0
         rate = min(max(self.rate + dt * self.change, 0.0), 1.0)
         self.change = (rate - self.rate) / dt if dt > 0.0 else 0.0
@@ -105,6 +105,11 @@ class Pace:
     def _most(self, rows: np.ndarray) -> np.ndarray:
         """Return the largest torque of the set, (n, m) → (n,) [N·m]."""
         return np.abs(rows @ self._parameters.centre) + self._parameters.support(rows)
+
+
+def slowed(nearness: float) -> float:
+    """Return the part of its rate that e1 leaves, its largest being ``nearness`` of its bound."""
+    return min(1.0, max(0.0, (NEARER - nearness) / (NEARER - NEAR)))
 
 
 def _bisected(fits: Callable[[float], bool], high: float) -> float:

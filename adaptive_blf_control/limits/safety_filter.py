@@ -149,8 +149,7 @@ class LimitsFilter:
         self._near.scene = scene
         self._parts = self._parts._replace(scene=handle(scene), pairs=len(scene.pairs))
         if self.governor is not None:
-            self.governor.look(handle(self._wider(scene)), len(scene.pairs),
-                               waits=self._moving.silent(t))
+            self.governor.look(self._wider(scene), waits=self._moving.silent(t))
 
     def retuned(self, settings: ControllerSettings) -> LimitsFilter:
         """Return the filter that goes on with other settings.
