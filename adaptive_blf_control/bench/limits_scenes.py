@@ -21,7 +21,7 @@ from adaptive_blf_control.configuration.parameter_file import (
 )
 from adaptive_blf_control.control.limit_settings import LimitSettings
 from adaptive_blf_control.control.reference import Reference
-from adaptive_blf_control.limits.filter_step import Scene
+from adaptive_blf_control.limits.filter_look import Scene
 from adaptive_blf_control.limits.link_spheres import sphere_centres
 from adaptive_blf_control.limits.scene import scene_of
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from adaptive_blf_control.compiled import Handle, jit
+from adaptive_blf_control.limits.filter_look import Scene
 from adaptive_blf_control.limits.link_spheres import sphere_motion
 from adaptive_blf_control.limits.obstacles import distance
 from adaptive_blf_control.limits.quadratic_program import solve
@@ -46,7 +47,8 @@ def evading(scene: Handle, y: np.ndarray, yd: np.ndarray, wanted: np.ndarray, le
         least: Smallest acceleration, shape (n,) [rad/s²].
         most: Largest acceleration, shape (n,) [rad/s²].
     """
-    parts, n = scene.value, y.size
+    parts: Scene = scene.value
+    n = y.size
     spheres, obstacles = parts.spheres, parts.obstacles
     centres, jacobians, velocities, drifts = sphere_motion(parts.chain, spheres, y, yd)
     count = parts.pairs.shape[0]

@@ -22,29 +22,30 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.arms.chain import Chain
-from adaptive_blf_control.arms.mass_and_bias import mass_and_bias
-from adaptive_blf_control.compiled import Handle, jit
-from adaptive_blf_control.limits.acceleration_error import (
-    acceleration_error,
-    model_inverses,
-    Posture,
+from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.limits.acceleration_error import Posture
+from adaptive_blf_control.limits.filter_look import (
+    clear,
+    ERROR,
+    JointLimits,
+    left_free,
+    Look,
+    looked_at,
+    LOWER,
+    passes,
+    PLACE,
+    RESERVE,
+    reserve_of,
+    SPEED,
+    stopped,
+    UPPER,
+    WANTED,
 )
-from adaptive_blf_control.limits.link_spheres import LinkSpheres
-from adaptive_blf_control.limits.obstacles import Obstacles
 from adaptive_blf_control.limits.quadratic_program import solve
-from adaptive_blf_control.limits.stop_path import (
-    FAR,
-    held_by_limits,
-    kept_to,
-    stop_clearances,
-    stop_path,
-)
-from adaptive_blf_control.limits.viability import acceleration_bounds
-from adaptive_blf_control.linear_algebra import inverse, product
+from adaptive_blf_control.limits.stop_path import FAR
 
-__all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'FilterParts', 'IDLE', 'JointLimits', 'Report',
-           'Scene', 'SOFTENED', 'Stop']
+__all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'FilterParts', 'IDLE', 'narrowed', 'Report',
+           'SOFTENED', 'Stop']
 
 IDLE, ACTIVE, BRAKING, SOFTENED = 0, 1, 2, 3
 ROUNDS = 4  # solutions, each with the bound of the error of the one before
@@ -56,39 +57,6 @@ NEEDED = (1.0 - GAMMA) * FAR + GAMMA * BUFFER  # no stop has to be freer than th
 NEAREST = 8  # rows of obstacles at a time
 SOFT = 1e-6  # softness of a row that gives way, in units of its own curvature
 SLACK = 1e-9  # growth of the bound of the error that counts as none [rad/s²]
-
-
-class JointLimits(NamedTuple):
-    """What the joints may do; arrays of shape (n,).
-
-    Attributes:
-        lower: Positions [rad].
-        upper: Positions [rad].
-        speed: Velocities [rad/s].
-        braking: a_b, how hard each joint can brake at any time [rad/s²].
-    """
-
-    lower: np.ndarray
-    upper: np.ndarray
-    speed: np.ndarray
-    braking: np.ndarray
-
-
-class Scene(NamedTuple):
-    """What must not touch.
-
-    Attributes:
-        chain: Kinematics of the arm.
-        spheres: On its links.
-        obstacles: In the base's frame.
-        pairs: Which may come close: a sphere, and an obstacle or −1 less another sphere,
-            shape (p, 2).
-    """
-
-    chain: Chain
-    spheres: LinkSpheres
-    obstacles: Obstacles
-    pairs: np.ndarray
 
 
 class FilterParts(NamedTuple):
@@ -190,18 +158,19 @@ def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.nd
     limits, period = parts.limits, parts.period
     room = _room(parts, q.size)
     given = parts.exact or _no_posture(q.size)
-    look = looked_at(parts.model, parts.scene, parts.exact is not None, given, limits, period, q,
-                     qd, torque, least, most, room.found, room.now, room.gradients)
-    posture, wanted, error, lower, upper = (
-        look.posture, look.wanted, look.error, look.lower, look.upper)
-    passes, braked = look.passes, None
-    if room.found.size and (not passes or look.free < NEEDED):
+    look = Look(*looked_at(parts.model, parts.scene, parts.exact is not None, given, limits,
+                           period, q, qd, torque, least, most, room.found, room.now,
+                           room.gradients))
+    values, idle, braked = look.values, look.passes, None
+    if room.found.size and (not idle or look.free < NEEDED):
         found = room.found.copy()
-        braked = _braked(parts, posture, q, qd, Stop(q, qd) if left is None else left, room)
-        passes = passes and _uses_its_part(found, room.before)
-    if passes:
-        return Report(torque, IDLE, wanted, error, look.reserve, look.near, look.free,
-                      Stop(look.place, look.speed))
+        braked = _braked(parts, look.posture, q, qd, Stop(q, qd) if left is None else left, room)
+        idle = idle and _uses_its_part(found, room.before)
+    if idle:
+        return Report(torque, IDLE, values[WANTED], values[ERROR], values[RESERVE], look.near,
+                      look.free, Stop(values[PLACE], values[SPEED]))
+    posture, wanted, error = look.posture, values[WANTED], values[ERROR]
+    lower, upper = values[LOWER], values[UPPER]
     a = np.minimum(np.maximum(wanted, lower), upper)
     if braked is not None:  # braking keeps the rows of obstacles: there they are linearised first
         a = braked.a
@@ -285,13 +254,13 @@ def _backed_off(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndar
     low, high = narrowed(lower, upper, braked.error)
     brake = np.minimum(np.maximum(braked.a, low), high)
     tight, solution = np.full_like(q, SLACK), ACTIVE
-    if not _passes(posture.inertia @ brake + posture.bias, least, most, np.zeros_like(q)):
+    if not passes(posture.inertia @ brake + posture.bias, least, most, np.zeros_like(q)):
         brake, solution = solved(posture, brake, brake - tight, brake + tight, least, most, brake,
                                  room, 0)
     for part in PARTS[:-1]:
         tried = brake + part * (a - brake)
         needed = _leaves(parts, posture, q, qd, tried, room)
-        if _may_go_on(room, qd, parts.limits, period) and _passes(tried, lower, upper, needed):
+        if _may_go_on(room, qd, parts.limits, period) and passes(tried, lower, upper, needed):
             return tried, solution, needed, Stop(q, qd).after(tried, period)
     if room.found.size:
         clear(parts.scene, q, qd, brake, braked.error, parts.limits, period, room.found, room.now,
@@ -319,138 +288,6 @@ def narrowed(lower: np.ndarray, upper: np.ndarray,
     low, high = lower + error, upper - error
     middle, crossed = 0.5 * (low + high), low > high
     return np.where(crossed, middle, low), np.where(crossed, middle, high)
-
-
-@jit
-def posture_of(model: Handle, q: np.ndarray, qd: np.ndarray) -> Posture:
-    """Return the matrices of the model in a state, shape (n,) [rad] and [rad/s]."""
-    inertia, bias = mass_and_bias(model.value.centre, q, qd)
-    middle, radius = model_inverses(model.value, q)
-    return Posture(inertia, bias, inverse(inertia), middle, radius)
-
-
-@jit
-def error_of(model: Handle, exact: bool, posture: Posture, q: np.ndarray, qd: np.ndarray,
-             a: np.ndarray, period: float) -> np.ndarray:
-    """Return the bound of |a* − a| under the torque of a, shape (n,) [rad/s²]."""
-    if exact:
-        return np.zeros(q.size)
-    torque = product(posture.inertia, a)
-    for i in range(q.size):
-        torque[i] += posture.bias[i]
-    return acceleration_error(model.value, posture, q, qd, a, torque, period)
-
-
-@jit
-def clear(scene: Handle, q: np.ndarray, qd: np.ndarray, a: np.ndarray, error: np.ndarray,
-          limits: JointLimits, period: float, found: np.ndarray, now: np.ndarray,
-          gradients: np.ndarray) -> None:
-    """Write `stop_clearances` of the `stop_path` after a."""
-    parts = scene.value
-    held = held_by_limits(q, qd, a, error, limits.lower, limits.upper, limits.speed,
-                          limits.braking, period)
-    path = stop_path(qd, a, error, limits.braking, period, held)
-    stop_clearances(parts.chain, parts.spheres, parts.obstacles, parts.pairs, q, path, found, now,
-                    gradients)
-
-
-@jit
-def left_free(model: Handle, scene: Handle, exact: bool, posture: Posture, limits: JointLimits,
-              period: float, q: np.ndarray, qd: np.ndarray, a: np.ndarray, found: np.ndarray,
-              now: np.ndarray, gradients: np.ndarray) -> np.ndarray:
-    """Return `error_of` a; where there are pairs, write what the stop after a leaves free."""
-    error = error_of(model, exact, posture, q, qd, a, period)
-    if found.size:
-        clear(scene, q, qd, a, error, limits, period, found, now, gradients)
-    return error
-
-
-@jit
-def stopped(model: Handle, scene: Handle, exact: bool, posture: Posture, limits: JointLimits,
-            period: float, q: np.ndarray, qd: np.ndarray, onwards: np.ndarray,
-            place: np.ndarray, speed: np.ndarray, found: np.ndarray, now: np.ndarray,
-            gradients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the acceleration that keeps a stop, and `error_of` it; write as `left_free`."""
-    error = error_of(model, exact, posture, q, qd, onwards, period)
-    brake = kept_to(onwards, place, speed, q, qd, error, period)
-    clear(scene, q, qd, brake, error, limits, period, found, now, gradients)
-    return brake, error
-
-
-class Look(NamedTuple):
-    """A sample before anything is solved.
-
-    Attributes:
-        posture: Matrices of the model.
-        wanted: a_w, shape (n,) [rad/s²].
-        lower: a̲, shape (n,) [rad/s²].
-        upper: a̅, shape (n,) [rad/s²].
-        error: e of a_w within these, shape (n,) [rad/s²].
-        passes: Whether a_w keeps the rows of the joints, and its torque the box.
-        reserve: As in `Report`, shape (n,) [N·m].
-        near: Smallest clearance now [m].
-        free: Smallest clearance of a stop after a_w [m].
-        place: Positions after the sample, shape (n,) [rad].
-        speed: Velocities after the sample, shape (n,) [rad/s].
-    """
-
-    posture: Posture
-    wanted: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    error: np.ndarray
-    passes: bool
-    reserve: np.ndarray
-    near: float
-    free: float
-    place: np.ndarray
-    speed: np.ndarray
-
-
-@jit
-def looked_at(model: Handle, scene: Handle, exact: bool, given: Posture, limits: JointLimits,
-              period: float, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
-              least: np.ndarray, most: np.ndarray, found: np.ndarray, now: np.ndarray,
-              gradients: np.ndarray) -> Look:
-    """Return what a sample is before anything is solved; write as `left_free`.
-
-    All in one call: from Python each costs microseconds.
-    """
-    posture = given if exact else posture_of(model, q, qd)
-    wanted = product(posture.compliance, torque - posture.bias)
-    lower, upper = acceleration_bounds(q, qd, limits.lower, limits.upper, limits.speed,
-                                       limits.braking, period)
-    a = np.minimum(np.maximum(wanted, lower), upper)
-    error = left_free(model, scene, exact, posture, limits, period, q, qd, a, found, now,
-                      gradients)
-    passes = (_passes(wanted, lower, upper, error)
-              and _passes(torque, least, most, np.zeros(q.size)))
-    near, free = np.inf, np.inf
-    for p in range(found.size):
-        near, free = min(near, now[p]), min(free, found[p])
-    return Look(posture, wanted, lower, upper, error, passes,
-                reserve_of(posture, limits.braking, error, least, most), near, free,
-                q + period * (qd + 0.5 * period * wanted), qd + period * wanted)
-
-
-@jit
-def reserve_of(posture: Posture, braking: np.ndarray, error: np.ndarray, least: np.ndarray,
-               most: np.ndarray) -> np.ndarray:
-    """Return the torque that braking of all joints at once leaves, shape (n,) [N·m]."""
-    reserve = np.empty(error.size)
-    for i in range(error.size):
-        reserve[i] = min(most[i] - posture.bias[i], posture.bias[i] - least[i])
-        for j in range(error.size):
-            reserve[i] -= abs(posture.inertia[i, j]) * (braking[j] + error[j])
-    return reserve
-
-
-@jit
-def _passes(values: np.ndarray, low: np.ndarray, high: np.ndarray, margin: np.ndarray) -> bool:
-    passes = True
-    for i in range(values.size):
-        passes = passes and low[i] + margin[i] <= values[i] <= high[i] - margin[i]
-    return passes
 
 
 @jit

@@ -21,7 +21,8 @@ from adaptive_blf_control.control.safety_filter import Governed
 from adaptive_blf_control.control.sets import Bounds, TOLERANCE
 from adaptive_blf_control.limits.acceleration_error import Posture
 from adaptive_blf_control.limits.evasion import evading
-from adaptive_blf_control.limits.filter_step import filter_step, FilterParts, Scene, Stop
+from adaptive_blf_control.limits.filter_look import Scene
+from adaptive_blf_control.limits.filter_step import filter_step, FilterParts, Stop
 from adaptive_blf_control.limits.pace import NEAR, NEARER, Pace, slowed
 
 __all__ = ['Deflection', 'Governor', 'SPEED_PART']
@@ -106,6 +107,8 @@ class Governor:
         self._off = 0.0
         self._waits = False
         self._coming: Any = None
+        self._of: Reference | None = None
+        self._beyond = False
 
     def look(self, scene: Scene, waits: bool) -> None:
         """Take another scene; ``waits``: come to rest.
@@ -155,10 +158,13 @@ class Governor:
 
     def _leaves(self, reference: Reference) -> bool:
         """Return whether a reference goes where there is no room for e1."""
-        lower, upper = full_range(reference)
-        limits = self._parts.limits
-        return bool((lower < limits.lower - TOLERANCE).any()
-                    or (upper > limits.upper + TOLERANCE).any())
+        if reference is not self._of:
+            lower, upper = full_range(reference)
+            limits = self._parts.limits
+            self._beyond = bool((lower < limits.lower - TOLERANCE).any()
+                                or (upper > limits.upper + TOLERANCE).any())
+            self._of = reference
+        return self._beyond
 
     def __copy__(self) -> Governor:
         """Return a governor that goes on from here without a trace in this one."""

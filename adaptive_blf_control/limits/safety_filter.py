@@ -19,13 +19,12 @@ from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.limits.acceleration_error import Model
 from adaptive_blf_control.limits.braking import checked_braking, Resting
+from adaptive_blf_control.limits.filter_look import JointLimits, Scene
 from adaptive_blf_control.limits.filter_step import (
     filter_step,
     FilterParts,
     IDLE,
-    JointLimits,
     Report,
-    Scene,
     SOFTENED,
     Stop,
 )

@@ -8,7 +8,7 @@ import numpy as np
 from adaptive_blf_control.arms.chain import Chain
 from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.limits.evasion import evading
-from adaptive_blf_control.limits.filter_step import Scene
+from adaptive_blf_control.limits.filter_look import Scene
 from adaptive_blf_control.limits.link_spheres import LinkSpheres
 from adaptive_blf_control.limits.obstacles import joined, sphere
 
