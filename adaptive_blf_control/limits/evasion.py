@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the reference gives way to obstacles that come to it.
+"""How the reference keeps away from obstacles that move, and gives way to those that come.
 
 A stop is no way out of the path of what moves: an arm that stands is run over. With h the distance
-of a sphere of a link from an obstacle that comes towards it with its velocity v_o, u the direction
-away from it, and p that sphere's centre,
+of a sphere of a link from an obstacle that moves with its velocity v_o, u the direction away from
+it, and p that sphere's centre,
 
     ḣ = uᵀ(J ẏ − v_o),    ḧ ≥ uᵀ(J ÿ + J̇ ẏ)     (an obstacle is convex, and v_o constant),
 
 so that ḧ + 2 α ḣ + α² h ≥ 0 keeps h ≥ 0 from any h ≥ 0 with ḣ + α h ≥ 0 on (an exponential
-barrier: Nguyen and Sreenath, American Control Conference 2016). T uᵀv_o is taken off h, so that
-the arm still has the time T to stop in before the obstacle is where the arm was. What stands
-begins to give way to what comes at the speed v as far off as (T + 2 / α) v, and with
+barrier: Nguyen and Sreenath, American Control Conference 2016). Where it comes, T uᵀv_o is taken
+off h, so that the arm still has the time T to stop in before the obstacle is where it was. What
+stands begins to give way to what comes at the speed v as far off as (T + 2 / α) v, and with
 accelerations of no more than α v.
 """
 
@@ -28,16 +28,16 @@ __all__ = ['evading']
 
 QUICKNESS = 5.0  # α [1/s]
 TO_STOP = 0.4  # T [s]
-SOFT = 1e-6  # softness of a row: several that come at once may contradict each other
+SOFT = 1e-6  # softness of a row: several at once may contradict each other
 SHORTEST = 1e-6  # of uᵀ J, below which a link cannot give way [m/rad]
 
 
 @jit
 def evading(scene: Handle, y: np.ndarray, yd: np.ndarray, wanted: np.ndarray, least: np.ndarray,
             most: np.ndarray) -> np.ndarray:
-    """Return the acceleration nearest to the wanted one that gives way to what comes, shape (n,).
+    """Return the acceleration nearest to the wanted one that keeps away from what moves.
 
-    It is the wanted one itself where that does so already, or where nothing comes.
+    Of shape (n,); the wanted one itself where that does so already, or where nothing moves.
 
     Args:
         scene: Handle of spheres and obstacles, see `Scene`.
@@ -56,7 +56,7 @@ def evading(scene: Handle, y: np.ndarray, yd: np.ndarray, wanted: np.ndarray, le
     normal, used, kept = np.empty(3), 2 * n, True
     for p in range(count):
         s, k = parts.pairs[p, 0], parts.pairs[p, 1]
-        if k < 0:
+        if k < 0 or not obstacles.velocity[k].any():
             continue
         h = distance(obstacles, k, centres[s], normal) - spheres.radius[s]
         coming, rate, drift = 0.0, 0.0, 0.0
@@ -64,8 +64,6 @@ def evading(scene: Handle, y: np.ndarray, yd: np.ndarray, wanted: np.ndarray, le
             coming += normal[r] * obstacles.velocity[k, r]
             rate += normal[r] * (velocities[s, r] - obstacles.velocity[k, r])
             drift += normal[r] * drifts[s, r]
-        if coming <= 0.0:
-            continue
         square, given = 0.0, 0.0
         for j in range(n):
             value = 0.0
@@ -76,7 +74,7 @@ def evading(scene: Handle, y: np.ndarray, yd: np.ndarray, wanted: np.ndarray, le
             given += value * wanted[j]
         if square <= SHORTEST * SHORTEST:
             continue
-        bound = -drift - QUICKNESS * (2.0 * rate + QUICKNESS * (h - TO_STOP * coming))
+        bound = -drift - QUICKNESS * (2.0 * rate + QUICKNESS * (h - TO_STOP * max(coming, 0.0)))
         kept = kept and given >= bound
         scale = 1.0 / np.sqrt(square)
         for j in range(n):

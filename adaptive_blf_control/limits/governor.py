@@ -5,7 +5,8 @@ Where there are obstacles the reference is a motion (y, ẏ) of its own that is 
 ÿ = ÿ_p + k_d (ẏ_p − ẏ) + k_p (y_p − y), nearest to which its acceleration is chosen as the filter
 does it: within the safety set less the performance set, the velocities and the stops before
 obstacles. Its acceleration is what it is told, so that nothing is uncertain in it. To obstacles
-that move it gives way (`evasion`). Where e1 comes near its bound it slows down as the path does.
+that move it gives way instead (`evasion`). Where e1 comes near its bound it slows down as the path
+does.
 """
 
 from __future__ import annotations
@@ -113,14 +114,15 @@ class Governor:
     def look(self, scene: Scene, waits: bool) -> None:
         """Take another scene; ``waits``: come to rest.
 
-        The reference stops before where obstacles are now, and gives way to where they go: a stop
-        before where they go leaves an arm that they come to no way but to stand.
+        The reference stops before what stands still, and gives way to what moves (`evading`): a
+        stop leaves an arm that an obstacle comes to no way but to stand.
         """
-        obstacles = scene.obstacles
-        still = obstacles._replace(velocity=np.zeros_like(obstacles.velocity))
-        self._parts = self._parts._replace(scene=handle(scene._replace(obstacles=still)),
-                                           pairs=len(scene.pairs))
-        self._coming = handle(scene) if obstacles.velocity.any() else None
+        obstacles, pairs = scene.obstacles, scene.pairs
+        moves = obstacles.velocity.any(axis=1)
+        still = pairs[(pairs[:, 1] < 0) | ~np.append(moves, False)[pairs[:, 1]]]
+        self._parts = self._parts._replace(scene=handle(scene._replace(pairs=still)),
+                                           pairs=len(still))
+        self._coming = handle(scene) if moves.any() else None
         self._waits = waits
         if self._deflection is not None:
             self._deflection.look(self._parts.scene, self._coming, self._parts.pairs)
@@ -145,7 +147,8 @@ class Governor:
         pace.advance(t, reference, max(nearness, NEAR + (NEARER - NEAR) * wait))
         path = _paced(reference.at(pace.time), pace)
         point = path
-        if self._deflection is not None or self._parts.pairs or self._leaves(reference):
+        if (self._deflection is not None or self._parts.pairs or self._coming is not None
+                or self._leaves(reference)):
             if self._deflection is None:
                 self._deflection = Deflection(self._parts, path)
                 self._deflection.look(self._parts.scene, self._coming, self._parts.pairs)
