@@ -141,10 +141,13 @@ class LimitsFilter:
         """Put the obstacles that move where they are at ``t`` [s]."""
         if self._moving.heard is None:
             return
-        still = self._scene
-        scene = scene_with(still.chain, still.spheres,
-                           joined([still.obstacles, self._moving.at(t)]),
-                           still.pairs[still.pairs[:, 1] < 0])
+        still, scene = self._scene, self._near.scene
+        obstacles = joined([still.obstacles, self._moving.at(t)])
+        if obstacles.radius.size == scene.obstacles.radius.size:  # who may come close is the same
+            scene = scene._replace(obstacles=obstacles)
+        else:
+            scene = scene_with(still.chain, still.spheres, obstacles,
+                               still.pairs[still.pairs[:, 1] < 0])
         self._near.scene = scene
         self._parts = self._parts._replace(scene=handle(scene), pairs=len(scene.pairs))
         if self.governor is not None:
