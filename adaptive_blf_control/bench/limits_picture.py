@@ -12,7 +12,7 @@ import numpy as np
 from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import apply_changes
 from adaptive_blf_control.errors import MissingExtra
-from adaptive_blf_control.limits.filter_step import Scene
+from adaptive_blf_control.limits.filter_look import Scene
 from adaptive_blf_control.limits.link_spheres import sphere_centres
 from adaptive_blf_control.limits.obstacles import distance
 from adaptive_blf_control.limits.scene import scene_of

@@ -10,8 +10,8 @@ N − R and N + R with 2N = M_least⁻¹ + M_most⁻¹, 2R = M_least⁻¹ − M_
 
     |a* − a|_i ≤ |N e|_i + √(R_ii) √(eᵀ R e)
 
-(Cauchy-Schwarz in R), e the bracket; both are bounded over the set of θ*, the second as a norm of
-the sum over the generators of the prior. Over a sample of length h under a held
+(Cauchy-Schwarz in R), e the bracket; both are bounded over the zonotope of θ* by the sum over its
+generators, the second as a norm. Over a sample of length h under a held
 torque the acceleration moves on by about a_h − a, that of the model at the end of the sample; all
 of it is added, twice what the mean over the sample takes: the rest is for what of it depends on
 θ*, and for the velocity between the samples.
@@ -27,7 +27,7 @@ import numpy as np
 from adaptive_blf_control.arms.mass_and_bias import mass, mass_and_bias
 from adaptive_blf_control.arms.regressors import law_regressor
 from adaptive_blf_control.compiled import jit
-from adaptive_blf_control.linear_algebra import inverse, product
+from adaptive_blf_control.linear_algebra import inverse, matrix_product, product
 
 __all__ = ['acceleration_error', 'Model', 'model_inverses', 'Posture']
 
@@ -40,9 +40,7 @@ class Model(NamedTuple):
         centre: Model with θc, see `mass_and_bias`.
         least: Model with M_least ⪯ M*.
         most: Model with M* ⪯ M_most.
-        generators: Of the zonotope around θ0 that θ* is in, shape (m, ν).
-        offset: θc − θ0, shape (m,).
-        root: √c L⁻ᵀ of the ellipsoid around θc that θ* is in, shape (m, m).
+        generators: D of the zonotope around θc that θ* is in, shape (m, ν).
         unexplained: δ, shape (n,) [N·m].
     """
 
@@ -51,8 +49,6 @@ class Model(NamedTuple):
     least: Any
     most: Any
     generators: np.ndarray
-    offset: np.ndarray
-    root: np.ndarray
     unexplained: np.ndarray
 
 
@@ -89,45 +85,16 @@ def model_inverses(model: Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 @jit
-def _support(model: Model, row: np.ndarray) -> float:
-    """Return a bound of |a (θ* − θc)| for a row a of shape (m,)."""
-    m = row.size
-    square, zonotope, shift = 0.0, 0.0, 0.0
-    for j in range(m):
+def _energy(model: Model, radius: np.ndarray, moved: np.ndarray) -> float:
+    """Return a bound of √(eᵀ R e); ``moved`` is Y D, shape (n, ν)."""
+    n, total = radius.shape[0], 0.0
+    for g in range(moved.shape[1]):
         value = 0.0
-        for p in range(j + 1):  # L⁻ᵀ is upper triangular
-            value += row[p] * model.root[p, j]
-        square += value * value
-        shift += row[j] * model.offset[j]
-    for g in range(model.generators.shape[1]):
-        value = 0.0
-        for p in range(m):
-            value += row[p] * model.generators[p, g]
-        zonotope += abs(value)
-    return min(math.sqrt(square), zonotope + abs(shift))
-
-
-@jit
-def _norm(weight: np.ndarray, rows: np.ndarray, column: np.ndarray) -> float:
-    """Return √(vᵀ W v) of v = rows column."""
-    n = weight.shape[0]
-    value, vector = 0.0, np.zeros(n)
-    for i in range(n):
-        for p in range(column.size):
-            vector[i] += rows[i, p] * column[p]
-    for i in range(n):
-        for j in range(n):
-            value += vector[i] * weight[i, j] * vector[j]
-    return math.sqrt(max(value, 0.0))
-
-
-@jit
-def _energy(model: Model, radius: np.ndarray, y: np.ndarray) -> float:
-    """Return a bound of √(eᵀ R e)."""
-    total = _norm(radius, y, model.offset)
-    for g in range(model.generators.shape[1]):
-        total += _norm(radius, y, model.generators[:, g])
-    for j in range(radius.shape[0]):
+        for i in range(n):
+            for j in range(n):
+                value += moved[i, g] * radius[i, j] * moved[j, g]
+        total += math.sqrt(max(value, 0.0))
+    for j in range(n):
         total += model.unexplained[j] * math.sqrt(max(radius[j, j], 0.0))
     return total
 
@@ -146,18 +113,15 @@ def acceleration_error(model: Model, posture: Posture, q: np.ndarray, qd: np.nda
         torque: Held, shape (n,) [N·m].
         period: h [s].
     """
-    y = law_regressor(model.arm, q, qd, qd, a)
-    n, m = y.shape
-    result, row = np.empty(n), np.empty(m)
+    moved = matrix_product(law_regressor(model.arm, q, qd, qd, a), model.generators)
+    spread, energy = matrix_product(posture.middle, moved), _energy(model, posture.radius, moved)
+    n = q.size
+    result = np.zeros(n)
     for i in range(n):
-        for p in range(m):
-            row[p] = 0.0
-            for j in range(n):
-                row[p] += posture.middle[i, j] * y[j, p]
-        result[i] = _support(model, row)
+        for g in range(spread.shape[1]):
+            result[i] += abs(spread[i, g])
         for j in range(n):
             result[i] += abs(posture.middle[i, j]) * model.unexplained[j]
-    energy = _energy(model, posture.radius, y)
     later, speed, drive = np.empty(n), np.empty(n), np.empty(n)
     for i in range(n):
         result[i] += math.sqrt(max(posture.radius[i, i], 0.0)) * energy

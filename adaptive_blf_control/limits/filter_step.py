@@ -17,33 +17,35 @@ and to that where nothing less does (BRAKING).
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.arms.chain import Chain
-from adaptive_blf_control.arms.mass_and_bias import mass_and_bias
-from adaptive_blf_control.compiled import Handle, jit
-from adaptive_blf_control.limits.acceleration_error import (
-    acceleration_error,
-    model_inverses,
-    Posture,
+from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.limits.acceleration_error import Posture
+from adaptive_blf_control.limits.filter_look import (
+    clear,
+    ERROR,
+    JointLimits,
+    left_free,
+    Look,
+    looked_at,
+    LOWER,
+    passes,
+    PLACE,
+    RESERVE,
+    reserve_of,
+    SPEED,
+    stopped,
+    UPPER,
+    WANTED,
 )
-from adaptive_blf_control.limits.link_spheres import LinkSpheres
-from adaptive_blf_control.limits.obstacles import Obstacles
 from adaptive_blf_control.limits.quadratic_program import solve
-from adaptive_blf_control.limits.stop_path import (
-    FAR,
-    held_by_limits,
-    kept_to,
-    stop_clearances,
-    stop_path,
-)
-from adaptive_blf_control.limits.viability import acceleration_bounds
-from adaptive_blf_control.linear_algebra import inverse
+from adaptive_blf_control.limits.stop_path import FAR
 
-__all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'FilterParts', 'IDLE', 'JointLimits', 'Report',
-           'Scene', 'SOFTENED', 'Stop']
+__all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'FilterParts', 'IDLE', 'narrowed', 'Report',
+           'SOFTENED', 'Stop']
 
 IDLE, ACTIVE, BRAKING, SOFTENED = 0, 1, 2, 3
 ROUNDS = 4  # solutions, each with the bound of the error of the one before
@@ -51,42 +53,10 @@ PARTS = (0.7, 0.4, 0.2, 0.1, 0.05, 0.0)  # of the way from braking to a solution
 GAMMA = 0.05  # γ, part of the free way that a sample may use up
 BUFFER = 1e-4  # β, what no sample uses up: for the curvature of b, which the rows leave out [m]
 ROUNDING = 1e-9  # of a clearance [m]
+NEEDED = (1.0 - GAMMA) * FAR + GAMMA * BUFFER  # no stop has to be freer than that [m]
 NEAREST = 8  # rows of obstacles at a time
 SOFT = 1e-6  # softness of a row that gives way, in units of its own curvature
 SLACK = 1e-9  # growth of the bound of the error that counts as none [rad/s²]
-
-
-class JointLimits(NamedTuple):
-    """What the joints may do; arrays of shape (n,).
-
-    Attributes:
-        lower: Positions [rad].
-        upper: Positions [rad].
-        speed: Velocities [rad/s].
-        braking: a_b, how hard each joint can brake at any time [rad/s²].
-    """
-
-    lower: np.ndarray
-    upper: np.ndarray
-    speed: np.ndarray
-    braking: np.ndarray
-
-
-class Scene(NamedTuple):
-    """What must not touch.
-
-    Attributes:
-        chain: Kinematics of the arm.
-        spheres: On its links.
-        obstacles: In the base's frame.
-        pairs: Which may come close: a sphere, and an obstacle or −1 less another sphere,
-            shape (p, 2).
-    """
-
-    chain: Chain
-    spheres: LinkSpheres
-    obstacles: Obstacles
-    pairs: np.ndarray
 
 
 class FilterParts(NamedTuple):
@@ -186,35 +156,30 @@ def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.nd
         left: The stop that the sample before has left; None where there was none.
     """
     limits, period = parts.limits, parts.period
-    posture = parts.exact or posture_of(parts.model, q, qd)
-    wanted = posture.compliance @ (torque - posture.bias)
-    lower, upper = acceleration_bounds(q, qd, *limits, period)
     room = _room(parts, q.size)
-    stop = Stop(q, qd) if left is None else left
-    onwards = stop.braking(limits, period)
-    if room.found.size:
-        error = _error(parts, posture, q, qd, onwards)
-        brake = kept_to(onwards, stop.position, stop.velocity, q, qd, error, period)
-        _leaves(parts, q, qd, brake, error, room)
-        room.before[:] = room.found
-        braked = Braked(brake, error, stop.after(onwards, period), room.gradients.copy())
+    given = parts.exact or _no_posture(q.size)
+    look = Look(*looked_at(parts.model, parts.scene, parts.exact is not None, given, limits,
+                           period, q, qd, torque, least, most, room.found, room.now,
+                           room.gradients))
+    values, idle, braked = look.values, look.passes, None
+    if room.found.size and (not idle or look.free < NEEDED):
+        found = room.found.copy()
+        braked = _braked(parts, look.posture, q, qd, Stop(q, qd) if left is None else left, room)
+        idle = idle and _uses_its_part(found, room.before)
+    if idle:
+        return Report(torque, IDLE, values[WANTED], values[ERROR], values[RESERVE], look.near,
+                      look.free, Stop(values[PLACE], values[SPEED]))
+    posture, wanted, error = look.posture, values[WANTED], values[ERROR]
+    lower, upper = values[LOWER], values[UPPER]
     a = np.minimum(np.maximum(wanted, lower), upper)
-    error = _error(parts, posture, q, qd, a)
-    free = _leaves(parts, q, qd, a, error, room)
-    if (_passes(wanted, lower, upper, error) and _passes(torque, least, most, np.zeros_like(q))
-            and _uses_its_part(room.found, room.before)):
-        return _report(posture, torque, IDLE, wanted, error, limits, least, most, room, free,
-                       Stop(q, qd).after(wanted, period))
-    if room.found.size:  # braking keeps the rows of obstacles: there they are linearised first
-        a = brake
-        room.found[:], room.gradients[:] = room.before, braked.gradients
+    if braked is not None:  # braking keeps the rows of obstacles: there they are linearised first
+        a = braked.a
     kind, rounds = ACTIVE, 0
     while True:
         rounds += 1
         a, kind = solved(posture, wanted, *narrowed(lower, upper, error), least, most, a,
                          room, NEAREST)
-        needed = _error(parts, posture, q, qd, a)
-        _leaves(parts, q, qd, a, needed, room)
+        needed = _leaves(parts, posture, q, qd, a, room)
         growth = np.maximum(needed - error, 0.0)
         certain = not (growth > SLACK).any()
         # With twice the growth: what follows from the larger error is then within it.
@@ -226,15 +191,23 @@ def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.nd
         kind = SOFTENED
     stop = Stop(q, qd).after(a, period)
     # Where rows of several obstacles contradict each other the stop that is left keeps all.
-    if not free or (kind == SOFTENED and room.found.size):
+    if braked is not None and (not free or kind == SOFTENED):
         a, kind, error, stop = _backed_off(parts, posture, q, qd, a, braked, lower, upper, least,
                                            most, room)
     answer = posture.inertia @ a + posture.bias
     if not np.isfinite(answer).all():  # from what is not a number; then no torque but what must be
         answer, kind, stop = np.zeros_like(q), SOFTENED, Stop(q, np.zeros_like(q))
     answer = np.minimum(np.maximum(answer, least), most)
-    return _report(posture, answer, kind, a, error, limits, least, most, room,
-                   float(room.found.min(initial=np.inf)), stop)
+    return Report(answer, kind, a, error,
+                  reserve_of(posture, limits.braking, error, least, most),
+                  float(room.now.min(initial=np.inf)), float(room.found.min(initial=np.inf)), stop)
+
+
+@lru_cache
+def _no_posture(n: int) -> Posture:
+    """Return what stands for no posture where compiled functions ask for one."""
+    none = np.zeros((n, n))
+    return Posture(none, np.zeros(n), none, none, none)
 
 
 class Braked(NamedTuple):
@@ -244,13 +217,22 @@ class Braked(NamedTuple):
         a: Acceleration that keeps it, shape (n,) [rad/s²].
         error: Bound of how far the arm's may be from that, shape (n,) [rad/s²].
         after: Where the joints are on it after this sample.
-        gradients: As `Room.gradients`.
     """
 
     a: np.ndarray
     error: np.ndarray
     after: Stop
-    gradients: np.ndarray
+
+
+def _braked(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndarray, stop: Stop,
+            room: Room) -> Braked:
+    """Return the stop that is left; what it leaves free is `Room.before`, and in ``room``."""
+    onwards = stop.braking(parts.limits, parts.period)
+    brake, error = stopped(parts.model, parts.scene, parts.exact is not None, posture,
+                           parts.limits, parts.period, q, qd, onwards, stop.position,
+                           stop.velocity, room.found, room.now, room.gradients)
+    room.before[:] = room.found
+    return Braked(brake, error, stop.after(onwards, parts.period))
 
 
 def _may_go_on(room: Room, qd: np.ndarray, limits: JointLimits, period: float) -> bool:
@@ -272,16 +254,17 @@ def _backed_off(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndar
     low, high = narrowed(lower, upper, braked.error)
     brake = np.minimum(np.maximum(braked.a, low), high)
     tight, solution = np.full_like(q, SLACK), ACTIVE
-    if not _passes(posture.inertia @ brake + posture.bias, least, most, np.zeros_like(q)):
+    if not passes(posture.inertia @ brake + posture.bias, least, most, np.zeros_like(q)):
         brake, solution = solved(posture, brake, brake - tight, brake + tight, least, most, brake,
                                  room, 0)
     for part in PARTS[:-1]:
         tried = brake + part * (a - brake)
-        needed = _error(parts, posture, q, qd, tried)
-        _leaves(parts, q, qd, tried, needed, room)
-        if _may_go_on(room, qd, parts.limits, period) and _passes(tried, lower, upper, needed):
+        needed = _leaves(parts, posture, q, qd, tried, room)
+        if _may_go_on(room, qd, parts.limits, period) and passes(tried, lower, upper, needed):
             return tried, solution, needed, Stop(q, qd).after(tried, period)
-    _leaves(parts, q, qd, brake, braked.error, room)
+    if room.found.size:
+        clear(parts.scene, q, qd, brake, braked.error, parts.limits, period, room.found, room.now,
+              room.gradients)
     return (brake, BRAKING if solution == ACTIVE else SOFTENED, braked.error, braked.after)
 
 
@@ -290,34 +273,13 @@ def _room(parts: FilterParts, n: int) -> Room:
     return Room(np.empty(count), np.zeros(count), np.empty(count), np.empty((count, n)))
 
 
-def _error(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndarray,
-           a: np.ndarray) -> np.ndarray:
-    """Return the bound of |a* − a| under the torque of a, shape (n,) [rad/s²]."""
-    if parts.exact is not None:
-        return np.zeros_like(q)
-    error: np.ndarray = error_of(parts.model, posture, q, qd, a,
-                                 posture.inertia @ a + posture.bias, parts.period)
+def _leaves(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndarray, a: np.ndarray,
+            room: Room) -> np.ndarray:
+    """Write what a stop after a leaves free, and its change with a; return `error_of` a."""
+    error: np.ndarray = left_free(parts.model, parts.scene, parts.exact is not None, posture,
+                                  parts.limits, parts.period, q, qd, a, room.found, room.now,
+                                  room.gradients)
     return error
-
-
-def _leaves(parts: FilterParts, q: np.ndarray, qd: np.ndarray, a: np.ndarray, error: np.ndarray,
-            room: Room) -> float:
-    """Write what a stop after a leaves free, and its change with a; return the least [m]."""
-    if not room.found.size:
-        return np.inf
-    clear(parts.scene, q, qd, a, error, parts.limits, parts.period, room.found, room.now,
-          room.gradients)
-    return float(room.found.min())
-
-
-def _report(posture: Posture, torque: np.ndarray, kind: int, a: np.ndarray, error: np.ndarray,
-            limits: JointLimits, least: np.ndarray, most: np.ndarray, room: Room,
-            free: float, stop: Stop) -> Report:
-    bias = posture.bias
-    reserve = (np.minimum(most - bias, bias - least)
-               - np.abs(posture.inertia) @ (limits.braking + error))
-    return Report(torque, kind, a, error, reserve, float(room.now.min(initial=np.inf)), free,
-                  stop)
 
 
 def narrowed(lower: np.ndarray, upper: np.ndarray,
@@ -326,42 +288,6 @@ def narrowed(lower: np.ndarray, upper: np.ndarray,
     low, high = lower + error, upper - error
     middle, crossed = 0.5 * (low + high), low > high
     return np.where(crossed, middle, low), np.where(crossed, middle, high)
-
-
-@jit
-def posture_of(model: Handle, q: np.ndarray, qd: np.ndarray) -> Posture:
-    """Return the matrices of the model in a state, shape (n,) [rad] and [rad/s]."""
-    inertia, bias = mass_and_bias(model.value.centre, q, qd)
-    middle, radius = model_inverses(model.value, q)
-    return Posture(inertia, bias, inverse(inertia), middle, radius)
-
-
-@jit
-def error_of(model: Handle, posture: Posture, q: np.ndarray, qd: np.ndarray, a: np.ndarray,
-             torque: np.ndarray, period: float) -> np.ndarray:
-    """Return `acceleration_error`."""
-    return acceleration_error(model.value, posture, q, qd, a, torque, period)
-
-
-@jit
-def clear(scene: Handle, q: np.ndarray, qd: np.ndarray, a: np.ndarray, error: np.ndarray,
-          limits: JointLimits, period: float, found: np.ndarray, now: np.ndarray,
-          gradients: np.ndarray) -> None:
-    """Write `stop_clearances` of the `stop_path` after a."""
-    parts = scene.value
-    held = held_by_limits(q, qd, a, error, limits.lower, limits.upper, limits.speed,
-                          limits.braking, period)
-    path = stop_path(qd, a, error, limits.braking, period, held)
-    stop_clearances(parts.chain, parts.spheres, parts.obstacles, parts.pairs, q, path, found, now,
-                    gradients)
-
-
-@jit
-def _passes(values: np.ndarray, low: np.ndarray, high: np.ndarray, margin: np.ndarray) -> bool:
-    passes = True
-    for i in range(values.size):
-        passes = passes and low[i] + margin[i] <= values[i] <= high[i] - margin[i]
-    return passes
 
 
 @jit

@@ -4,7 +4,9 @@
 Where there are obstacles the reference is a motion (y, ẏ) of its own that is drawn to the path by
 ÿ = ÿ_p + k_d (ẏ_p − ẏ) + k_p (y_p − y), nearest to which its acceleration is chosen as the filter
 does it: within the safety set less the performance set, the velocities and the stops before
-obstacles. Its acceleration is what it is told, so that nothing is uncertain in it.
+obstacles. Its acceleration is what it is told, so that nothing is uncertain in it. To obstacles
+that move it gives way instead (`evasion`). Where e1 comes near its bound it slows down as the path
+does.
 """
 
 from __future__ import annotations
@@ -14,12 +16,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.control.reference import full_range, Reference, ReferencePoint
 from adaptive_blf_control.control.safety_filter import Governed
 from adaptive_blf_control.control.sets import Bounds, TOLERANCE
 from adaptive_blf_control.limits.acceleration_error import Posture
+from adaptive_blf_control.limits.evasion import evading
+from adaptive_blf_control.limits.filter_look import Scene
 from adaptive_blf_control.limits.filter_step import filter_step, FilterParts, Stop
-from adaptive_blf_control.limits.pace import NEAR, NEARER, Pace
+from adaptive_blf_control.limits.pace import NEAR, NEARER, Pace, slowed
 
 __all__ = ['Deflection', 'Governor', 'SPEED_PART']
 
@@ -46,11 +51,13 @@ class Deflection:
         self._parts = parts._replace(exact=Posture(unit, np.zeros(n), unit, unit, none))
         self._hardest = HARDEST * parts.limits.braking
         self._left: Stop | None = None
+        self._coming: Any = None
         self.position, self.velocity = begin.position.copy(), begin.velocity.copy()
 
-    def look(self, scene: Any, pairs: int) -> None:
+    def look(self, scene: Any, coming: Any, pairs: int) -> None:
         """Take another scene, see `Governor.look`."""
         self._parts = self._parts._replace(scene=scene, pairs=pairs)
+        self._coming = coming
 
     def awaited(self, path: ReferencePoint) -> float:
         """Return how much the path is to wait for it, from 0 to 1.
@@ -64,14 +71,25 @@ class Deflection:
         wait = np.clip((off - FAR) / (FARTHER - FAR), 0.0, 1.0 - LEAST)
         return float(wait * np.clip(coming / COMING, 0.0, 1.0))
 
-    def advance(self, dt: float, path: ReferencePoint) -> ReferencePoint:
-        """Go on for a sample after which the path is at ``path``; return where it is then."""
+    def advance(self, dt: float, path: ReferencePoint, part: float) -> ReferencePoint:
+        """Go on for a sample after which the path is at ``path``; return where it is then.
+
+        Args:
+            dt: Length of the sample [s].
+            path: The path.
+            part: How much of what leads to the path counts, from 0 to 1; the rest comes to rest.
+        """
         pull = (path.acceleration + DAMPING * (path.velocity - self.velocity)
                 + STIFFNESS * (path.position - self.position))
+        if part < 1.0:
+            pull = part * pull - (1.0 - part) * DAMPING * self.velocity
         least = np.minimum(path.acceleration, 0.0) - self._hardest
         most = np.maximum(path.acceleration, 0.0) + self._hardest
-        report = filter_step(self._parts, self.position, self.velocity,
-                             np.clip(pull, least, most), least, most, self._left)
+        wanted = np.clip(pull, least, most)
+        if self._coming is not None:
+            wanted = evading(self._coming, self.position, self.velocity, wanted, least, most)
+        report = filter_step(self._parts, self.position, self.velocity, wanted, least, most,
+                             self._left)
         self._left = report.stop
         self.position = self.position + dt * self.velocity + 0.5 * dt * dt * report.acceleration
         self.velocity = self.velocity + dt * report.acceleration
@@ -89,13 +107,25 @@ class Governor:
         self._last: _Last | None = None
         self._off = 0.0
         self._waits = False
+        self._coming: Any = None
+        self._of: Reference | None = None
+        self._beyond = False
 
-    def look(self, scene: Any, pairs: int, waits: bool) -> None:
-        """Take another scene, of ``pairs`` that may come close; ``waits``: come to rest."""
-        self._parts = self._parts._replace(scene=scene, pairs=pairs)
+    def look(self, scene: Scene, waits: bool) -> None:
+        """Take another scene; ``waits``: come to rest.
+
+        The reference stops before what stands still, and gives way to what moves (`evading`): a
+        stop leaves an arm that an obstacle comes to no way but to stand.
+        """
+        obstacles, pairs = scene.obstacles, scene.pairs
+        moves = obstacles.velocity.any(axis=1)
+        still = pairs[(pairs[:, 1] < 0) | ~np.append(moves, False)[pairs[:, 1]]]
+        self._parts = self._parts._replace(scene=handle(scene._replace(pairs=still)),
+                                           pairs=len(still))
+        self._coming = handle(scene) if moves.any() else None
         self._waits = waits
         if self._deflection is not None:
-            self._deflection.look(scene, pairs)
+            self._deflection.look(self._parts.scene, self._coming, self._parts.pairs)
 
     @property
     def off(self) -> float:
@@ -117,10 +147,13 @@ class Governor:
         pace.advance(t, reference, max(nearness, NEAR + (NEARER - NEAR) * wait))
         path = _paced(reference.at(pace.time), pace)
         point = path
-        if self._deflection is not None or self._parts.pairs or self._leaves(reference):
+        if (self._deflection is not None or self._parts.pairs or self._coming is not None
+                or self._leaves(reference)):
             if self._deflection is None:
                 self._deflection = Deflection(self._parts, path)
-            point = self._deflection.advance(dt, path) if dt > 0.0 else path
+                self._deflection.look(self._parts.scene, self._coming, self._parts.pairs)
+            if dt > 0.0:
+                point = self._deflection.advance(dt, path, slowed(nearness))
         self._off = float(np.abs(point.position - path.position).max())
         result = Governed(point, pace.time, pace.rate)
         self._last = _Last(t, result, None)
@@ -128,10 +161,13 @@ class Governor:
 
     def _leaves(self, reference: Reference) -> bool:
         """Return whether a reference goes where there is no room for e1."""
-        lower, upper = full_range(reference)
-        limits = self._parts.limits
-        return bool((lower < limits.lower - TOLERANCE).any()
-                    or (upper > limits.upper + TOLERANCE).any())
+        if reference is not self._of:
+            lower, upper = full_range(reference)
+            limits = self._parts.limits
+            self._beyond = bool((lower < limits.lower - TOLERANCE).any()
+                                or (upper > limits.upper + TOLERANCE).any())
+            self._of = reference
+        return self._beyond
 
     def __copy__(self) -> Governor:
         """Return a governor that goes on from here without a trace in this one."""

@@ -21,7 +21,7 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.reference import Reference
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 
-__all__ = ['NEAR', 'NEARER', 'Pace']
+__all__ = ['NEAR', 'NEARER', 'Pace', 'slowed']
 
 AHEAD = 40  # points of the path that are looked at
 STEP = 0.02  # between them [s]
@@ -30,6 +30,7 @@ HARDER = 5.0  # times D where e1 comes near its bound
 TORQUE_PART, SPEED_PART = 0.85, 0.9  # ρ and ρ_v: the rest is for the law
 SMOOTHING = 0.005  # time constant of σ̇ [s]
 HALVINGS = 5
+_POINTS = np.arange(AHEAD + 1)
 NEAR, NEARER = 0.4, 0.8  # parts of the bound of e1 between which the path slows down to rest
 
 
@@ -51,7 +52,8 @@ class Pace:
         self._t: float | None = None
         self._lag = 0.0  # t − σ: where it is zero σ is t bit for bit
         self._of: Reference | None = None
-        self._rates: dict[int, float] = {}
+        self._first = 0
+        self._rates = np.zeros(0)  # of the points that are looked at, from the first one on
 
     def advance(self, t: float, reference: Reference, nearness: float) -> None:
         """Go on along the path.
@@ -63,19 +65,19 @@ class Pace:
         """
         dt = 0.0 if self._t is None else t - self._t
         before, self._t = t - dt - self._lag, t
-        if reference is not self._of:
-            self._of, self._rates = reference, {}
         first = max(int(before / STEP), 0)
-        self._rates = {j: rate for j, rate in self._rates.items() if j >= first}
-        allowed = 1.0
-        for j in range(first, first + AHEAD + 1):
-            if j not in self._rates:
-                self._rates[j] = self._largest(reference, j * STEP)
-            ahead = max(j * STEP - before, 0.0)
-            allowed = min(allowed, math.sqrt(self._rates[j] ** 2 + 2.0 * CHANGE * ahead))
-        slowed = min(1.0, max(0.0, (NEARER - nearness) / (NEARER - NEAR)))
-        hardest = CHANGE * (HARDER if slowed < 1.0 else 1.0)
-        wanted = (allowed * slowed - self.rate) / SMOOTHING
+        kept = self._rates[max(first - self._first, 0):]
+        if reference is not self._of or first < self._first:
+            self._of, kept = reference, kept[:0]
+        if first != self._first or kept.size <= AHEAD:
+            self._first, self._rates = first, np.append(kept, [
+                self._largest(reference, (first + j) * STEP)
+                for j in range(kept.size, AHEAD + 1)])
+        ahead = np.maximum((first + _POINTS) * STEP - before, 0.0)
+        allowed = min(1.0, math.sqrt((self._rates ** 2 + 2.0 * CHANGE * ahead).min()))
+        part = slowed(nearness)
+        hardest = CHANGE * (HARDER if part < 1.0 else 1.0)
+        wanted = (allowed * part - self.rate) / SMOOTHING
         self.change = min(max(wanted, -hardest), CHANGE) if dt > 0.0 else 0.0
         rate = min(max(self.rate + dt * self.change, 0.0), 1.0)
         self.change = (rate - self.rate) / dt if dt > 0.0 else 0.0
@@ -105,6 +107,11 @@ class Pace:
     def _most(self, rows: np.ndarray) -> np.ndarray:
         """Return the largest torque of the set, (n, m) → (n,) [N·m]."""
         return np.abs(rows @ self._parameters.centre) + self._parameters.support(rows)
+
+
+def slowed(nearness: float) -> float:
+    """Return the part of its rate that e1 leaves, its largest being ``nearness`` of its bound."""
+    return min(1.0, max(0.0, (NEARER - nearness) / (NEARER - NEAR)))
 
 
 def _bisected(fits: Callable[[float], bool], high: float) -> float:

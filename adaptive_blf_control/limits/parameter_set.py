@@ -5,9 +5,10 @@ The prior, θ* = θ0 + D z with |z|_∞ ≤ 1 and ν columns in D, gives
 
     (θ* − θ0)ᵀ A0 (θ* − θ0) ≤ 1,   A0 = (ν D Dᵀ + ε² I)⁻¹,
 
-because |z|² ≤ ν. What the model cannot explain of joint i's filtered torque is bounded by δ_i, so
-that each of the N rows y θ = τ of the recorded pairs has ((y θ* − τ)/δ)² ≤ 1, and so has their
-mean. Any convex combination, 1 − λ of the first and λ of the second, is an ellipsoid around θ*:
+because |z|² ≤ ν: the zonotope of the prior is inside that ellipsoid. What the model cannot explain
+of joint i's filtered torque is bounded by δ_i, so that each of the N rows y θ = τ of the recorded
+pairs has ((y θ* − τ)/δ)² ≤ 1, and so has their mean. Any convex combination, 1 − λ of the first
+and λ of the second, is an ellipsoid around θ*:
 
     (θ* − θc)ᵀ A (θ* − θc) ≤ c,    A = (1 − λ) A0 + (λ/N) Σ yᵀy/δ²,
     θc = A⁻¹ [(1 − λ) A0 θ0 + (λ/N) Σ yᵀτ/δ²],
@@ -149,6 +150,8 @@ class ParameterSet:
 
     def support(self, rows: np.ndarray) -> np.ndarray:
         """Return a bound of |a (θ* − centre)| for each row a of shape (k, m), shape (k,)."""
+        if self.centre is self.prior.centre:  # no data: the ellipsoid is around the zonotope
+            return self.prior.support(rows)
         from_prior = self.prior.support(rows) + np.abs(rows @ (self.centre - self.prior.centre))
         return np.minimum(support(np.ascontiguousarray(rows), self.root), from_prior)
 

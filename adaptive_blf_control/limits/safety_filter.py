@@ -19,13 +19,12 @@ from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.limits.acceleration_error import Model
 from adaptive_blf_control.limits.braking import checked_braking, Resting
+from adaptive_blf_control.limits.filter_look import JointLimits, Scene
 from adaptive_blf_control.limits.filter_step import (
     filter_step,
     FilterParts,
     IDLE,
-    JointLimits,
     Report,
-    Scene,
     SOFTENED,
     Stop,
 )
@@ -80,7 +79,7 @@ class LimitsFilter:
         self.counts = [0, 0, 0, 0]
         self.watched = (*(f'{joint}.reserve' for joint in arm.joints), 'clearance',
                         'stop_clearance', 'path_rate', 'path_off', 'kind')
-        self._worst = np.zeros(0)
+        self._worst: tuple[np.ndarray, tuple[float, ...]] | None = None
         self._moving = MovingObstacles(0.0, np.inf)
         given = settings.limits.prior
         prior = prior_of(arm, mass_error=given.mass_error, payload=given.payload,
@@ -89,8 +88,8 @@ class LimitsFilter:
         self.parameter_set = ParameterSet(prior, given.unexplained)
         self._model: Any = handle(Model(
             arrays_of(arm), model_of(arm, prior.centre), model_of(arm, least),
-            model_of(arm, most), prior.generators.copy(), np.zeros(arm.m),
-            self.parameter_set.root.copy(), given.unexplained.copy()))
+            model_of(arm, most), np.ascontiguousarray(prior.generators),
+            given.unexplained.copy()))
         self._take(settings)
 
     def _take(self, settings: ControllerSettings) -> None:
@@ -142,15 +141,17 @@ class LimitsFilter:
         """Put the obstacles that move where they are at ``t`` [s]."""
         if self._moving.heard is None:
             return
-        still = self._scene
-        scene = scene_with(still.chain, still.spheres,
-                           joined([still.obstacles, self._moving.at(t)]),
-                           still.pairs[still.pairs[:, 1] < 0])
+        still, scene = self._scene, self._near.scene
+        obstacles = joined([still.obstacles, self._moving.at(t)])
+        if obstacles.radius.size == scene.obstacles.radius.size:  # who may come close is the same
+            scene = scene._replace(obstacles=obstacles)
+        else:
+            scene = scene_with(still.chain, still.spheres, obstacles,
+                               still.pairs[still.pairs[:, 1] < 0])
         self._near.scene = scene
         self._parts = self._parts._replace(scene=handle(scene), pairs=len(scene.pairs))
         if self.governor is not None:
-            self.governor.look(handle(self._wider(scene)), len(scene.pairs),
-                               waits=self._moving.silent(t))
+            self.governor.look(self._wider(scene), waits=self._moving.silent(t))
 
     def retuned(self, settings: ControllerSettings) -> LimitsFilter:
         """Return the filter that goes on with other settings.
@@ -234,17 +235,23 @@ class LimitsFilter:
     def _note(self, report: Report) -> None:
         """Keep the worst of what is watched: the least, of what counts up the largest."""
         governor = self.governor
-        values = np.array([*report.reserve, min(report.clearance, FARTHEST),
-                           min(report.stop_clearance, FARTHEST),
-                           1.0 if governor is None else governor.pace.rate,
-                           0.0 if governor is None else -governor.off, -float(report.kind)])
-        self._worst = np.minimum(self._worst, values) if self._worst.size else values
+        reserve = report.reserve
+        others: tuple[float, ...] = (
+            min(report.clearance, FARTHEST), min(report.stop_clearance, FARTHEST),
+            1.0 if governor is None else governor.pace.rate,
+            0.0 if governor is None else -governor.off, -float(report.kind))
+        if self._worst is not None:
+            reserve = np.minimum(self._worst[0], reserve)
+            others = tuple(map(min, self._worst[1], others))
+        self._worst = reserve, others
 
     def watch(self) -> np.ndarray:
         """Return the worst of each of ``watched`` since the last call; NaN without a sample."""
-        values = self._worst if self._worst.size else np.full(len(self.watched), np.nan)
-        self._worst = np.zeros(0)
-        return np.concatenate([values[:-2], -values[-2:]])
+        if self._worst is None:
+            return np.full(len(self.watched), np.nan)
+        reserve, others = self._worst
+        self._worst = None
+        return np.array([*reserve, *others[:-2], -others[-2], -others[-1]])
 
     def _left(self, held: float) -> Stop | None:
         """Return the stop that the sample before has left; None after a gap."""

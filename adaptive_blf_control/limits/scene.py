@@ -9,7 +9,7 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.chain import Chain
 from adaptive_blf_control.control.limit_settings import LimitSettings, ObstacleSettings, rows_of
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.limits.filter_step import Scene
+from adaptive_blf_control.limits.filter_look import Scene
 from adaptive_blf_control.limits.link_spheres import LinkSpheres
 from adaptive_blf_control.limits.obstacles import (
     box,

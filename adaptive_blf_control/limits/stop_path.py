@@ -183,6 +183,7 @@ def _bend(braking: float, rest: float, length: float) -> float:
     return 0.25 * braking * rest * (length - 0.5 * rest)
 
 
+@jit
 def kept_to(a: np.ndarray, place: np.ndarray, speed: np.ndarray, q: np.ndarray, qd: np.ndarray,
             error: np.ndarray, period: float) -> np.ndarray:
     """Return the acceleration that leads back to a path, shape (n,) [rad/s²].
@@ -197,8 +198,11 @@ def kept_to(a: np.ndarray, place: np.ndarray, speed: np.ndarray, q: np.ndarray, 
             [rad/s²].
         period: h [s].
     """
-    back: np.ndarray = np.clip(PULL / period ** 2 * (place - q), -error, error)
-    return a + (speed - qd) / period + back
+    kept = np.empty(q.size)
+    for j in range(q.size):
+        back = PULL / period ** 2 * (place[j] - q[j])
+        kept[j] = a[j] + (speed[j] - qd[j]) / period + min(max(back, -error[j]), error[j])
+    return kept
 
 
 @jit

@@ -7,14 +7,11 @@ import numpy as np
 import pytest
 
 import adaptive_blf_control as blf
-from adaptive_blf_control.bench.limits import (
-    _Timed,
-    Case,
-    Figures,
-    moving_sphere,
-    MovingSphere,
-    row,
-)
+from adaptive_blf_control.bench import limits
+from adaptive_blf_control.bench.limits import row, runs_of
+from adaptive_blf_control.bench.limits_cases import Case
+from adaptive_blf_control.bench.limits_runs import RunFigures, Timed
+from adaptive_blf_control.bench.limits_scenes import moving_sphere, MovingSphere
 from adaptive_blf_control.control.safety_filter import FilterSample
 
 
@@ -24,22 +21,22 @@ def test_every_sample_of_filter_and_governor_is_timed():
         arm, safety_filter='limits', torque_limit=[60.0, 15.0],
         safety={'lower': -1.0, 'upper': 1.0}, performance={'lower': -0.1, 'upper': 0.1},
         limits={'velocity': [1.5, 2.0], 'prior': {'mass_error': 0.1, 'friction': [8.0, 2.0]}})
-    timed = _Timed(controller.safety_filter)
+    timed = Timed(controller.safety_filter)
     for k in range(3):
         controller.update(k * 1e-3, np.zeros(2), np.zeros(2), arm.nominal)
     assert len(timed.times) == len(timed.governing) == len(timed.kinds) == len(timed.off) == 3
     assert sum(controller.safety_filter.counts) == 3
 
 
-def test_a_sphere_moves_in_every_second_scene_and_is_clear_of_the_start(repository):
+def test_a_sphere_comes_at_the_speed_that_is_asked_for(repository):
     pytest.importorskip('pinocchio')
     config = repository / 'config'
-    assert moving_sphere(config, 1) is None
-    moving = moving_sphere(config, 2)
-    assert 0.05 <= np.linalg.norm(moving.velocity) <= 0.2
-    assert moving.velocity[2] == 0.0
-    again = moving_sphere(config, 2)
-    assert all(np.array_equal(one, other) for one, other in zip(moving, again))
+    for slowest, fastest in ((0.05, 0.2), (0.2, 0.5)):
+        moving = moving_sphere(config, 2, slowest, fastest)
+        assert slowest <= np.linalg.norm(moving.velocity) <= fastest
+        assert moving.velocity[2] == 0.0
+        again = moving_sphere(config, 2, slowest, fastest)
+        assert all(np.array_equal(one, other) for one, other in zip(moving, again))
 
 
 def test_a_sphere_that_moves_is_shown_to_the_filter():
@@ -57,14 +54,45 @@ def test_a_sphere_that_moves_is_shown_to_the_filter():
 
     moving = MovingSphere(np.array([1.0, 0.0, 0.0]), np.array([-0.1, 0.0, 0.0]), 0.1)
     inner, none = Filter(), np.zeros(1)
-    _Timed(inner, moving)
+    Timed(inner, moving)
     for k in range(25):
         inner.filtered(FilterSample(0.01 * k, none, none, none, none, none))
     np.testing.assert_allclose(shown, [[1.0, 0.0, 0.0], [0.98, 0.0, 0.0]])
 
 
+def case_of(**changes):
+    return Case('still', 'Panda', 'governor and filter', lambda seed: {}, **changes)
+
+
 def test_a_row_without_filtered_samples_says_so():
-    figures = Figures(worst=np.array([1.0, 2.0, 3.0, np.inf]), progress=[0.5])
-    figures.times[0].append(10.0)
-    text = row(Case('still', 'Panda', 'governor and filter', lambda seed: {}), figures)
-    assert text.endswith('| 10, 10; –; – |')
+    run = RunFigures([0, 0, 0, 0], [1.0, 2.0, 3.0, np.inf], 0.5, counts=[1, 0, 0, 0],
+                     times=[[10.0, 12.0], [], []])
+    text = row(case_of(), [run])
+    assert text.endswith('| 0 / 0 / 0 / – | 1.000, 2.000, 3.000 | 0.50 |  | 1 / 0 / 0 / 0 | '
+                         '10, 12; –; – |')
+
+
+def test_a_row_of_several_runs_has_sums_and_least_margins_and_who_was_refused():
+    runs = [RunFigures([0, 1, 0, 2], [1.0, -0.2, 3.0, 0.5], 0.9), RunFigures(refused='too heavy'),
+            RunFigures([0, 0, 4, 0], [0.5, 2.0, -3.0, 0.1], 0.7)]
+    assert '| 2 | 0 / 1 / 4 / 2 | 0.500, -0.200, -3.000, 0.100 | 0.80 (0.70 to 0.90) (1 refused)' \
+        in row(case_of(), runs)
+    assert 'refused: too heavy' in row(case_of(), runs[1:2])
+
+
+def test_runs_that_were_kept_are_not_run_again(tmp_path, monkeypatch):
+    ran = []
+
+    def run_of(case, config, duration, seed):
+        ran.append((duration, seed))
+        return RunFigures([0, 0, 0, 0], [1.0, 1.0, 1.0, float('inf')], 0.1 * seed)
+
+    monkeypatch.setattr(limits, 'run_of', run_of)
+    kept, case = tmp_path / 'runs', case_of(seeds=(1, 2))
+    first = list(runs_of(case, tmp_path, 8.0, kept))
+    assert list(runs_of(case, tmp_path, 8.0, kept)) == first
+    assert ran == [(8.0, 1), (8.0, 2)]
+    list(runs_of(case_of(seeds=(2, 3)), tmp_path, 8.0, kept))
+    assert ran[2:] == [(8.0, 3)]
+    list(runs_of(case, tmp_path, 4.0, kept))
+    assert ran[3:] == [(4.0, 1), (4.0, 2)]

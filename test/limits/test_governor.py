@@ -8,7 +8,8 @@ import pytest
 
 import adaptive_blf_control as blf
 from adaptive_blf_control.control.reference import Posture, ReferencePoint, SumOfSinusoids
-from adaptive_blf_control.limits.pace import Pace
+from adaptive_blf_control.limits.governor import Deflection
+from adaptive_blf_control.limits.pace import Pace, slowed
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 from adaptive_blf_control.limits.prior import prior_of
 
@@ -124,3 +125,19 @@ def test_what_is_followed_has_the_acceleration_of_its_velocity():
             slowed += pace.rate < 0.7
         before = point
     assert slowed > 20
+
+
+def test_a_reference_beside_its_path_comes_to_rest_where_nothing_of_the_way_back_counts():
+    motion = blf.Controller(ARM, safety_filter='limits', torque_limit=500.0, limits={
+        'velocity': [1.2], 'prior': {'mass_error': 0.1, 'friction': [8.0, 2.0]}},
+        safety={'lower': -3.0, 'upper': 3.0}, performance={'lower': -0.5, 'upper': 0.5})
+    begin = ReferencePoint(np.zeros(2), np.zeros(2), np.zeros(2))
+    path = begin._replace(position=np.ones(2))
+    deflection = Deflection(motion.safety_filter.governor._parts, begin)
+    for _ in range(100):
+        point = deflection.advance(1e-3, path, slowed(0.0))
+    assert (point.velocity > 0.5).all()
+    for _ in range(400):
+        point = deflection.advance(1e-3, path, slowed(0.8))
+    assert np.abs(point.velocity).max() < 0.01
+    assert (point.position < 0.9).all()

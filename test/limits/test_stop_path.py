@@ -10,7 +10,8 @@ import pytest
 from adaptive_blf_control.arms.chain import Chain, chain_of_model
 from adaptive_blf_control.arms.urdf_model import reduced_model
 from adaptive_blf_control.arms.urdf_source import read_urdf
-from adaptive_blf_control.limits.filter_step import JointLimits, narrowed
+from adaptive_blf_control.limits.filter_look import JointLimits
+from adaptive_blf_control.limits.filter_step import narrowed
 from adaptive_blf_control.limits.link_spheres import LinkSpheres, sphere_centres
 from adaptive_blf_control.limits.obstacles import (
     box,

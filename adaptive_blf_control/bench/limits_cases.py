@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rows of ``bench limits``: what is asked of which arm, beside what, and what answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.arms.load import load_arm
+from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.bench.arms import ARMS, node_data
+from adaptive_blf_control.bench.limits_scenes import (
+    crossing,
+    moving_sphere,
+    MovingSphere,
+    random_scene,
+)
+from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
+from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
+from adaptive_blf_control.configuration.parameter_file import (
+    apply_changes,
+    load_yaml,
+    node_settings,
+)
+from adaptive_blf_control.tuning.node_values import node_settings_of
+from adaptive_blf_control.tuning.recipe import recipe
+from adaptive_blf_control.tuning.robot import Robot
+
+__all__ = ['Case', 'cases', 'data_of', 'NO_FILTER']
+
+_LIMITS = 'controller.limits'
+NO_FILTER = {'controller.safety_filter': 'none'}
+_ALONE = {f'{_LIMITS}.govern': False}
+_FREE = {f'{_LIMITS}.obstacles.spheres': [0.0], f'{_LIMITS}.obstacles.half_spaces': [0.0]}
+_PUSH = {'arm_driver.schedule.time': [3.0, 3.0, 3.0, 3.25, 3.25, 3.25],
+         'arm_driver.schedule.value': [0.0, 25.0, 25.0, 0.0, 0.0, 0.0]}
+_PUSHED = {'Panda': 'panda_link4', 'UR10': 'forearm_link'}
+_TABLE = {'Panda': 0.2, 'UR10': 0.0}
+_BOTH = 'governor and filter'
+SPEEDS = ((0.05, 0.2), (0.2, 0.5))  # from which to which a sphere comes [m/s]
+
+
+def _nothing(seed: int) -> MovingSphere | None:
+    return None
+
+
+@dataclass(frozen=True)
+class Case:
+    """A row of the table.
+
+    Attributes:
+        name: What is asked of the arm.
+        arm: Name in `ARMS`.
+        law: What answers.
+        changes: Parameters that differ, for each seed.
+        speed: Times the reference of the parameter file.
+        plant: ``builtin`` or ``mujoco``.
+        seeds: Of the runs.
+        real: With sensors and delay, and the parameter file of ``configure``.
+        towards: A joint that is sent beyond its limit, from 0.
+        tight: Whether the safety set is no wider than reference and performance set need.
+        moving: What moves, for each seed.
+    """
+
+    name: str
+    arm: str
+    law: str
+    changes: Callable[[int], Mapping[str, Any]]
+    speed: float = 1.0
+    plant: str = 'builtin'
+    seeds: tuple[int, ...] = (0,)
+    real: bool = False
+    towards: int | None = None
+    tight: bool = False
+    moving: Callable[[int], MovingSphere | None] = _nothing
+
+
+def cases(config: Path, seeds: tuple[int, ...], scenes: int) -> Iterator[Case]:
+    """Yield the rows.
+
+    Args:
+        config: Folder of the scenarios.
+        seeds: Where something is random.
+        scenes: Number of random scenes.
+    """
+    def always(*parts: Mapping[str, Any]) -> Callable[[int], Mapping[str, Any]]:
+        return lambda seed: {name: value for part in parts for name, value in part.items()}
+
+    def wrong(seed: int) -> Mapping[str, Any]:
+        return _wrong_masses(config, seed)
+
+    for arm in _PUSHED:
+        for name, speed, there in (('reference x 1', 1.0, _FREE), ('reference x 3', 3.0, _FREE),
+                                   ('x 1, sphere and table', 1.0, {}),
+                                   ('x 2, sphere and table', 2.0, {})):
+            yield Case(name, arm, 'law alone', always(there, NO_FILTER), speed)
+            if arm == 'Panda' and speed == 1.0:
+                yield Case(name, arm, 'filter', always(there, _ALONE), speed)
+            yield Case(name, arm, _BOTH, always(there), speed)
+            if speed < 3.0 and there is not _FREE:
+                yield Case(name, arm, _BOTH, always(there), speed, 'mujoco')
+        for error, payload in ((0.2, 1.0), (0.3, 3.0)):
+            heavy = {f'{_LIMITS}.prior.mass_error': error, f'{_LIMITS}.prior.payload': payload,
+                     'arm_driver.payload': payload}
+            yield Case(f'x 2, prior of {100 * error:.0f} % and {payload:g} kg, which it carries',
+                       arm, _BOTH, always(_FREE, heavy), 2.0, tight=True)
+        link = _PUSHED[arm]
+        push = {**_PUSH, 'arm_driver.schedule.parameter': [
+            f'torque.{link}.{axis}' for axis in 'xyzxyz']}
+        for law, changes in (('law alone', NO_FILTER), (_BOTH, {})):
+            yield Case('x 1, sphere and table, push of 25 N m for 0.25 s', arm, law,
+                       always(push, changes))
+            yield Case('into a joint limit at full speed', arm, law, always(_FREE, changes),
+                       towards=1)
+            yield Case('sensors, noise and 4 ms, file of configure, sphere and table', arm, law,
+                       lambda seed, changes=changes: {  # type: ignore[misc]
+                           'arm_driver.sensors.seed': seed, **changes}, seeds=seeds, real=True)
+    yield Case('masses 10 % off at random, sphere and table', 'Panda', _BOTH, wrong, seeds=seeds)
+    numbers = tuple(range(scenes))
+    for law, changes in (('law alone', NO_FILTER), (_BOTH, {})):
+        def scene(seed: int, changes: Mapping[str, Any] = changes) -> Mapping[str, Any]:
+            return {**random_scene(config, seed), **changes}
+
+        yield Case('random scenes', 'Panda', law, scene, seeds=numbers)
+        for slowest, fastest in SPEEDS:
+            def moving(seed: int, slowest: float = slowest,
+                       fastest: float = fastest) -> MovingSphere:
+                return moving_sphere(config, seed, slowest, fastest)
+
+            yield Case(f'random scenes, a sphere comes at {slowest:g} to {fastest:g} m/s',
+                       'Panda', law, scene, seeds=numbers, moving=moving)
+
+
+def data_of(config: Path, case: Case) -> dict[str, Any]:
+    """Return the parameter file of a case."""
+    panda = load_yaml(config / 'panda_obstacles.yaml')
+    if case.arm == 'Panda' and not case.real:
+        return apply_changes(_faster(panda, case.speed), {'arm_driver.plant': case.plant})
+    urdf, joints = ARMS[case.arm]
+    address = f'package://{urdf}'
+    arm = load_arm(address, joints)
+    robot = Robot(rate=1000.0, delay=0.004, encoder_counts=200000, torque_noise=0.05
+                  ) if case.real else Robot(rate=1000.0, delay=0.0)
+    data = node_data(node_settings_of(recipe(arm, robot), address))
+    changes: dict[str, Any] = {'controller.safety_filter': 'limits', f'{_LIMITS}.period': 0.001,
+                               f'{_LIMITS}.prior.mass_error': 0.1, 'arm_driver.plant': case.plant}
+    if case.arm == 'Panda':
+        given = node_settings(panda, ControllerNodeSettings).limits
+        changes[f'{_LIMITS}.link_spheres'] = given.link_spheres.tolist()
+    controller = build_closed_loop(apply_changes(data, NO_FILTER))
+    scene = crossing(arm, controller.controller.reference, _TABLE[case.arm],
+                      changes.get(f'{_LIMITS}.link_spheres'), np.random.default_rng(1))
+    return apply_changes(_faster(data, case.speed), {**changes, **scene})
+
+
+def _wrong_masses(config: Path, seed: int) -> Mapping[str, Any]:
+    """Return the true parameters of a Panda whose links are 10 % off at random."""
+    arm = load_arm(f'package://{ARMS["Panda"][0]}', ARMS['Panda'][1])
+    assert isinstance(arm, UrdfArm)
+    scale = 1.0 + np.random.default_rng(seed).uniform(-0.1, 0.1, (arm.n, 1))
+    base = arm.base_from_inertial(arm.inertial * scale)
+    friction = [1.5, 1.5, 1.2, 1.2, 0.6, 0.6, 0.4]
+    return {'arm_driver.true_model': 'given',
+            'arm_driver.true_parameters': [*base.tolist(), *friction]}
+
+
+def _faster(data: Mapping[str, Any], speed: float) -> dict[str, Any]:
+    """Return a parameter file's data with all frequencies of the reference higher."""
+    reference = node_settings(data, ControllerNodeSettings).reference
+    return apply_changes(dict(data), {
+        f'controller.reference.{joint}.frequency': (speed * each.frequency).tolist()
+        for joint, each in reference.of_joint.items()})
