@@ -10,6 +10,7 @@ import numpy as np
 from adaptive_blf_control.bags.joint_series import JointSeries
 from adaptive_blf_control.bags.raw_log import RawLog
 from adaptive_blf_control.bags.reader import Bag
+from adaptive_blf_control.bags.row_store import release, row_blocks
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.messages.joint_readers import (
     DYNAMIC_JOINT_STATE,
@@ -35,13 +36,24 @@ def bag_log(bag: Bag, topic: str | None, joints: Sequence[str] | None, *,
     needed = [('position', series.position, 'rad'), ('velocity', series.velocity, 'rad/s'),
               ('effort', series.effort, 'N·m')]
     for name, values, unit in needed if velocity else (needed[0], needed[2]):
-        for i in np.flatnonzero(np.isnan(values).all(axis=0)):
+        for i in _never_given(values):
             raise LogError(f'{where}: no {name} for joint {series.names[i]!r} in any message: '
                            f'expected numbers [{unit}]'
                            + (f': {setting("filter.state_order", "4")} takes velocities from the '
                               'positions' if name == 'velocity' else ''))
     return RawLog(series.names, _clock(series), 1e9, _table(series, velocity),
                   len(series.names), velocity, series.skipped, (), bag.problem)
+
+
+def _never_given(values: np.ndarray) -> np.ndarray:
+    """Return the columns without a number, block by block: the rows may not fit the memory."""
+    empty = np.ones(values.shape[1], dtype=bool)
+    for some in row_blocks(values):
+        empty &= np.isnan(values[some]).all(axis=0)
+        if not empty.any():
+            break
+    release(values)
+    return np.flatnonzero(empty)
 
 
 def _clock(series: JointSeries) -> np.ndarray:

@@ -31,6 +31,7 @@ from adaptive_blf_control.bench import (
     startup,
 )
 from adaptive_blf_control.bench.c_reference import against_c, compiler
+from adaptive_blf_control.bench.read_back import mujoco_errors
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
@@ -159,19 +160,23 @@ def _models(options: argparse.Namespace) -> None:
         return
     print('Learned on the first half, tested on the second: RMSE of the filtered torque [N·m].\n')
     print('| robot | M > 0, θ̂ | M > 0, consistent | θ̂, mean | consistent, mean | ratio | '
-          'found in [ms] | 95 % intervals held | worst joint |')
-    print('|---|---|---|---|---|---|---|---|---|')
+          'found in [ms] | 95 % intervals held | worst joint | MuJoCo on the URDF less '
+          'Pinocchio [N·m] | with the inertias of the file |')
+    print('|---|---|---|---|---|---|---|---|---|---|---|')
     for robot, (log, urdf, _) in MEASURED.items():
         with tempfile.TemporaryDirectory() as folder:
             figures = _run_json([
                 'identify', str(options.logs / log), '--urdf', str(options.logs / urdf),
+                '--urdf-out', str(Path(folder) / 'identified.urdf'),
                 '--output', str(Path(folder) / 'theta_hat.yaml')])
+            read_back = mujoco_errors(Path(folder) / 'identified.urdf')
         positive, model = figures['positive_mass'], figures['consistent']
         free, possible = (statistics.mean(each['test_rmse']) for each in (figures, model))
         print(f'| {robot} | {positive["theta_hat"]} of {positive["postures"]} | '
               f'{positive["consistent"]} | {free:.4f} | {possible:.4f} | {possible / free:.3f} | '
               f'{model["ms"]:.0f} | {statistics.mean(figures["test_coverage"]):.1%} | '
-              f'{min(figures["test_coverage"]):.1%} |', flush=True)
+              f'{min(figures["test_coverage"]):.1%} | '
+              + ' | '.join(f'{error:.1e}' for error in read_back or ()) + ' |', flush=True)
 
 
 class Part(NamedTuple):

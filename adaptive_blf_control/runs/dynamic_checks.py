@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a measured log against a model of the arm: delay, gravity and unit of the effort.
+"""Checks of a measured log against a model of the arm: gravity and unit of the effort.
 
 All work on filtered pairs Y_f θ = τ_f of a few blocks of the log. θ is what least squares make of
 them for each joint on its own, so that another gain per joint does not disturb.
@@ -18,12 +18,11 @@ from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.runs.finding import Excerpt, Finding, gain_of, WARNING
 from adaptive_blf_control.spelling import option, setting
 
-__all__ = ['Pairs', 'delay_findings', 'filtered_pairs', 'gravity_findings', 'observer',
+__all__ = ['Pairs', 'filtered_pairs', 'gravity_findings', 'left_over', 'observer',
            'unit_findings']
 
 ROWS = 1500  # pairs of each joint that least squares see
 EARLIEST, LATEST = 0.05, 0.15  # s, shifts of the effort that are tried
-LEAST_DELAY = 0.01  # s: the error hardly changes by less
 LEAST_TORQUE = 0.5  # N·m: less is lost in friction
 
 
@@ -33,12 +32,14 @@ class Pairs(NamedTuple):
     Attributes:
         regressors: Y_f, shape (K, n, m).
         torques: τ_f shifted by each lag, shape (lags, K, n) [N·m].
+        changes: How Y_f changes within 20 ms, or two rows, shape (K, n, m).
         lags: Shifts of the effort in rows, shape (lags,).
         period: Median period [s].
     """
 
     regressors: np.ndarray
     torques: np.ndarray
+    changes: np.ndarray
     lags: np.ndarray
     period: float
 
@@ -75,61 +76,16 @@ def filtered_pairs(log: Excerpt, arm: Arm, settings: IdentifierSettings, *,
         settled[i] = identifier.settled
         regressors[i], torques[i] = identifier.pair
     run = np.cumsum(np.concatenate([[0], ~log.whole]))
-    rows = np.arange(max(0, -lags[0]), len(log.t) - max(0, lags[-1]))
-    rows = rows[settled[rows] & settled[rows + lags[0]] & (run[rows + lags[0]] == run[rows])
-                & (run[rows + lags[-1]] == run[rows])]
+    near = max(1, round(0.01 / log.period))
+    first, last = min(lags[0], -near), max(lags[-1], near)
+    rows = np.arange(-first, len(log.t) - last)
+    rows = rows[settled[rows] & settled[rows + first] & (run[rows + first] == run[rows])
+                & (run[rows + last] == run[rows])]
     rows = rows[:: max(1, len(rows) // ROWS)]
     if len(rows) < 2 * arm.m:
         return None
-    return Pairs(regressors[rows], torques[rows + lags[:, None]], lags, log.period)
-
-
-def delay_findings(pairs: Pairs, arm: Arm) -> Iterator[Finding]:
-    """Efforts that fit the motion better when they are shifted in time.
-
-    Joints whose torque is friction for the most part are left out: friction follows a reversal
-    late, which looks the same. Where less than half of the others tell enough alone, all of these
-    are asked together.
-    """
-    zero = int(np.flatnonzero(pairs.lags == 0)[0])
-    inertial = getattr(arm, 'base_count', arm.m)
-    asked, found, together = 0, 0, np.zeros(len(pairs.lags))
-    for joint, name in enumerate(arm.joints):
-        torque = pairs.torques[zero:zero + 1, :, joint]
-        if _left_over(pairs.regressors[:, joint, inertial:], torque)[0] < 0.75 * torque.std():
-            continue
-        left = _left_over(pairs.regressors[:, joint], pairs.torques[:, :, joint])
-        left = left / max(left[zero], 1e-300)
-        together += np.log(np.maximum(left, 1e-12))
-        asked += 1
-        finding = _delay_finding(name, pairs, left, 0.87, LEAST_DELAY)
-        if finding is not None:
-            found += 1
-            yield finding
-    if 2 * found < asked:
-        finding = _delay_finding(None, pairs, np.exp(together), 0.93, 0.6 * LEAST_DELAY)
-        if finding is not None:
-            yield finding
-
-
-def _delay_finding(joint: str | None, pairs: Pairs, left: np.ndarray, enough: float,
-                   least: float) -> Finding | None:
-    """Return a finding where a shift of ``least`` [s] or more leaves less than ``enough``.
-
-    Args:
-        joint: The joint, or None for all.
-        pairs: The pairs.
-        left: What is left of the error with each lag, 1 without one, shape (lags,).
-        enough: Part of the error below which a shift counts.
-        least: Smallest shift that counts [s].
-    """
-    best = int(np.argmin(left))
-    delay = float(pairs.lags[best] * pairs.period)
-    if abs(delay) < max(least, 2.0 * pairs.period if joint else 0.0) or left[best] >= enough:
-        return None
-    return Finding('delay', joint, WARNING, delay, f'the effort is {abs(1e3 * delay):.0f} ms '
-                   f'{"behind" if delay > 0.0 else "ahead of"} the motion (error '
-                   f'{left[best]:.0%} without that)', option('effort_delay', f'{delay:.3g}'))
+    return Pairs(regressors[rows], torques[rows + lags[:, None]],
+                 regressors[rows + near] - regressors[rows - near], lags, log.period)
 
 
 def gravity_findings(pairs: Pairs, weightless: Pairs, arm: Arm,
@@ -146,8 +102,8 @@ def gravity_findings(pairs: Pairs, weightless: Pairs, arm: Arm,
     loaded = nominal.std(axis=0) > np.maximum(LEAST_TORQUE, 0.2 * pairs.torques[zero].std(axis=0))
     for joint in np.flatnonzero(loaded):
         torque = pairs.torques[zero:zero + 1, :, joint]
-        with_it = _left_over(pairs.regressors[:, joint], torque)[0]
-        without = _left_over(weightless.regressors[:, joint], torque)[0]
+        with_it = left_over(pairs.regressors[:, joint], torque)[0]
+        without = left_over(weightless.regressors[:, joint], torque)[0]
         if without < 1.03 * with_it:
             yield Finding('gravity', arm.joints[joint], WARNING, without / with_it,
                           f'no gravity is visible in the effort (the URDF has '
@@ -183,14 +139,20 @@ def unit_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Findi
                           gain_of(name) + ' multiplies it by K N·m per unit')
 
 
-def _left_over(regressor: np.ndarray, torques: np.ndarray) -> np.ndarray:
+def left_over(regressor: np.ndarray, torques: np.ndarray) -> np.ndarray:
     """Return the RMS that least squares leave of torques, (K, m) and (lags, K) → (lags,)."""
+    basis = _column_space(regressor)
+    rest = torques - (torques @ basis) @ basis.T
+    result: np.ndarray = np.sqrt(np.mean(rest ** 2, axis=1))
+    return result
+
+
+def _column_space(regressor: np.ndarray) -> np.ndarray:
+    """Return an orthonormal basis of what the columns of a matrix span, (K, m) → (K, rank)."""
     scale = np.linalg.norm(regressor, axis=0)
     columns = regressor[:, scale > 1e-9 * scale.max(initial=0.0)]
     if columns.shape[1] == 0:
-        return np.sqrt(np.mean(torques ** 2, axis=1))
+        return columns
     left, size, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
-    basis = left[:, size > 1e-8 * size.max(initial=0.0)]
-    rest = torques - (torques @ basis) @ basis.T
-    result: np.ndarray = np.sqrt(np.mean(rest ** 2, axis=1))
+    result: np.ndarray = left[:, size > 1e-8 * size.max(initial=0.0)]
     return result

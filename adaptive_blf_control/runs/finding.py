@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from adaptive_blf_control.bags.logs import MeasuredLog
 from adaptive_blf_control.spelling import option
 
-__all__ = ['Excerpt', 'Finding', 'REFUSED', 'WARNING', 'excerpt', 'gain_of', 'listed']
+__all__ = ['Excerpt', 'Finding', 'REFUSED', 'WARNING', 'even', 'excerpt', 'gain_of', 'listed']
 
 REFUSED, WARNING = 'refused', 'warning'
 ROWS = 200_000  # looked at of a longer log
@@ -81,6 +82,26 @@ def excerpt(log: MeasuredLog, rows: int = ROWS, blocks: int = BLOCKS) -> Excerpt
     whole = (steps < 5.0 * period) & (np.diff(chosen) == 1)
     whole[np.isin(chosen[1:], log.breaks)] = False
     return Excerpt(t, q, qd, tau, period, whole)
+
+
+def even(log: Excerpt) -> Excerpt:
+    """Return a log with rows at even times, interpolated between gaps.
+
+    Else jitter of the stamps is an error of all that is compared with rows some time later, and is
+    none where nothing is shifted.
+    """
+    edges = [0, *(np.flatnonzero(~log.whole) + 1), len(log.t)]
+    parts = []
+    for begin, end in itertools.pairwise(edges):
+        t = log.t[begin:end]
+        times = t[0] + log.period * np.arange(1 + round((t[-1] - t[0]) / log.period))
+        parts.append([times, *(np.column_stack([
+            np.interp(times, t, column) for column in values[begin:end].T])
+            for values in (log.q, log.qd, log.tau))])
+    whole = np.ones(sum(len(part[0]) for part in parts) - 1, dtype=bool)
+    whole[np.cumsum([len(part[0]) for part in parts])[:-1] - 1] = False
+    t, q, qd, tau = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return Excerpt(t, q, qd, tau, log.period, whole)
 
 
 def listed(findings: Iterable[Finding], joints: Sequence[str]) -> dict[str, str]:

@@ -12,7 +12,7 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.bags.log_clock import period_unit, UNITS
 from adaptive_blf_control.identification.settings import FilterSettings
-from adaptive_blf_control.runs.finding import Excerpt, Finding, gain_of, REFUSED, WARNING
+from adaptive_blf_control.runs.finding import even, Excerpt, Finding, gain_of, REFUSED, WARNING
 from adaptive_blf_control.spelling import argument, option, setting
 
 __all__ = ['effort_findings', 'motion_findings', 'position_findings', 'rate_findings',
@@ -59,7 +59,7 @@ def motion_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
 
 def velocity_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
     """Velocities that are not the derivative of the positions: zero, sign, unit, delay."""
-    windows = _windows(log)
+    windows, stretch = _windows(log), _stretch(log)
     there = moving(log)
     for joint, name in enumerate(arm.joints):
         stepped, integrated = windows.stepped[:, joint], windows.integrated[:, joint]
@@ -69,7 +69,7 @@ def velocity_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
             continue  # too little motion to tell
         finding = _velocity_finding(name, stepped, integrated, log.period)
         if finding is None:
-            finding = _delay_finding(log, joint, name)
+            finding = _delay_finding(stretch, joint, name)
         if finding is not None:
             yield finding
 
@@ -109,13 +109,11 @@ def _velocity_finding(name: str, stepped: np.ndarray, integrated: np.ndarray,
 
 def _delay_finding(log: Excerpt, joint: int, name: str) -> Finding | None:
     """Look for the shift of the velocity that fits the position best."""
-    begin, end = _longest(log.whole)
-    end = min(end, begin + STRETCH)
     size, most = _window_rows(log), round(LONGEST_DELAY / log.period)
-    if end - begin < 10 * (size + most):
+    if len(log.t) < 10 * (size + most):
         return None
-    t, q, qd = log.t[begin:end], log.q[begin:end, joint], log.qd[begin:end, joint]
-    total = np.concatenate([[0.0], np.cumsum(0.5 * (qd[1:] + qd[:-1]) * np.diff(t))])
+    q, qd = log.q[:, joint], log.qd[:, joint]
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (qd[1:] + qd[:-1])) * log.period])
     stepped, integrated = q[size:] - q[:-size], total[size:] - total[:-size]
     fixed = stepped[most:-most]
     lags = np.arange(-most, most + 1)
@@ -226,8 +224,10 @@ def _quantum(values: np.ndarray) -> float:
     return float(steps[steps > 0.0].min(initial=np.inf)) if (steps > 0.0).any() else 0.0
 
 
-def _longest(whole: np.ndarray) -> tuple[int, int]:
-    """Return where the longest stretch without a gap begins and ends."""
-    edges = np.concatenate([[0], np.flatnonzero(~whole) + 1, [len(whole) + 1]])
+def _stretch(log: Excerpt) -> Excerpt:
+    """Return the longest stretch without a gap, its rows at even times."""
+    edges = np.concatenate([[0], np.flatnonzero(~log.whole) + 1, [len(log.t)]])
     longest = int(np.argmax(np.diff(edges)))
-    return int(edges[longest]), int(edges[longest + 1])
+    rows = slice(int(edges[longest]), min(int(edges[longest + 1]), int(edges[longest]) + STRETCH))
+    return even(Excerpt(log.t[rows], log.q[rows], log.qd[rows], log.tau[rows], log.period,
+                        np.ones(rows.stop - rows.start - 1, dtype=bool)))

@@ -12,15 +12,15 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.bags.logs import MeasuredLog
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.runs.delay_check import delay_findings
 from adaptive_blf_control.runs.dynamic_checks import (
-    delay_findings,
     filtered_pairs,
     gravity_findings,
     observer,
     Pairs,
     unit_findings,
 )
-from adaptive_blf_control.runs.finding import excerpt, Finding, REFUSED
+from adaptive_blf_control.runs.finding import even, excerpt, Finding, REFUSED
 from adaptive_blf_control.runs.kinematic_checks import (
     effort_findings,
     motion_findings,
@@ -64,11 +64,11 @@ def _against_model(log: MeasuredLog, period: float, arm: Arm, settings: Identifi
                    described_masses: bool) -> Iterator[Finding]:
     settle = settings.filter.settle * observer(arm, settings).memory
     block = max(_BLOCK_ROWS, round(3.0 * settle / period))
-    part = excerpt(log, _BLOCKS * block, _BLOCKS)
+    part = even(excerpt(log, _BLOCKS * block, _BLOCKS))
     pairs = filtered_pairs(part, arm, settings)
     if pairs is None:
         return
-    yield from delay_findings(pairs, arm)
+    yield from delay_findings(pairs, arm, np.ptp(part.q, axis=0))
     if not described_masses or not hasattr(arm, 'base_count'):
         return
     whole = _described(pairs, arm)
