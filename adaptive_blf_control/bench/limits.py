@@ -69,7 +69,7 @@ def runs_of(case: Case, config: Path, duration: float,
         case: The case.
         config: Folder of the scenarios.
         duration: Of a run [s].
-        kept: File with a run in each line; who wants them run anew takes another one.
+        kept: File with a run in each line; who wants them run again takes another one.
     """
     known = {}
     if kept is not None and kept.exists():
