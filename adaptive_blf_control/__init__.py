@@ -128,6 +128,10 @@ _INSTEAD = {
     **dict.fromkeys(('plot', 'show', 'draw'), 'matplotlib draws arrays: plt.plot(run.t, run.e1)'),
     **dict.fromkeys(('forward_kinematics', 'fkine', 'fk'), 'arm.link_points(q)'),
     **dict.fromkeys(('mass_matrix', 'crba'), 'arm.mass_matrix(q) of a URDF arm'),
+    **dict.fromkeys(('gravity', 'gravity_vector'),
+                    'inverse_dynamics(arm, theta, q, 0 * q, 0 * q) is the torque at rest'),
+    'load': 'load_arm(urdf), read_log(file), read_bag(folder); simulate(file) takes a parameter '
+            'file, Identifier(arm, initial_estimate=file) a saved estimate',
     'payload': 'docs/identification.md: the load',
     'settings': 'IdentifierSettings and ControllerSettings',
     **dict.fromkeys(('load_config', 'load_yaml', 'read_yaml', 'load_params', 'read_config'),
@@ -150,10 +154,11 @@ def __getattr__(name: str) -> Any:
         elif name in importlib.import_module(f'{__name__}.executables').EXECUTABLES:
             hint = f': `python -m {__name__} {name}` is a command'
         else:
-            close = importlib.import_module(f'{__name__}.errors').close_names(name, _MODULES)
-            hint = f' (did you mean {" or ".join(close)}?)' if close else ''
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}{hint}'
-                             f': it offers {", ".join(sorted(_MODULES))}')
+            errors = importlib.import_module(f'{__name__}.errors')
+            close = errors.close_names(name, _MODULES)
+            hint = f': did you mean {" or ".join(close)}?' if close else errors.nearest(
+                name, _MODULES, f'dir({__name__})')
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}{hint}')
     value = getattr(importlib.import_module(f'{__name__}.{_MODULES[name]}'), name)
     globals()[name] = value
     if f'{__name__}.compiled' in sys.modules:  # what was imported may compile

@@ -76,7 +76,7 @@ def _problem(function: Callable[..., Any], arguments: tuple[Any, ...],
         inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)]
     if given > len(places):
         return ParameterError(_name(function), _Words(f'given {given} arguments in order'),
-                              f'at most {len(places)} of them: {_spelt(function)}'
+                              f'at most {len(places)} of them: {_spelt(function, True)}'
                               + _first(function, places))
     for name in places[:given]:
         if name in named:
@@ -93,7 +93,7 @@ def _problem(function: Callable[..., Any], arguments: tuple[Any, ...],
 def _first(function: Callable[..., Any], places: list[str]) -> str:
     """Return what the first argument is: too many are given where it would hold them all."""
     about = _about(function).get(places[0], '') if places else ''
-    return f', {places[0]}: {about}' if about else ''
+    return f', {places[0]}: {about.partition("; ")[0]}' if about else ''
 
 
 def _takable(declared: Mapping[str, inspect.Parameter]) -> list[str]:
@@ -107,8 +107,13 @@ def _name(function: Callable[..., Any]) -> str:
     return first.rpartition('.')[2] if last == '__init__' else last
 
 
-def _spelt(function: Callable[..., Any]) -> str:
-    """Return a call with the names of all arguments: ``learn(t, q, qd, tau)``."""
+def _spelt(function: Callable[..., Any], in_order: bool = False) -> str:
+    """Return a call with the names of its arguments: ``learn(t, q, qd, tau)``.
+
+    Args:
+        function: What is called.
+        in_order: Whether arguments that are given by name alone are left out.
+    """
     parts: list[str] = []
     star = False
     for name, each in inspect.signature(function).parameters.items():
@@ -116,6 +121,9 @@ def _spelt(function: Callable[..., Any]) -> str:
             continue
         if each.kind is each.KEYWORD_ONLY and not star:
             parts, star = [*parts, '*'], True
+            if in_order:
+                parts.append('...')
+                break
         parts.append(name if each.default is each.empty else f'{name}=...')
     return f'{_name(function)}({", ".join(parts)})'
 

@@ -11,15 +11,15 @@ from adaptive_blf_control.synonyms import same_meaning
 
 __all__ = ['GIT_LFS_POINTER', 'ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra',
            'ParameterError', 'SetViolation', 'TypeWithHints', 'UnknownParameter', 'close_names',
-           'shortened', 'shown', 'with_hints', 'without_attribute']
+           'nearest', 'shortened', 'shown', 'with_hints', 'without_attribute']
 
 Kind = TypeVar('Kind')
 # How the file begins that Git leaves in place of a large one that was not fetched.
 GIT_LFS_POINTER = b'version https://git-lfs'
 _LONGEST = 400  # characters of a value in a message
-_SHOWN = 12  # elements of an array or list that a message shows
+_SHOWN = 12  # elements of an array or list, or names, that a message shows
 _FEW = 8  # names that a message lists beside a suggestion
-_MANY = 120  # names that it lists without a suggestion: those of one node
+_NEAREST = 5  # names that it lists of many
 _CLOSE = 0.7  # likeness of a name that is suggested
 
 
@@ -58,18 +58,33 @@ def without_attribute(subject: object, name: str) -> AttributeError:
     """
     kind = subject if isinstance(subject, type) else type(subject)
     settings = getattr(kind, '_settings_names', ())
-    if name in settings:
-        hint = f': settings.{name} has it, retune({name}=...) changes it'
-    elif name in getattr(kind, '_instead', {}):
+    if name in getattr(kind, '_instead', {}):
         hint = f': {kind._instead[name]}'  # type: ignore[attr-defined]
+    elif name in settings:
+        hint = f': settings.{name} has it, retune({name}=...) changes it'
     else:
         public = [] if name.startswith('_') else sorted(
             other for other in (dir(kind) if kind is subject else object.__dir__(subject))
             if not other.startswith('_') and not hasattr(tuple, other))
         close = close_names(name, [*public, *(f'settings.{other}' for other in settings)])
-        hint = f': did you mean {" or ".join(close)}?' if close else (
-            f': it has {", ".join(public)}' if public else '')
+        hint = f': did you mean {" or ".join(close)}?' if close else nearest(
+            name, public, 'dir(...)')
     return AttributeError(f'{kind.__name__} has no attribute {name!r}{hint}')
+
+
+def nearest(name: str, known: Iterable[str], lister: str) -> str:
+    """Return for a message the names that there are, of many those that are most alike.
+
+    Args:
+        name: What was written.
+        known: The names.
+        lister: What lists all of them.
+    """
+    names = sorted(known)
+    if len(names) <= _SHOWN:
+        return f': it has {", ".join(names)}' if names else ''
+    most = difflib.get_close_matches(name, names, _NEAREST, 0.0)
+    return f': the nearest are {", ".join(most)}; {lister} lists all {len(names)}'
 
 
 class TypeWithHints(type):
@@ -137,7 +152,7 @@ class UnknownParameter(ParameterError):
             beside = name.rpartition('.')[0]
             siblings = [f'{beside.rpartition(".")[2]}.{each}' for each in _members(beside, names)]
             said = (f' (did you mean {" or ".join(close)}?)' if close else '') + _listed(
-                siblings or names, _FEW if close else _MANY)
+                name, siblings or names, bool(close))
         self.args = (f'parameter {name!r} is {shown(value)}: no such parameter{said}',)
 
     def beside(self, arguments: Iterable[str]) -> UnknownParameter:
@@ -160,10 +175,10 @@ def _members(name: str, known: Iterable[str]) -> list[str]:
     return []
 
 
-def _listed(names: list[str], most: int) -> str:
-    if len(names) <= most:
+def _listed(name: str, names: list[str], suggested: bool) -> str:
+    if len(names) <= (_FEW if suggested else _SHOWN):
         return f'; known: {", ".join(names)}'
-    return f': python -m adaptive_blf_control parameters lists all {len(names)}' * (most > _FEW)
+    return '' if suggested else nearest(name, names, 'python -m adaptive_blf_control parameters')
 
 
 def close_names(name: str, known: Iterable[str]) -> list[str]:

@@ -120,7 +120,8 @@ def same_meaning(name: str, known: Iterable[str]) -> list[str]:
 
     Args:
         name: What was written.
-        known: Dotted names; the last part of one counts, and those with fewer parts come first.
+        known: Dotted names; the last part of one counts. Those that end with ``name`` itself come
+            first, then those with fewer parts.
     """
     typed = {name, name.lower(), name.lower().removesuffix('s'), f'{name.lower()}s'}
     meanings = [words for words in _SAME if typed & set(words)]
@@ -129,4 +130,5 @@ def same_meaning(name: str, known: Iterable[str]) -> list[str]:
         by_end.setdefault(other.rpartition('.')[2], []).append(other)
     found = [other for words in meanings for word in words for other in by_end.get(word, ())
              if other != name]
-    return sorted(dict.fromkeys(found), key=lambda other: other.count('.'))
+    return sorted(dict.fromkeys(found), key=lambda other: (other.rpartition('.')[2] != name,
+                                                           other.count('.')))

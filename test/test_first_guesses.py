@@ -193,7 +193,7 @@ def test_a_history_too_small_for_its_rank_is_noted():
     (lambda: door.Identifier(ARM), 'ranks', r'did you mean rank\?'),
     (lambda: door.Identifier(ARM), 'fit', r'did you mean learn\?'),
     (lambda: door.Identifier(ARM), 'parameters', r'arm\.parameters has their names'),
-    (lambda: door.Identifier(ARM), 'colour', r'it has arm, artificial_noise, .*, warm_up$'),
+    (lambda: door.Identifier(ARM), 'colour', r'the nearest are \w+, .*; dir\(\.\.\.\) lists all'),
     (lambda: door.Controller(ARM), 'step', r'did you mean update\?'),
     (lambda: door.Controller(ARM), 'gains', r'retune\(k2=\.\.\.\) changes them'),
     (lambda: door.Controller(ARM).update(0.0, [0.0] * 2, [0.0] * 2, [0.0] * 5), 'u',
@@ -215,7 +215,7 @@ def test_a_history_too_small_for_its_rank_is_noted():
     (lambda: door.simulate(ARM, 0.01), 'safe', r'did you mean kept'),
     (lambda: door.simulate(ARM, 0.01), 'plot', r'plt\.plot\(run\.t, run\.e1\)'),
     (lambda: door.simulate(ARM, 0.01), 'e2', r'observer=f.*sample\.output\.e2'),
-    (lambda: door.simulate(ARM, 0.01), 'colour', r'it has arm, controller, e1, estimate'),
+    (lambda: door.simulate(ARM, 0.01), 'colour', r'the nearest are .*controller'),
     (lambda: identified(), 'rmse', r'did you mean test_rmse or train_rmse\?'),
     (lambda: identified(), 'tau', r'prediction has t, measured, predicted'),
     (lambda: identified(), 'test_error', r'did you mean test_rmse'),
@@ -395,7 +395,7 @@ def test_words_of_other_programs_are_told_ours(changes, meant):
     ('load_urdf', 'load_arm'), ('read_csv', 'read_log'), ('identifyer', 'Identifier'),
     ('Simulate', 'simulate')])
 def test_words_of_other_programs_are_told_the_names_of_the_door(name, meant):
-    with pytest.raises(AttributeError, match=rf'did you mean .*{meant}.*it offers Arm'):
+    with pytest.raises(AttributeError, match=f'did you mean .*{meant}'):
         getattr(door, name)
 
 

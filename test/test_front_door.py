@@ -127,8 +127,10 @@ def test_every_public_name_can_be_had_and_says_what_it_takes(name):
 
 
 def test_an_unknown_name_is_told_what_there_is():
-    with pytest.raises(AttributeError, match=r"'identifyer'.*Identifier.*simulate"):
+    with pytest.raises(AttributeError, match=r"'identifyer': did you mean .*Identifier"):
         _ = door.identifyer
+    with pytest.raises(AttributeError, match=r"'xyzzy': the nearest are (\w+, ){4}\w+; dir\(ad"):
+        _ = door.xyzzy
 
 
 def _motion(steps: int = 1500) -> tuple[np.ndarray, ...]:
@@ -361,6 +363,33 @@ def test_a_span_that_cannot_be_used_is_named(given, name):
                       filter={'time_constant': 0.01}, **given)
 
 
+def test_a_log_teaches_an_arm_whose_joints_stand_in_another_order():
+    t, q, qd, tau = _motion(300)
+    log = door.read_log({'t': t, 'q': q, 'qd': qd, 'tau': tau}, joints=ARM.joints)
+    theta = door.Identifier(ARM).learn(log)
+    np.testing.assert_array_equal(
+        door.Identifier(ARM).learn(log.of_joints(ARM.joints[::-1])), theta)
+    with pytest.raises(door.LogError, match="no joint 'joint1': it has a, b; read_log.*joints=arm"):
+        door.Identifier(ARM).learn(log._replace(joints=('a', 'b')))
+
+
+def test_a_training_without_end_needs_no_log_to_be_refused():
+    for train in (':', (0.5, None)):
+        with pytest.raises(door.ParameterError, match="'test' is None: .*test='none' learns with"):
+            door.identify('no such log', ARM, train=train)
+
+
+def test_what_an_encoder_alone_looks_at_is_refused_without_one():
+    for changes in ({'sensors': {'encoder_counts': 4096}}, {'arm_driver.sensors.gear_ratio': 1.0}):
+        with pytest.raises(door.ParameterError, match="nothing where .*sensor='encoder'"):
+            door.simulate(ARM, 0.01, **changes)
+    measured = door.simulate(ARM, 0.01, sensor='encoder', sensors={'encoder_counts': 4})
+    assert measured.notes == door.simulate(ARM, 0.01).notes
+    in_file = {'/**/arm_driver': {'ros__parameters': {'sensors': {'encoder_counts': 4}}}}
+    note, = set(door.simulate(in_file, 0.01).notes) - set(door.simulate({}, 0.01).notes)
+    assert note.startswith('arm_driver.sensors.encoder_counts is without effect')
+
+
 class Massless(door.Arm):
     """An arm without anything to simulate it."""
 
@@ -384,6 +413,17 @@ def test_an_own_arm_that_lacks_something_is_told_what():
         Massless().link_points([0.0])
     with pytest.raises(door.ParameterError, match="'arm' is <class.*expected a part with joints"):
         door.Identifier(int)
+
+
+@pytest.mark.parametrize('method', ['Y1', 'Y2', 'X'])
+def test_a_regressor_of_another_shape_is_refused_where_an_arm_is_taken(method):
+    flat = type('Flat', (Massless,), {method: lambda self, *state: np.zeros(1)})()
+    for call in (door.Identifier, door.Controller, door.simulate):
+        with pytest.raises(door.ArmError, match=rf'Flat.{method} gives shape \(1,\): .*\(1, 1\)'):
+            call(flat)
+    listed = type('Flat', (Massless,), {method: lambda self, *state: [[0.0]]})()
+    with pytest.raises(door.ArmError, match=rf'Flat.{method} gives \[\[0.0\]\]: expected an arr'):
+        door.Identifier(listed)
 
 
 class Falling(door.ForwardDynamics):

@@ -122,6 +122,15 @@ def test_what_an_object_of_a_class_will_have_is_plainly_missing_in_the_class():
     (run, 'k2', r'controller\.settings\.k2'), (run, 'to_bag', r"bag='run'\) writes one"),
     (run, 'truth', r'plant\.truth\(\) has'), (lambda: run().plant, 'theta', r'truth\(\) has'),
     (lambda: learned(), 'weakly', r"figures\['confidence'\]"),
+    (lambda: door.Identifier(ARM), 'rmse', r'test_rmse and prediction'),
+    (lambda: door.Identifier(ARM), 'history', r'stack has the recorded pairs'),
+    (lambda: door.Identifier(ARM), 'pairs', r'stack\.regressors'),
+    (lambda: learned(), 'rmse', 'test_rmse is of the span'), (lambda: learned(), 'report', 'html'),
+    (lambda: door.read_log(LOG), 'between', r'train=\(1\.0, 5\.0\)'),
+    (run, 'least_margin', r"figures\['margins'\]"), (run, 'largest_error', 'max_abs_error'),
+    (lambda: door.Controller(ARM).update(0.0, [0.0] * 2, [0.0] * 2, [0.0] * 5), 'margin',
+     r'controller\.margins\(output\)'),
+    (lambda: door.Controller(ARM).update(0.0, [0.0] * 2, [0.0] * 2, [0.0] * 5), 'q', r'state\.q'),
     (lambda: door.Controller(ARM), 'save', r'settings\.values\(\)')])
 def test_words_of_other_programs_are_told_ours(subject, name, hint):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
@@ -148,7 +157,8 @@ def test_an_arm_of_a_urdf_has_hints_of_its_own():
 @pytest.mark.parametrize(('name', 'hint'), [
     ('compare', 'python -m adaptive_blf_control compare` is a command'),
     ('regressor', r'arm\.X\(q, qd, qd, qdd\)'), ('load_config', r'simulate\(file\)'),
-    ('PD', r"law='pd'")])
+    ('PD', r"law='pd'"), ('load', r'load_arm\(urdf\), read_log'),
+    ('gravity', r'inverse_dynamics\(arm, theta, q, 0 \* q, 0 \* q\)')])
 def test_what_is_not_at_the_door_is_told_where_it_is(name, hint):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
         getattr(door, name)
@@ -191,6 +201,12 @@ def test_a_setting_that_is_set_is_told_what_changes_it():
     (lambda: door.Controller(ARM, 'x.yaml'), r'a mapping; .*simulate\(file, 0\.001\)'),
     (lambda: door.simulate(ARM, 0.01, theta=[1.0] * 5), r'mean initial_estimate or arm_driver'),
     (lambda: door.simulate(ARM, 0.01, noise=0.1), r'did you mean arm_driver\.sensors\.torque_no'),
+    (lambda: door.simulate(ARM, 0.01, encoder_counts=9), 'mean arm_driver.sensors.encoder_counts'),
+    (lambda: door.simulate('nothere'), 'a scenario that is shipped: .*two_link, '),
+    (lambda: door.simulate('two_lnik'), r'did you mean two_link\?'),
+    (lambda: ARM.X([0, 0], [0, 0], [0, 0]), r"'alpha_dot' is missing: expected X\(q, qd, alpha"),
+    (lambda: door.identify(LOG), "'urdf' is None: expected a file"),
+    (lambda: door.identify(T, Q, Q, Q, ARM), r'identify\(log, urdf=..., joints=..., \*, ...\), log'),
     (lambda: door.simulate(ARM, 0.01, encoder=9), r'mean arm_driver\.sensors\.encoder_co'),
     (lambda: door.simulate(ARM, 0.01, payload_mass=1.0), r'did you mean arm_driver\.payload'),
     (lambda: door.Identifier(ARM, P=9), r'did you mean history\.size\?'),

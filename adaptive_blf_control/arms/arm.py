@@ -11,7 +11,7 @@ import numpy as np
 
 from adaptive_blf_control.arms import integrator
 from adaptive_blf_control.compiled import uncompiled
-from adaptive_blf_control.errors import ArmError, ParameterError, without_attribute
+from adaptive_blf_control.errors import ArmError, ParameterError, shown, without_attribute
 
 __all__ = ['Arm', 'ClosedArm', 'ForwardDynamics', 'checked_arm']
 
@@ -191,6 +191,10 @@ def checked_arm(name: str, arm: Any) -> Arm:
     Args:
         name: What the caller calls it, for the message.
         arm: What is to be one.
+
+    Raises:
+        ParameterError: see above.
+        ArmError: a regressor of a user's arm has another shape than (n, m).
     """
     if isinstance(arm, type) or not all(hasattr(arm, each) for each in REQUIRED):
         lacks = [each for each in REQUIRED if not hasattr(arm, each)]
@@ -199,4 +203,23 @@ def checked_arm(name: str, arm: Any) -> Arm:
         raise ParameterError(name, arm, f'a part with {", ".join(REQUIRED)}, such as '
                              'TwoLinkArm(), load_arm(urdf) or an object of a class that inherits '
                              f'from Arm: {said}')
+    _check_regressors(arm)
     return arm  # type: ignore[no-any-return]
+
+
+def _check_regressors(arm: Any) -> None:
+    """Raise ArmError where a method of a user's arm returns no regressor of shape (n, m)."""
+    shape = (arm.n, arm.m)
+    for method, vectors in (('Y1', 2), ('Y2', 2), ('Y12', 2), ('X', 4)):
+        function = getattr(arm, method)
+        if getattr(function, '__module__', '').startswith('adaptive_blf_control.'):
+            continue
+        answer = function(*np.zeros((vectors, arm.n)))
+        for part in answer if isinstance(answer, tuple) else (answer,):
+            if not isinstance(part, np.ndarray) or part.shape != shape:
+                raise ArmError(f'{type(arm).__name__}.{method} gives '
+                               + (f'shape {part.shape}' if isinstance(part, np.ndarray)
+                                  else shown(part))
+                               + f': expected an array of shape {shape}, a row for each of '
+                               f'{", ".join(arm.joints)}, a column for each of '
+                               f'{", ".join(arm.parameters)}')

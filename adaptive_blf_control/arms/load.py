@@ -38,7 +38,7 @@ def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
         rotor_inertia: Whether θ has the inertias of the rotors, seen from the joints [kg·m²].
         coulomb_velocity: v_s [rad/s], > 0.
         gravity: In the base frame of the URDF, shape (3,) [m/s²].
-        others: None: every other name is refused.
+        others: Not used; another name is refused with the one that is meant.
 
     Raises:
         ArmError: no arm can be made of the URDF and the joints.

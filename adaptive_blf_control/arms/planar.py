@@ -10,6 +10,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import ClosedArm
 from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors
+from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.errors import ArmError, close_names, ParameterError, UnknownParameter
 
 __all__ = ['PlanarArm', 'PlanarRegressors', 'planar_points', 'refuse_lengths']
@@ -54,6 +55,7 @@ class PlanarArm(ClosedArm):
         self.joints = names
         self._shape = (count,)
 
+    @checked_call
     def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Momentum regressor, Y1 θ = M(q) q̇ (12), shape (n, m) [N·m·s per unit of θ].
 
@@ -64,18 +66,21 @@ class PlanarArm(ClosedArm):
             q, qd = checked_vectors(self.joints, q=q, qd=qd)
         return self._regressors.Y1(q, qd)
 
+    @checked_call
     def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Y2 θ = −Ṁ q̇ + C q̇ + F q̇ (12), shape (n, m) [N·m per unit of θ]."""
         if not are_vectors(self._shape, q, qd):
             q, qd = checked_vectors(self.joints, q=q, qd=qd)
         return self._regressors.Y2(q, qd)
 
+    @checked_call
     def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y1 and Y2 of the same state."""
         if not are_vectors(self._shape, q, qd):
             q, qd = checked_vectors(self.joints, q=q, qd=qd)
         return self._regressors.Y12(q, qd)
 
+    @checked_call
     def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
           alpha_dot: np.ndarray) -> np.ndarray:
         """X θ = M α̇ + C q̇ + F q̇ − ½ Ṁ (q̇ − α) (35), shape (n, m) [N·m per unit of θ]."""

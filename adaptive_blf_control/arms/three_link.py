@@ -274,7 +274,7 @@ class ThreeLinkArm(PlanarArm):
 
         Args:
             joints: Their names.
-            others: None: every other name is refused.
+            others: Not used; another name is refused with the one that is meant.
         """
         refuse_lengths(type(self), others)
         super().__init__('three_link', joints, 3)

@@ -153,7 +153,7 @@ class TwoLinkArm(PlanarArm):
 
         Args:
             joints: Their names.
-            others: None: every other name is refused.
+            others: Not used; another name is refused with the one that is meant.
         """
         refuse_lengths(type(self), others)
         super().__init__('two_link', joints, 2)

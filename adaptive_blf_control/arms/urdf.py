@@ -172,14 +172,17 @@ class UrdfArm(ClosedArm, instead={
         """Return Y with Y θ = M q̈ + C q̇ + G + F q̇ (2), shape (n, m) [N·m per unit of θ]."""
         return self.X(q, qd, qd, qdd)
 
+    @checked_call
     def Y1(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Momentum regressor, Y1 θ = M(q) q̇ (12), shape (n, m) [N·m·s per unit of θ]."""
         return self.Y12(q, qd)[0]
 
+    @checked_call
     def Y2(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Y2 θ = −Ṁ q̇ + C q̇ + G + F q̇ (12), shape (n, m) [N·m per unit of θ]."""
         return self.Y12(q, qd)[1]
 
+    @checked_call
     def Y12(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (Y1, Y2); see `chain_Y12`.
 
@@ -190,6 +193,7 @@ class UrdfArm(ClosedArm, instead={
             q, qd = checked_vectors(self.joints, q=q, qd=qd)
         return chain_Y12(self.chain, q, qd)
 
+    @checked_call
     def X(self, q: np.ndarray, qd: np.ndarray, alpha: np.ndarray,
           alpha_dot: np.ndarray) -> np.ndarray:
         """X θ = M α̇ + C α + G + F q̇, shape (n, m) [N·m per unit of θ]; see `chain_X`.

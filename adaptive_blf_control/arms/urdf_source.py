@@ -88,7 +88,12 @@ def read_urdf(source: UrdfSource,
         raise ArmError(f'URDF file {str(path)!r} is a Git LFS pointer, not the file: fetch it '
                        'with "git lfs pull"')
     # Only comments and author names are ever outside ASCII: a stray byte there is harmless.
-    return content.decode('utf-8-sig', errors='replace').lstrip()
+    xml = content.decode('utf-8-sig', errors='replace').lstrip()
+    if xml and not xml.startswith('<'):
+        swapped = path.suffix in ('.csv', '.tsv', '.txt')
+        raise ArmError(f'URDF file {str(path)!r} is not well-formed XML: it begins with '
+                       f'{xml[:20]!r}' + ('; a log comes first: identify(log, urdf)' * swapped))
+    return xml
 
 
 def resolve_package(uri: str, package_dirs: Sequence[str | os.PathLike[str]] = ()) -> Path:

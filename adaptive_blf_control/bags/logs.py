@@ -53,6 +53,9 @@ _NOT_THERE = {
     **dict.fromkeys(('save', 'to_csv', 'to_npz', 'to_dataframe'),
                     "numpy.savez('log.npz', t=log.t, q=log.q, qd=log.qd, tau=log.tau); "
                     'read_log reads it'),
+    **dict.fromkeys(('cut', 'between', 'rows', 'slice', 'crop', 'trim', 'span'),
+                    'log.q[100:200] are rows of one array, identify(log, train=(1.0, 5.0), '
+                    'test=(5.0, 9.0)) chooses spans'),
     'qdd': 'no acceleration is measured or needed; numpy.gradient(log.qd, log.t, axis=0) '
            'approximates it'}
 
@@ -92,6 +95,26 @@ class MeasuredLog(NamedTuple):
             raise LogError(f'a log has no [{key!r}]: log.q[100:200] are rows of one array, '
                            'identify(log, train=(1.0, 5.0)) chooses a span')
         return tuple.__getitem__(self, key)
+
+    def of_joints(self, joints: Sequence[str]) -> MeasuredLog:
+        """Return the log of these joints, in this order.
+
+        Args:
+            joints: Their names.
+
+        Raises:
+            LogError: it has no joint of one of these names.
+        """
+        if tuple(joints) == self.joints:
+            return self
+        if missing := [name for name in joints if name not in self.joints]:
+            raise LogError(f'log: no joint {missing[0]!r}: it has {", ".join(self.joints)}; '
+                           'read_log(file, joints=arm.joints) names columns that have no names, '
+                           'in their order')
+        columns = [self.joints.index(name) for name in joints]
+        q, qd, tau = (np.ascontiguousarray(values[:, columns])
+                      for values in (self.q, self.qd, self.tau))
+        return self._replace(joints=tuple(joints), q=q, qd=qd, tau=tau)
 
     def __repr__(self) -> str:
         """Show samples, joints, span and rate, and what is missing."""
@@ -133,7 +156,7 @@ def read_log(source: Log, *, topic: str | None = None, joints: Sequence[str] | N
         degrees: Whether positions and velocities are in degrees.
         gain: What the effort of a joint is multiplied by, by joint [N·m per unit].
         effort_delay: How far the effort is behind the motion [s].
-        others: None: every other name is refused.
+        others: Not used; another name is refused with the one that is meant.
 
     Returns:
         The rows with finite values and increasing time.
@@ -180,7 +203,7 @@ def _read(source: Log, topic: str | None, joints: Sequence[str] | None, velocity
                                or not all(isinstance(name, str) for name in joints)):
         raise ParameterError('joints', joints, 'a list of names')
     if isinstance(source, MeasuredLog):
-        return _chosen(source, joints)
+        return source if joints is None else source.of_joints(joints)
     arrays = source if isinstance(source, Mapping) else columns_of(source)
     if arrays is not None:
         return _finished('log', _of_arrays('log', arrays, joints, velocity, columns), joints)
@@ -235,17 +258,6 @@ def _empty_columns(table: np.ndarray, n: int, names: Sequence[str], velocity: bo
     empty = [f'{kind} of {names[i]!r}' for k, kind in enumerate(kinds) for i in range(n)
              if not np.isfinite(table[:, k * n + i]).any()]
     return f'; no row has {", ".join(empty)}' if empty and len(table) else ''
-
-
-def _chosen(log: MeasuredLog, joints: Sequence[str] | None) -> MeasuredLog:
-    if joints is None or tuple(joints) == log.joints:
-        return log
-    if missing := [name for name in joints if name not in log.joints]:
-        raise LogError(f'log: no joint {missing[0]!r}: it has {", ".join(log.joints)}')
-    columns = [log.joints.index(name) for name in joints]
-    q, qd, tau = (np.ascontiguousarray(values[:, columns])
-                  for values in (log.q, log.qd, log.tau))
-    return log._replace(joints=tuple(joints), q=q, qd=qd, tau=tau)
 
 
 def _load_npz(path: Path, joints: Sequence[str] | None, velocity: bool,

@@ -18,7 +18,8 @@ import yaml
 
 from adaptive_blf_control.bounded_yaml import BoundedLoader, load_yaml_text, read_yaml_text
 from adaptive_blf_control.configuration.node_settings import NODE_SETTINGS, RuntimeSettings, TABLES
-from adaptive_blf_control.errors import ParameterError, UnknownParameter
+from adaptive_blf_control.configuration.shipped import found, shipped_names
+from adaptive_blf_control.errors import close_names, ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.parameters.table import (
     bounds_of,
@@ -59,18 +60,28 @@ def load_yaml(path: str | Path, name: str = 'parameter file') -> dict[str, Any]:
     """Read a parameter file; ParameterError names the file and line where it is malformed.
 
     Args:
-        path: Where it is.
+        path: Where it is, or the name of a shipped one, see `found`.
         name: What the caller calls it, for the message.
     """
-    path = Path(path)
+    path = found(path)
     try:
         data = _loaded(read_yaml_text(path))
     except OSError as error:
-        raise ParameterError(name, str(path),
-                             f'a readable YAML file ({error.strerror})') from None
+        raise ParameterError(name, str(path), f'a readable YAML file ({error.strerror})'
+                             + _or_shipped(path)) from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ParameterError(name, str(path), f'well-formed YAML: {error}') from None
     return checked_sections(data, name, str(path))
+
+
+def _or_shipped(path: Path) -> str:
+    """Return which scenarios are shipped, where a name alone was given."""
+    names = shipped_names()
+    if path.exists() or not names or str(path.parent) != '.':
+        return ''
+    close = close_names(path.stem, names)
+    return (f', did you mean {" or ".join(close)}?' if close else
+            f', or a scenario that is shipped: {", ".join(names)}')
 
 
 def load_yamls(paths: Iterable[str | Path], name: str = 'parameter file') -> dict[str, Any]:

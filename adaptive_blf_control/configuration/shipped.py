@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 import sys
 
-__all__ = ['scenario']
+__all__ = ['found', 'scenario', 'shipped_names']
 
 
 def scenario(name: str) -> Path:
@@ -20,3 +20,22 @@ def scenario(name: str) -> Path:
         if (folder / name).is_file():
             return folder / name
     return Path('config') / name
+
+
+def found(path: str | Path) -> Path:
+    """Return the parameter file that is meant: one that there is, else a shipped one of the name.
+
+    Args:
+        path: Where it is; ``two_link`` and ``config/two_link.yaml`` may be shipped ones.
+    """
+    path = Path(path)
+    if not path.is_file() and str(path.parent) in ('.', 'config'):
+        shipped = scenario(f'{path.name.removesuffix(".yaml")}.yaml')
+        if shipped.is_file():
+            return shipped
+    return path
+
+
+def shipped_names() -> list[str]:
+    """Return the names of the scenarios that `found` finds."""
+    return sorted(path.stem for path in scenario('two_link.yaml').parent.glob('*.yaml'))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import copy
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,7 +71,9 @@ from adaptive_blf_control.parameters.settings import Settings
 __all__ = ['Controller', 'ControlOutput']
 
 
-@with_hints
+@functools.partial(with_hints, instead={
+    **dict.fromkeys(('margin', 'margins', 'distance'), 'controller.margins(output)'),
+    **dict.fromkeys(('q', 'qd'), 'state has the sample: state.q and state.qd')})
 class ControlOutput(NamedTuple):
     """What one sample of the controller gives; arrays of shape (n,) unless another is given.
 
@@ -478,6 +481,11 @@ class Controller(Guided, settings=ControllerSettings,
             theta: Parameter estimate θ̂, shape (m,).
             torque: Mean torque applied since the sample before, shape (n,) [N·m]; None where it
                 is not measured. For laws that learn by themselves; (38) does not look at it.
+
+        Returns:
+            The torque and what it was made of. Nothing is raised for a state that cannot be used:
+            with q, q̇ or θ̂ not finite the torque is zero. Outside a set nothing is guaranteed, and
+            the torque leads back as far as its limit lets it; :meth:`margins` is then negative.
         """
         t, torque = checked_number('t', t), self._not_measured if torque is None else torque
         if not are_vectors(self._n, q, qd, torque):

@@ -38,7 +38,10 @@ class Reference(Protocol):
         ...
 
     def range(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return bounds (−y̲_d, ȳ_d) of Assumption 1, each of shape (n,) [rad]."""
+        """Return the least and the largest position, each of shape (n,) [rad].
+
+        Assumption 1 writes them −y̲_d and ȳ_d: the first is negative for a motion around zero.
+        """
         ...
 
 

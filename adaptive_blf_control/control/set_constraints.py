@@ -43,7 +43,9 @@ class PerformanceConstraint:
 
     name, quantity, unit = 'performance', 'error', 'rad'
     whole_runs = True
-    recovery = 'begin the motion with a smooth start, which joins the reference from the posture'
+    recovery = ('begin the motion with a smooth start (reference.smooth_start > 0 s), which joins '
+                'the reference from the posture, or on the reference (initial_position of a '
+                'simulated arm)')
 
     def __init__(self, joints: tuple[str, ...]) -> None:
         """Take the names of the joints."""

@@ -11,12 +11,15 @@ import numpy as np
 import yaml
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.joint_friction import FRICTION_KINDS
 from adaptive_blf_control.arrays import checked_number
 from adaptive_blf_control.bounded_yaml import load_yaml_text, read_yaml_text
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.table import broadcast, NOMINAL
 
 __all__ = ['given_parameters', 'load_estimate', 'read_estimate', 'theta_of', 'values_of']
+
+_SHOWN = 8  # names that a message lists
 
 
 def given_parameters(name: str, value: np.ndarray | str, arm: Arm) -> np.ndarray:
@@ -65,7 +68,8 @@ def read_estimate(path: Path, parameters: tuple[str, ...],
         name: The parameter that names the file, for messages.
 
     Raises:
-        ParameterError: the file cannot be read or lacks a parameter.
+        ParameterError: the file cannot be read, lacks a parameter, or has one that the arm does
+            not have: without it the others would predict another torque.
     """
     return theta_of(load_estimate(path, name), path, parameters, name)
 
@@ -91,7 +95,20 @@ def theta_of(content: Any, path: Path, parameters: tuple[str, ...], name: str) -
         raise _no_mapping(name, path) from None
     if not np.isfinite(theta).all():
         raise ParameterError(name, str(path), 'finite values in theta_hat')
+    if others := [str(each) for each in values if each not in parameters]:
+        raise ParameterError(name, str(path), f'the {len(parameters)} parameters of the arm and '
+                             f'no more: it also has {", ".join(others[:_SHOWN])}'
+                             + ', ...' * (len(others) > _SHOWN) + _friction_of(others))
     return theta
+
+
+def _friction_of(names: list[str]) -> str:
+    """Return how an arm gets the parameters of friction and rotors that are among ``names``."""
+    kinds = {**FRICTION_KINDS, 'rotor_inertia': 'Ia'}
+    chosen = ', '.join(f'{kind}=True' for kind, prefix in kinds.items()
+                       if any(name.startswith(f'{prefix}_') for name in names))
+    return (f': load_arm(urdf, {chosen}) returns an arm with these (in YAML friction.*)'
+            if chosen else '')
 
 
 def _no_mapping(name: str, path: Path) -> ParameterError:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 import os
 from typing import Any, NamedTuple
 
@@ -101,6 +101,16 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         'parameters': 'arm.parameters has their names, estimate their values by name',
         'joints': 'arm.joints has their names',
         'sigma_min': 'stack.sigma_min',
+        'history': 'stack has the recorded pairs; settings.history has its settings, '
+                   'retune(history=...) changes them',
+        **dict.fromkeys(('pairs', 'n_pairs', 'recorded'),
+                        'stack.regressors and stack.torques, of which stack.count are recorded; '
+                        'pair is the present one'),
+        **dict.fromkeys(('rmse', 'score', 'residual', 'residuals', 'test_rmse', 'train_rmse'),
+                        'identify(log, arm=...) predicts what it has not learned from: its result '
+                        'has test_rmse and prediction'),
+        **dict.fromkeys(('plot', 'show', 'draw'), 'matplotlib draws arrays; identify(log, '
+                        'arm=...).prediction has measured and predicted torques'),
         'reset': 'reset_history empties the history, restart restarts the filters; an Identifier '
                  'that knows nothing is a new one',
         **dict.fromkeys(('std', 'covariance', 'uncertainty', 'confidence'),
@@ -126,6 +136,10 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
 
     :meth:`update` takes one sample, :meth:`learn` a whole log; then ``estimate`` has θ̂ by name,
     shape (m,), ``undetermined`` what the data leave open, and :meth:`predict` gives torques [N·m].
+
+    The defaults are for a simulation, whose filters follow fast and whose friction is viscous.
+    The log of a real robot needs slower filters, a larger history and an arm with its friction,
+    see `REAL_ROBOT` of ``runs.subject``, which `identify` takes.
     """
 
     @checked_call
@@ -278,6 +292,8 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
     @checked_call
     def predict(self, q: Any, qd: Any, qdd: Any) -> np.ndarray:
         """Return the torque of a motion under θ̂, shape like ``q`` [N·m].
+
+        Where q̈ is not measured, ``identify(log, arm).prediction`` compares filtered torques.
 
         Args:
             q: Positions, shape (n,) or (N, n) [rad].
@@ -437,9 +453,13 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
     def learn(self, t: Any, q: Any = None, qd: Any = None, tau: Any = None) -> np.ndarray:
         """Take a whole log, one sample after the other, as :meth:`update` does.
 
+        The usual settings are those of a simulation. The log of a real robot is learned from, and
+        checked before, by `identify`, whose settings are `REAL_ROBOT` of ``runs.subject``.
+
         Args:
             t: Times, shape (N,) [s]; or, alone, a log that has all four: a mapping with arrays
-                t, q, qd and tau, or what `read_log` returns.
+                t, q, qd and tau, or what `read_log` returns, whose joints are put in the order of
+                the arm's.
             q: Positions, shape (N, n) [rad].
             qd: Velocities, shape (N, n) [rad/s].
             tau: Mean torques over the intervals that end at ``t``, shape (N, n) [N·m].
@@ -450,9 +470,10 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         Raises:
             ParameterError: an array has another shape, or no two samples follow each other so
                 that the filter can take them.
+            LogError: the joints of the log have other names than those of the arm.
         """
         if q is None and qd is None and tau is None:
-            t, q, qd, tau = _of_log(t)
+            t, q, qd, tau = _of_log(t, self.arm.joints)
         for name, value in (('q', q), ('qd', qd), ('tau', tau)):
             if value is None:
                 raise without_argument(Identifier.learn, name)
@@ -503,16 +524,24 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             yield block
 
 
-def _of_log(log: Any) -> tuple[Any, Any, Any, Any]:
+def _of_log(log: Any, joints: Sequence[str]) -> tuple[Any, Any, Any, Any]:
     """Return t, q, qd and tau of a log that is given as a whole.
+
+    Args:
+        log: A mapping, or an object with these attributes; one that knows the names of its joints
+            has ``of_joints`` as well, which puts them in another order.
+        joints: Joints of the arm.
 
     Raises:
         ParameterError: it is none.
+        LogError: its joints have other names.
     """
     names = ('t', 'q', 'qd', 'tau')
     if isinstance(log, Mapping) and all(name in log for name in names):
         t, q, qd, tau = (log[name] for name in names)
         return t, q, qd, tau
+    if hasattr(log, 'of_joints'):
+        log = log.of_joints(joints)
     if all(hasattr(log, name) for name in names):
         return log.t, log.q, log.qd, log.tau
     if isinstance(log, (Mapping, str, os.PathLike)) or hasattr(log, 'columns'):

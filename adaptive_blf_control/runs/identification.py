@@ -69,6 +69,11 @@ _NOT_THERE = {
                     'undetermined names the others'),
     **dict.fromkeys(('compare', 'difference'),
                     'theta - arm.nominal has the differences, in the order of parameters'),
+    **dict.fromkeys(('rmse', 'score', 'error'),
+                    'test_rmse is of the span that was not learned from, train_rmse of the other'),
+    **dict.fromkeys(('report', 'html'),
+                    'print shows the figures; `python -m adaptive_blf_control identify LOG '
+                    '--html page.html` makes a page'),
     'model': 'consistent is the physically consistent model, urdf() a URDF with its values',
     'history': 'identifier.stack has the recorded pairs',
     'log': 'read_log(...) returns it as arrays; source says where it came from',

@@ -20,10 +20,10 @@ from adaptive_blf_control.identification.identifier import Identifier, LearnedBl
 from adaptive_blf_control.identification.pair_times import PairTimes
 from adaptive_blf_control.identification.uncertainty import estimate_uncertainty, Uncertainty
 from adaptive_blf_control.runs.batch_fit import BatchFit
-from adaptive_blf_control.spelling import setting, spelled
+from adaptive_blf_control.spelling import option, setting, spelled
 
 __all__ = ['NO_TEST', 'Given', 'Growth', 'LogPass', 'Prediction', 'Progress', 'Section', 'Span',
-           'choose_spans', 'learn']
+           'check_rest', 'choose_spans', 'learn']
 
 NO_TEST = 'none'
 Given = str | Sequence[float | None] | None
@@ -147,8 +147,7 @@ def choose_spans(log: MeasuredLog, train: Given, test: Given, settle: float) -> 
                else _span('train', train, first, last, notes))
     _check_span('train', train, learned, t, known)
     if test is None and learned.end >= last:
-        raise ParameterError('test', None, 'T0:T1 after the training, and nothing of the log is '
-                             f'left for it; none learns without a test; {known}')
+        raise ParameterError('test', None, f'{_without_rest()}; {known}')
     tested = (Span(learned.end, learned.end if untested else last)
               if test is None or untested else _span('test', test, first, last, notes))
     if not untested:
@@ -158,6 +157,19 @@ def choose_spans(log: MeasuredLog, train: Given, test: Given, settle: float) -> 
                              f'a span after the training, which ends at {learned.end:.6g} s: '
                              f'{known}')
     return Section(log, learned, tested, tuple(notes))
+
+
+def check_rest(train: Given, test: Given) -> None:
+    """Raise ParameterError where, whatever the log, nothing of it is left to be predicted."""
+    open_end = (train.rstrip().endswith(':') if isinstance(train, str) else
+                isinstance(train, (list, tuple)) and len(train) == 2 and train[1] is None)
+    if open_end and test is None:
+        raise ParameterError('test', None, _without_rest())
+
+
+def _without_rest() -> str:
+    return ('T0:T1 after the training, and nothing of the log is left for it: '
+            + option('test', "'none'", 'none') + ' learns without a test')
 
 
 def _check_span(name: str, given: Given, span: Span, t: np.ndarray, known: str) -> None:

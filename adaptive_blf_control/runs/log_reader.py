@@ -13,7 +13,14 @@ from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.runs.finding import Finding
 from adaptive_blf_control.runs.log_checks import check_log, refuse
 from adaptive_blf_control.runs.log_options import LogOptions, name_of, read_converted
-from adaptive_blf_control.runs.log_pass import choose_spans, Given, NO_TEST, Section, Span
+from adaptive_blf_control.runs.log_pass import (
+    check_rest,
+    choose_spans,
+    Given,
+    NO_TEST,
+    Section,
+    Span,
+)
 
 __all__ = ['LogReader']
 
@@ -62,6 +69,7 @@ class LogReader:
         """
         if others:
             train, test = ':' if train is None else train, NO_TEST if test is None else test
+        check_rest(train, test)
         made = []
         for source in logs:
             log = self._read(source)

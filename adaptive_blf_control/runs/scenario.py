@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import os
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,12 +26,11 @@ from adaptive_blf_control.configuration.parameter_file import (
     load_yaml,
     node_settings,
 )
-from adaptive_blf_control.configuration.shipped import scenario as shipped_scenario
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.given_parameters import values_of
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.parameters.settings import Settings
-from adaptive_blf_control.runs.start_check import start_warnings
+from adaptive_blf_control.runs.start_check import idle_encoder, start_warnings
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 
 __all__ = ['Joined', 'Scenario', 'duration_of', 'joined']
@@ -93,8 +91,17 @@ def joined(scenario: Scenario, own: OwnParts, changes: Mapping[str, Any]) -> Joi
     data = apply_changes(data, _by_value(changes, arm))
     _refuse_friction(changes, data)
     loop = build_closed_loop(data, own._replace(arm=arm))
+    _refuse_idle(changes, idle_encoder(data, loop))
     notes = tuple(start_warnings(data, loop))  # may refuse an unstable loop
     return Joined(loop, data, notes, arm is None and own.plant is None)
+
+
+def _refuse_idle(changes: Mapping[str, Any], idle: Sequence[str]) -> None:
+    """Raise ParameterError for a change to an encoder where none measures."""
+    for name, value in flattened(changes):
+        if name.removeprefix('arm_driver.') in idle:
+            raise ParameterError(name, value, "nothing where the true state is measured: "
+                                 "sensor='encoder' measures with it")
 
 
 def _refuse_friction(changes: Mapping[str, Any], data: Mapping[str, Any]) -> None:
@@ -136,23 +143,13 @@ def _data_and_arm(scenario: Any) -> tuple[dict[str, Any], Arm | None]:
         if '<robot' in text or text.lower().endswith(('.urdf', '.xacro')):
             raise ParameterError('scenario', scenario, 'a parameter file: load_arm reads a URDF, '
                                  'simulate(load_arm(urdf))')
-        return load_yaml(_file(text), 'scenario'), None
+        return load_yaml(text, 'scenario'), None
     if isinstance(scenario, Mapping):
         return checked_sections(scenario, 'scenario', scenario), None
     if not hasattr(scenario, 'Y1'):
         raise ParameterError('scenario', scenario, _SCENARIOS)
     arm = checked_arm('scenario', scenario)
     return _of_joints(arm), arm
-
-
-def _file(text: str) -> Path:
-    """Return the parameter file that is meant: one that there is, else a shipped one."""
-    path = Path(text)
-    if not path.is_file() and str(path.parent) in ('.', 'config'):
-        shipped = shipped_scenario(f'{path.name.removesuffix(".yaml")}.yaml')
-        if shipped.is_file():
-            return shipped
-    return path
 
 
 def _of_joints(arm: Arm) -> dict[str, Any]:

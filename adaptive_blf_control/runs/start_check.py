@@ -10,16 +10,17 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings, DriverSettings
-from adaptive_blf_control.configuration.parameter_file import node_settings
+from adaptive_blf_control.configuration.parameter_file import given_values, node_settings
 from adaptive_blf_control.control.arm_limits import limit_warnings
 from adaptive_blf_control.control.reference import full_range
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
+from adaptive_blf_control.simulation.sensors import PerfectSensor
 from adaptive_blf_control.tuning.filter_cost import filter_warnings
 from adaptive_blf_control.tuning.loop_check import check_loop, warnings_of_loop
 from adaptive_blf_control.tuning.stated_loop import simulated_delay, stated_delay
 
-__all__ = ['known_theta', 'loop_warnings', 'start_warnings']
+__all__ = ['idle_encoder', 'known_theta', 'loop_warnings', 'start_warnings']
 
 
 def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
@@ -35,6 +36,8 @@ def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
     too_few = rank_warning(loop.identifier.settings, loop.arm.n, loop.arm.m)
     if too_few:
         yield too_few
+    if idle := idle_encoder(data, loop):
+        yield f'arm_driver.{idle[0]} {_WITHOUT_ENCODER}'
     yield from limit_warnings(loop.arm, loop.controller.settings)
     lower, upper = full_range(loop.controller.reference)
     if np.array_equal(lower, upper):
@@ -45,6 +48,23 @@ def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
         yield from filter_warnings(loop.arm, loop.controller.reference, known,
                                    loop.identifier.settings.filter)
     yield from loop_warnings(data, loop)
+
+
+_WITHOUT_ENCODER = "is without effect: only arm_driver.sensors.model 'encoder' looks at it"
+_OF_ENCODER = ('sensors.encoder_counts', 'sensors.gear_ratio', 'sensors.velocity_time_constant')
+
+
+def idle_encoder(data: Mapping[str, Any], loop: ClosedLoop) -> list[str]:
+    """Return the parameters of an encoder that are given where the true state is measured.
+
+    Args:
+        data: The parameter file's data.
+        loop: Built from it.
+    """
+    sensor = getattr(loop.plant, 'sensor', None)
+    if not isinstance(getattr(sensor, 'sensor', sensor), PerfectSensor):
+        return []
+    return [name for name in given_values(data, 'arm_driver') if name in _OF_ENCODER]
 
 
 def known_theta(arm: Arm, estimate: np.ndarray) -> np.ndarray | None:

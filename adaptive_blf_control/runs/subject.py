@@ -123,8 +123,8 @@ def _changed(settings: IdentifierNodeSettings, changes: Mapping[str, Any],
 def _named_arm(settings: IdentifierNodeSettings) -> Arm:
     """Build the arm that the settings name."""
     if settings.arm == 'urdf' and (not settings.urdf or settings.urdf.startswith('topic:')):
-        raise ParameterError('urdf', settings.urdf, "a file: identify(log, 'robot.urdf'), or an "
-                             'arm: identify(log, arm=...)')
+        raise ParameterError('urdf', settings.urdf or None, "a file: identify(log, 'robot.urdf'), "
+                             'or an arm: identify(log, arm=...)')
     return build_arm(settings)
 
 

@@ -13,7 +13,7 @@ import time
 from adaptive_blf_control.bags.reader import read_bag
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.configuration.parameter_file import load_yaml, node_settings
-from adaptive_blf_control.configuration.shipped import scenario
+from adaptive_blf_control.configuration.shipped import found, scenario
 from adaptive_blf_control.errors import BlfError, MissingExtra
 from adaptive_blf_control.report.plot import plot_run
 from adaptive_blf_control.runs.bag_run import rates, run_of_bag
@@ -76,7 +76,7 @@ def main(args: list[str] | None = None) -> int:
         return 2
     output = options.output or Path('runs') / time.strftime('%Y%m%d_%H%M%S')
     try:
-        config = options.config or scenario('two_link.yaml')
+        config = found(options.config or scenario('two_link.yaml'))
         # A clear error before anything starts.
         node_settings(load_yaml(config), ControllerNodeSettings)
         if output.exists():

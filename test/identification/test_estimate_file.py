@@ -101,6 +101,17 @@ def test_an_unusable_file_is_named_with_what_is_expected(tmp_path, text, expecte
     assert caught.value.name == 'identifier.initial_estimate_file'
 
 
+def test_a_parameter_that_the_arm_does_not_have_is_not_dropped_without_a_word(tmp_path):
+    path = tmp_path / 'theta.yaml'
+    values = ', '.join(f'{name}: 1.0' for name in (*ARM.parameters, 'Ia_joint1', 'fs_joint2'))
+    path.write_text(f'theta_hat: {{{values}}}')
+    with pytest.raises(ParameterError, match=r'5 parameters of the arm and no more: it also has '
+                       r'Ia_joint1, fs_joint2: .*square_root=True, rotor_inertia=True\)'):
+        Identifier(ARM, initial_estimate=str(path))
+    path.write_text(f'theta_hat: {{{values.partition(", Ia")[0]}}}')
+    assert Identifier(ARM, initial_estimate=str(path)).theta.tolist() == [1.0] * 5
+
+
 def test_bytes_that_are_not_text_are_refused(tmp_path):
     path = tmp_path / 'theta.yaml'
     path.write_bytes(b'\xff\xfe\x00')

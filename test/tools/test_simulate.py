@@ -29,6 +29,15 @@ def test_json_has_every_figure(config, capsys):
     assert figures['real_time_factor'] == pytest.approx(0.2 / figures['wall_s'])
 
 
+def test_a_shipped_scenario_is_run_by_its_name(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(['two_link', '--duration', '0.01']) == 0
+    assert main(['two_lnik', '--duration', '0.01']) == 2
+    assert 'did you mean two_link?' in capsys.readouterr().err
+    assert main(['two_link', '--duration', '0.01', '--set', 'sensors.encoder_counts=4']) == 0
+    assert 'sensors.encoder_counts is without effect' in capsys.readouterr().err
+
+
 def test_the_table_is_printed(config, capsys):
     assert main([config, '--duration', '0.1']) == 0
     out = capsys.readouterr().out
