@@ -303,7 +303,7 @@ def jit_without_gil(function: Function) -> Function:
 
 
 def jit_apart(function: Function) -> Function:
-    """Compile as `jit`, but not anew in every compiled function that calls it.
+    """Compile as `jit`, but not once more in every compiled function that calls it.
 
     For what is large and called with the same types from many places: they call its machine code
     instead of holding a copy of it, which is kept on disk like theirs. It returns nothing and gets
