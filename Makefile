@@ -65,12 +65,12 @@ demo: env  ## run the paper's two-link task in four processes; ARGS go to the de
 	@$(PY) -m adaptive_blf_control demo $(ARGS)
 
 # First what computes, two at a time; then, beside nothing that does, what moves a simulated robot in
-# real time, two files at a time: it mostly waits.
+# real time, three files at a time: it mostly waits.
 # pytest's status 5 means that ARGS selected nothing there: an error where that is so in both.
 test: env  ## run all tests; ARGS go to pytest
 	@export ROS_PYTHON_CHECK_FIELDS=1 first=0 second=0; \
 	$(PY) -m pytest -n 2 -m 'not real_time' $(ARGS) || first=$$?; \
-	$(PY) -m pytest -n 2 --dist loadfile -m real_time $(ARGS) || second=$$?; \
+	$(PY) -m pytest -n 3 --dist loadfile -m real_time $(ARGS) || second=$$?; \
 	case $$first-$$second in 0-0 | 0-5 | 5-0) ;; *) exit 1 ;; esac
 
 # The rooms in which numba compiles; what takes minutes then is left out. The nodes may be asked for:
