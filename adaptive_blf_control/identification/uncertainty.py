@@ -22,7 +22,7 @@ from adaptive_blf_control.identification.determination import WEAKEST
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.pair_times import PairTimes
 
-__all__ = ['LEVEL', 'NORMAL', 'Uncertainty', 'estimate_uncertainty',
+__all__ = ['LEVEL', 'NORMAL', 'Uncertainty', 'distance_to_go', 'estimate_uncertainty',
            'integral_correlation_time', 'uncertainty']
 
 LEVEL = 0.95
@@ -122,6 +122,25 @@ def uncertainty(regressors: np.ndarray, torques: np.ndarray, times: np.ndarray,
     return Uncertainty(inverse @ meat @ inverse, open_, np.sqrt(variance),
                        np.maximum(left_out, np.sqrt(variance)), alike, correlation_time,
                        condition)
+
+
+def distance_to_go(regressors: np.ndarray, torques: np.ndarray,
+                   theta: np.ndarray) -> tuple[float, float]:
+    """Return how far an estimate is from the least squares of recorded pairs, in torque.
+
+    Args:
+        regressors: Y_f, shape (P, n, m).
+        torques: τ_f, shape (P, n) [N·m].
+        theta: θ̂, shape (m,).
+
+    Returns:
+        RMS over pairs and joints of Y_f (θ̂ − θ), θ that of the least squares, and of the
+        residuals τ_f − Y_f θ [N·m].
+    """
+    rows, values = regressors.reshape(-1, theta.size), torques.reshape(-1)
+    best = np.linalg.lstsq(rows, values, rcond=None)[0]
+    return (float(np.sqrt(np.mean((rows @ (theta - best)) ** 2))),
+            float(np.sqrt(np.mean((values - rows @ best) ** 2))))
 
 
 def _gram(regressors: np.ndarray) -> np.ndarray:
