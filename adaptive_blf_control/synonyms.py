@@ -74,8 +74,8 @@ gamma learning_rate lr adaptation_gain adaptation_gains gain
 k1 kp p_gain
 k2 kd d_gain
 torque_limit max_torque tau_max torque_limits effort_limit u_max
-torque_noise encoder_counts noise sensor_noise measurement_noise
-encoder_counts encoder encoders ticks
+torque_noise noise sensor_noise measurement_noise
+encoder_counts encoder encoders ticks noise sensor_noise measurement_noise
 size P history_size stack_size buffer_size memory
 safety bounds limits joint_limits position_limits safety_set
 performance error_bounds error_limits tolerance performance_set
@@ -120,8 +120,7 @@ def same_meaning(name: str, known: Iterable[str]) -> list[str]:
 
     Args:
         name: What was written.
-        known: Dotted names; the last part of one counts. Those that end with ``name`` itself come
-            first, then those with fewer parts.
+        known: Dotted names; the last part of one counts, and those with fewer parts come first.
     """
     typed = {name, name.lower(), name.lower().removesuffix('s'), f'{name.lower()}s'}
     meanings = [words for words in _SAME if typed & set(words)]
@@ -130,5 +129,4 @@ def same_meaning(name: str, known: Iterable[str]) -> list[str]:
         by_end.setdefault(other.rpartition('.')[2], []).append(other)
     found = [other for words in meanings for word in words for other in by_end.get(word, ())
              if other != name]
-    return sorted(dict.fromkeys(found), key=lambda other: (other.rpartition('.')[2] != name,
-                                                           other.count('.')))
+    return sorted(dict.fromkeys(found), key=lambda other: other.count('.'))

@@ -369,7 +369,7 @@ def test_a_log_teaches_an_arm_whose_joints_stand_in_another_order():
     theta = door.Identifier(ARM).learn(log)
     np.testing.assert_array_equal(
         door.Identifier(ARM).learn(log.of_joints(ARM.joints[::-1])), theta)
-    with pytest.raises(door.LogError, match="no joint 'joint1': it has a, b; read_log.*joints=arm"):
+    with pytest.raises(door.LogError, match="no joint 'joint1': it has a, b; read_log.*=arm"):
         door.Identifier(ARM).learn(log._replace(joints=('a', 'b')))
 
 
@@ -383,11 +383,22 @@ def test_what_an_encoder_alone_looks_at_is_refused_without_one():
     for changes in ({'sensors': {'encoder_counts': 4096}}, {'arm_driver.sensors.gear_ratio': 1.0}):
         with pytest.raises(door.ParameterError, match="nothing where .*sensor='encoder'"):
             door.simulate(ARM, 0.01, **changes)
-    measured = door.simulate(ARM, 0.01, sensor='encoder', sensors={'encoder_counts': 4})
-    assert measured.notes == door.simulate(ARM, 0.01).notes
-    in_file = {'/**/arm_driver': {'ros__parameters': {'sensors': {'encoder_counts': 4}}}}
-    note, = set(door.simulate(in_file, 0.01).notes) - set(door.simulate({}, 0.01).notes)
-    assert note.startswith('arm_driver.sensors.encoder_counts is without effect')
+    said = 'arm_driver.sensors.encoder_counts is without effect'
+    for model, notes in (('perfect', 1), ('encoder', 0)):
+        in_file = {'/**/arm_driver': {'ros__parameters': {
+            'sensors': {'model': model, 'encoder_counts': 4000}}}}
+        run = door.simulate(in_file, 0.01)
+        assert sum(note.startswith(said) for note in run.notes) == notes
+
+
+@pytest.mark.parametrize(('q', 'theta', 'torque'), [
+    ([np.nan, 0.0], ARM.nominal, [0.0, 0.0]), ([0.0, 0.0], [np.nan] * 5, [0.0, 0.0]),
+    ([5.0, 0.0], ARM.nominal, [-10.0, 0.0])])
+def test_a_controller_answers_a_state_that_cannot_be_used_as_its_help_says(q, theta, torque):
+    controller = door.Controller(ARM, torque_limit=10.0)
+    output = controller.update(0.0, q, [0.0, 0.0], theta)
+    assert output.torque.tolist() == torque
+    assert not min(controller.margins(output)) > 0.0 or not np.isfinite(theta).all()
 
 
 class Massless(door.Arm):

@@ -70,8 +70,6 @@ _NOT_THERE = {
                     'undetermined names the others'),
     **dict.fromkeys(('compare', 'difference'),
                     'theta - arm.nominal has the differences, in the order of parameters'),
-    **dict.fromkeys(('rmse', 'score', 'error'),
-                    'test_rmse is of the span that was not learned from, train_rmse of the other'),
     **dict.fromkeys(('report', 'html'),
                     'print shows the figures; `python -m adaptive_blf_control identify LOG '
                     '--html page.html` makes a page'),

@@ -22,8 +22,8 @@ __all__ = ['main']
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='simulate', description=__doc__)
     parser.add_argument('config', type=Path, nargs='+', metavar='CONFIG',
-                        help='parameter file, e.g. config/two_link.yaml; of several, later ones '
-                        'change what earlier ones say')
+                        help='parameter file, or a shipped one by name: two_link; of several, '
+                        'later ones change what earlier ones say')
     parser.add_argument('--duration', type=seconds, metavar='S',
                         help="length of the run [s]; default: the driver's duration, else 20")
     parser.add_argument('--set', action='append', default=[], metavar='NODE.NAME=VALUE',

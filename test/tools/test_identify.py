@@ -442,6 +442,11 @@ def test_missing_urdf_is_asked_for(capsys, files):
     assert '--urdf FILE' in complaint(capsys, [files[0], *files[3:]])
 
 
+def test_a_training_without_end_is_told_how_to_learn_without_a_test(capsys, files):
+    text = complaint(capsys, [*files, '--train', '1:'])
+    assert 'nothing of the log is left for it: --test none learns without a test' in text
+
+
 @pytest.mark.parametrize(('spans', 'words'), [
     (['--train', '1-2'], "'--train' is '1-2': expected T0:T1"),
     (['--train', 'a:2'], "'--train' is 'a:2': expected T0:T1"),
@@ -451,7 +456,6 @@ def test_missing_urdf_is_asked_for(capsys, files):
     (['--train', '7:8', '--test', 'none'], 'inside the log'),
     (['--train=-1:3'], 'inside the log'),
     (['--train', '1.0001:1.0002'], 'samples in it'),
-    (['--train', '1:'], 'nothing of the log is left'),
     (['--test', '2:5'], 'after the training, which ends at 3 s'),
     (['--train', '4:5', '--test', '1:2'], 'after the training, which ends at 5 s')])
 def test_bad_span_is_answered_with_the_span_of_the_log(capsys, files, spans, words):
