@@ -178,7 +178,8 @@ def _members(name: str, known: Iterable[str]) -> list[str]:
 def _listed(name: str, names: list[str], suggested: bool) -> str:
     if len(names) <= (_FEW if suggested else _SHOWN):
         return f'; known: {", ".join(names)}'
-    return '' if suggested else nearest(name, names, 'python -m adaptive_blf_control parameters')
+    own = name.partition('.')[2] or name  # behind the kind of node
+    return '' if suggested else nearest(own, names, 'python -m adaptive_blf_control parameters')
 
 
 def close_names(name: str, known: Iterable[str]) -> list[str]:

@@ -347,6 +347,9 @@ def test_the_log_of_a_run_teaches_what_a_driver_s_log_would():
     np.testing.assert_array_equal(log.tau[1:], run.torque[:-1])  # held over the interval before
     result = door.identify(log, ARM, filter={'time_constant': 0.02})
     np.testing.assert_allclose(result.theta, ARM.nominal, rtol=1e-4)
+    assert result.notes == ()
+    slow = door.identify(log, ARM, filter={'time_constant': 0.02}, gamma=1e-3)
+    assert any('has not converged' in note for note in slow.notes)  # though all is determined
     noisy = door.simulate(ARM, 0.01, arm_driver={'sensors': {'torque_noise': 0.1}})
     np.testing.assert_array_equal(noisy.log().tau, noisy.measured.torque)
     assert abs(noisy.log().tau[1:] - noisy.torque[:-1]).max() > 0.01
