@@ -306,8 +306,8 @@ def jit_apart(function: Function) -> Function:
     """Compile as `jit`, but not once more in every compiled function that calls it.
 
     For what is large and called with the same types from many places: they call its machine code
-    instead of holding a copy of it, which is kept on disk like theirs. It returns nothing and gets
-    references, see `borrowed`.
+    instead of holding a copy of it, which is kept on disk like theirs. It returns a
+    number or nothing and gets references, see `borrowed`.
     """
     return _compiled(function, apart=True)
 

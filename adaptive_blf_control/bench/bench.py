@@ -176,7 +176,8 @@ def _models(options: argparse.Namespace) -> None:
               f'{positive["consistent"]} | {free:.4f} | {possible:.4f} | {possible / free:.3f} | '
               f'{model["ms"]:.0f} | {statistics.mean(figures["test_coverage"]):.1%} | '
               f'{min(figures["test_coverage"]):.1%} | '
-              + ' | '.join(f'{error:.1e}' for error in read_back or ()) + ' |', flush=True)
+              + (' | '.join(f'{error:.1e}' for error in read_back) if read_back else '– | –')
+              + ' |', flush=True)
 
 
 class Part(NamedTuple):

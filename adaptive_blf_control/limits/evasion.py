@@ -24,12 +24,18 @@ from adaptive_blf_control.limits.link_spheres import sphere_motion
 from adaptive_blf_control.limits.obstacles import distance
 from adaptive_blf_control.limits.quadratic_program import solve
 
-__all__ = ['evading']
+__all__ = ['evading', 'without_moving']
 
 QUICKNESS = 5.0  # α [1/s]
 TO_STOP = 0.4  # T [s]
 SOFT = 1e-6  # softness of a row: several at once may contradict each other
 SHORTEST = 1e-6  # of uᵀ J, below which a link cannot give way [m/rad]
+
+
+def without_moving(scene: Scene) -> Scene:
+    """Return the scene with the pairs of what stands and of spheres with each other alone."""
+    moving = np.flatnonzero(scene.obstacles.velocity.any(axis=1))
+    return scene._replace(pairs=scene.pairs[~np.isin(scene.pairs[:, 1], moving)])
 
 
 @jit

@@ -21,7 +21,7 @@ from adaptive_blf_control.control.reference import full_range, Reference, Refere
 from adaptive_blf_control.control.safety_filter import Governed
 from adaptive_blf_control.control.sets import Bounds, TOLERANCE
 from adaptive_blf_control.limits.acceleration_error import Posture
-from adaptive_blf_control.limits.evasion import evading
+from adaptive_blf_control.limits.evasion import evading, without_moving
 from adaptive_blf_control.limits.filter_look import Scene
 from adaptive_blf_control.limits.filter_step import filter_step, FilterParts, Stop
 from adaptive_blf_control.limits.pace import NEAR, NEARER, Pace, slowed
@@ -117,12 +117,9 @@ class Governor:
         The reference stops before what stands still, and gives way to what moves (`evading`): a
         stop leaves an arm that an obstacle comes to no way but to stand.
         """
-        obstacles, pairs = scene.obstacles, scene.pairs
-        moves = obstacles.velocity.any(axis=1)
-        still = pairs[(pairs[:, 1] < 0) | ~np.append(moves, False)[pairs[:, 1]]]
-        self._parts = self._parts._replace(scene=handle(scene._replace(pairs=still)),
-                                           pairs=len(still))
-        self._coming = handle(scene) if moves.any() else None
+        still = without_moving(scene)
+        self._parts = self._parts._replace(scene=handle(still), pairs=len(still.pairs))
+        self._coming = handle(scene) if len(still.pairs) < len(scene.pairs) else None
         self._waits = waits
         if self._deflection is not None:
             self._deflection.look(self._parts.scene, self._coming, self._parts.pairs)

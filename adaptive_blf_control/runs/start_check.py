@@ -22,6 +22,9 @@ from adaptive_blf_control.tuning.stated_loop import simulated_delay, stated_dela
 
 __all__ = ['idle_encoder', 'known_theta', 'loop_warnings', 'start_warnings']
 
+_WITHOUT_ENCODER = "is without effect: only arm_driver.sensors.model 'encoder' looks at it"
+_OF_ENCODER = ('sensors.encoder_counts', 'sensors.gear_ratio', 'sensors.velocity_time_constant')
+
 
 def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
     """Yield a sentence for whatever a scenario is to be warned of.
@@ -48,10 +51,6 @@ def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
         yield from filter_warnings(loop.arm, loop.controller.reference, known,
                                    loop.identifier.settings.filter)
     yield from loop_warnings(data, loop)
-
-
-_WITHOUT_ENCODER = "is without effect: only arm_driver.sensors.model 'encoder' looks at it"
-_OF_ENCODER = ('sensors.encoder_counts', 'sensors.gear_ratio', 'sensors.velocity_time_constant')
 
 
 def idle_encoder(data: Mapping[str, Any], loop: ClosedLoop) -> list[str]:

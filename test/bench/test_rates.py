@@ -141,8 +141,9 @@ def test_a_short_run_prints_every_figure(repository: Path,
                  'composed / bare echo'):
         *figures, stolen, start = cells[name]
         assert len(figures) == 7
-        assert all(float(value) > 0.0 for value in figures[:4])
-        assert all(float(value) >= 0.0 for value in figures[4:])  # none in time on a busy machine
+        in_time = float(figures.pop(5))
+        assert in_time >= 0.0  # on a busy machine perhaps none
+        assert all(float(value) > 0.0 for value in figures)
         assert stolen == start == '–' if '/' in name else 0.0 <= float(stolen) < 100.0
         assert '/' in name or 0.0 < float(start) < 90.0
 

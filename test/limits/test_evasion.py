@@ -7,7 +7,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.chain import Chain
 from adaptive_blf_control.compiled import handle
-from adaptive_blf_control.limits.evasion import evading
+from adaptive_blf_control.limits.evasion import evading, without_moving
 from adaptive_blf_control.limits.filter_look import Scene
 from adaptive_blf_control.limits.link_spheres import LinkSpheres
 from adaptive_blf_control.limits.obstacles import joined, sphere
@@ -82,3 +82,11 @@ def test_between_two_that_come_the_acceleration_stays_within_its_bounds():
     a = evading(handle(parts), y, np.zeros(2), np.array([20.0, -20.0]), -MOST, MOST)
     assert np.isfinite(a).all()
     assert (np.abs(a) <= MOST).all()
+
+
+def test_what_moves_is_taken_out_and_pairs_of_the_arm_itself_stay():
+    stands, comes = sphere([0.6, 0.0, 0.0], 0.05), sphere([0.0, 0.6, 0.0], 0.05, [0.0, 0.1, 0.0])
+    parts = scene(comes, stands)
+    own = np.array([(1, -1), (1, -9)])  # a sphere with another of ten
+    parts = parts._replace(pairs=np.concatenate([parts.pairs, own]))
+    np.testing.assert_array_equal(without_moving(parts).pairs, [(0, 1), (1, 1), *own])
