@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """``bench startup``: processor time until `simulate` is done and until each node has begun.
 
-And how long the four nodes take together until the arm moves, on the clock.
+And how long the four nodes take together until the arm moves, on the clock; with ``--cold`` also what
+they use of the processors where nothing is compiled yet.
 
 A node has begun when the controller says that the motion begins: then driver and identifier have
 sent what it waits for, and the recorder has been found by the driver.
@@ -10,10 +11,12 @@ sent what it waits for, and the recorder has been found by the driver.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 import os
 from pathlib import Path
 import resource
+import shutil
 import statistics
 import subprocess
 import sys
@@ -24,11 +27,12 @@ from adaptive_blf_control.configuration.node_settings import RuntimeSettings
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runtime.processes import NodeProcesses, NODES
 
-__all__ = ['ALL', 'add_options', 'begun', 'run', 'simulated', 'table']
+__all__ = ['ALL', 'add_options', 'begun', 'nothing_compiled', 'run', 'simulated', 'table']
 
 SIMULATE = 'simulate --duration 0.001'
 ALL = 'four nodes until the motion, on the clock'
 LOOKING = f'{ALL}, looking for others'
+COLD = 'four nodes together, nothing compiled'
 DURATION = 0.5  # s of motion: what was used until its begin is looked at meanwhile
 
 
@@ -36,12 +40,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this part."""
     parser.add_argument('--starts', type=int, default=3, metavar='N',
                         help='how often each is started after a first time (default: 3)')
+    parser.add_argument('--cold', action='store_true',
+                        help='start the four nodes once where nothing is compiled, too')
 
 
 def run(options: argparse.Namespace) -> None:
     """Print medians; the first start of each, which may compile, does not count."""
     config = (options.config / 'two_link.yaml').resolve()
     times: dict[str, list[float]] = {}
+    if options.cold:
+        with nothing_compiled():
+            used = begun(config)
+        print(table({COLD: [sum(used[name] for name in NODES)]}) + '\n', flush=True)
     for _ in range(options.starts + 1):
         found = {SIMULATE: simulated(config), **begun(config),
                  LOOKING: begun(config, looking=True)[ALL]}
@@ -90,6 +100,23 @@ def begun(config: Path, *, looking: bool = False) -> dict[str, float]:
             raise BlfError(f'{", ".join(bad) or "arm_driver"} failed: '
                            + nodes.text((bad or ['arm_driver'])[0])[-400:])
     return found
+
+
+@contextmanager
+def nothing_compiled() -> Iterator[None]:
+    """Return a context whose processes run a copy of the package that has no machine code.
+
+    It is in their working folder, where ``python -m`` looks first.
+    """
+    before, package = Path.cwd(), Path(__file__).resolve().parents[1]
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copytree(package, Path(folder) / package.name,
+                        ignore=shutil.ignore_patterns('__pycache__'))
+        os.chdir(folder)
+        try:
+            yield
+        finally:
+            os.chdir(before)
 
 
 def _of_children() -> float:

@@ -3,6 +3,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+import subprocess
+import sys
+
 import pytest
 
 from adaptive_blf_control.bench import startup
@@ -22,3 +26,16 @@ def test_a_program_that_fails_is_reported_with_its_words(tmp_path):
 def test_medians_are_shown_with_least_and_most():
     assert startup.table({'simulate': [3.0, 1.0, 2.0]}).splitlines()[-1] == (
         '| simulate | 2.00 | 1.00 | 3.00 |')
+
+
+def test_a_cold_start_runs_a_copy_of_the_package_without_machine_code():
+    before = Path.cwd()
+    where = 'import adaptive_blf_control as a; print(a.__file__)'
+    with startup.nothing_compiled():
+        found = subprocess.run([sys.executable, '-c', where], capture_output=True, text=True,
+                               check=True).stdout
+        package = Path(found.strip()).parent
+        assert package.parent == Path.cwd()
+        assert not list(package.rglob('*.nb[ic]'))
+    assert Path.cwd() == before
+    assert not package.exists()
