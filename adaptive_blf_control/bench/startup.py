@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """``bench startup``: processor time until `simulate` is done and until each node has begun.
 
-And how long the four nodes take together until the arm moves, on the clock; with ``--cold`` also what
-they use of the processors where nothing is compiled yet.
+And how long the four nodes take together until the arm moves, on the clock; with ``--cold`` also
+what they use of the processors where nothing is compiled yet.
 
 A node has begun when the controller says that the motion begins: then driver and identifier have
 sent what it waits for, and the recorder has been found by the driver.
