@@ -4,9 +4,10 @@
 The candidate Y in place of pair l makes Q + YᵀY − Y_lᵀY_l. Its smallest eigenvalue is bounded from
 above by what any direction sees of it, and better by its projection on several (Rayleigh and
 Ritz). Slots are visited in the order of their bounds, cheap ones first: the weakest direction of
-Q, then an eigenvalue problem of the kept `Directions`, and only then the one of m; each of the
-latter two gives a direction that sharpens the bounds of all other slots. With few parameters the
-problem of m is as cheap as that of the `Directions`, so none are kept. The search ends when no
+Q, then the projection on the kept `Directions`, then the whole matrix. Of both it is first asked
+whether a direction sees too little, and only if none does for the smallest eigenvalue; each
+gives a direction that sharpens the bounds of all other slots. With few parameters the
+whole matrix is as cheap as its projection, so no `Directions` are kept. The search ends when no
 bound exceeds the best σ_min found. How good the bounds are decides on the time, never on the
 answer.
 """
@@ -18,6 +19,7 @@ import math
 import numpy as np
 
 from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.identification.definiteness import direction_below
 from adaptive_blf_control.identification.squares import (
     add_square,
     assign,
@@ -39,8 +41,9 @@ from adaptive_blf_control.identification.weak_directions import add_direction, D
 
 __all__ = ['best_replacement', 'is_different']
 
-# How the bound of a slot is known: from single directions, from all of them, or exactly.
-SINGLE, JOINT, EXACT = range(3)
+# How the bound of a slot is known: from single directions, from all of them, from one that was
+# looked for in this slot, or exactly.
+SINGLE, JOINT, SEEN, EXACT = range(4)
 
 
 @jit
@@ -107,21 +110,26 @@ def best_replacement(pairs: Pairs, candidate: np.ndarray, wanted: float) -> tupl
         slot = _most_promising(directions, count, best)
         if slot < 0:
             return best_slot, best
-        if directions.stages[slot] == SINGLE and projects:
-            bound = _joint_bound(directions, slot) + slack
+        stage = directions.stages[slot]
+        if stage == SINGLE and projects:
+            bound = _joint_bound(directions, slot, best - slack) + slack
             directions.bounds[slot] = min(directions.bounds[slot], bound)
             directions.stages[slot] = JOINT
+            _sharpen(directions, count, best, slack)
+            continue
+        if stage != SEEN and _sees_less(pairs, slot, best - slack):
+            directions.stages[slot] = SEEN
         else:
             value = _sigma_min_with(pairs, slot)
             directions.stages[slot] = EXACT
             if value > best or (value == best and best_slot < 0):
                 best, best_slot = value, slot
                 directions.best[:] = directions.vector
-            if not projects:
-                _sharpen_by_vector(pairs, count, best, slack)
-                continue
+        if projects:
             _take_in(pairs, candidate)
-        _sharpen(directions, count, best, slack)
+            _sharpen(directions, count, best, slack)
+        else:
+            _sharpen_by_vector(pairs, count, best, slack)
 
 
 @jit
@@ -151,8 +159,11 @@ def _most_promising(directions: Directions, count: int, best: float) -> int:
 
 
 @jit
-def _joint_bound(directions: Directions, slot: int) -> float:
-    """Smallest eigenvalue of the trial's projection on W; ``weights`` become its direction."""
+def _joint_bound(directions: Directions, slot: int, wanted: float) -> float:
+    """Bound of the trial's σ_min by its projection on W; ``weights`` become its direction.
+
+    It is the projection's smallest eigenvalue where that exceeds ``wanted``.
+    """
     directions = borrowed(directions)
     size, form = directions.counters[SET], directions.form
     candidate, seen = directions.candidate, directions.seen[slot]
@@ -162,10 +173,25 @@ def _joint_bound(directions: Directions, slot: int) -> float:
             for k in range(candidate.shape[0]):
                 total += candidate[k, i] * candidate[k, j] - seen[k, i] * seen[k, j]
             form.matrix[i, j] = form.matrix[j, i] = total
+    if direction_below(form, size, wanted, directions.weights):
+        return energy(form.matrix, directions.weights, size)
     reduce(form, size)
     value = smallest_eigenvalue(form, size)
     eigenvector(form, size, value, directions.weights)
     return value
+
+
+@jit
+def _sees_less(pairs: Pairs, slot: int, wanted: float) -> bool:
+    """Whether a direction sees less than ``wanted`` with the candidate in a slot.
+
+    ``vector`` becomes that direction.
+    """
+    pairs = borrowed(pairs)
+    form, m = pairs.trial, pairs.moment.size
+    assign(form.matrix, pairs.grown)
+    add_square(form.matrix, pairs.regressors[slot], pairs.last.shape[0], -1.0)
+    return direction_below(form, m, wanted, pairs.directions.vector)
 
 
 @jit
