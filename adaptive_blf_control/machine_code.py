@@ -104,7 +104,7 @@ def _digest(module: str) -> str:
     known = path is not None and path.relative_to(PACKAGE).parts[0] in ROOMS
     sources = _reached([path]) if path is not None and known else _all_sources()
     digest = hashlib.sha256()
-    for source in sorted(sources | {PACKAGE / 'compiled.py'}):
+    for source in sorted(sources.union((PACKAGE / 'compiled').glob('*.py'))):
         digest.update(str(source.relative_to(PACKAGE)).encode() + b'\0' + _text(source).encode())
     return digest.hexdigest()[:16]
 

@@ -44,7 +44,7 @@ def folders(package: Path, **environment: str) -> dict[str, Path]:
     ('arms/two_link.py', {'arms.two_link', 'arms.integrator', 'control.step',
                           'identification.step'}),
     ('identification/torque_filter.py', {'identification.step', 'identification.torque_filter'}),
-    ('compiled.py', set(MODULES)),
+    ('compiled/references.py', set(MODULES)),
     ('report/page.py', set()), ('errors.py', set()), ('parameters/table.py', set()),
     ('control/settings.py', {'control.law', 'control.barrier', 'control.step'}),
     ('linear_algebra.py', {'arms.two_link', 'arms.integrator', 'control.law', 'control.step',

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pure array functions, compiled with numba where numba is installed.
+
+The laws are written as functions over float64 arrays in the subset numba compiles. Without numba
+(or with ``NUMBA_DISABLE_JIT=1``) the very same functions run as plain numpy.
+"""
+
+from adaptive_blf_control.compiled.decorators import (
+    by_type,
+    ByType,
+    jit,
+    jit_apart,
+    jit_without_gil,
+    jitable,
+    uncompiled,
+)
+from adaptive_blf_control.compiled.library import COMPILED
+from adaptive_blf_control.compiled.notices import before_each_compilation, before_own_compilations
+from adaptive_blf_control.compiled.references import borrowed, Handle, handle
+from adaptive_blf_control.compiled.scalars import all_finite, cos_sin
+
+__all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'before_each_compilation',
+           'before_own_compilations', 'borrowed', 'by_type', 'cos_sin', 'handle', 'jit',
+           'jit_apart', 'jit_without_gil', 'jitable', 'uncompiled']

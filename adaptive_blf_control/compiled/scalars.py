@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is asked of single numbers all over: finite, cosine and sine."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from adaptive_blf_control.compiled.decorators import jit
+
+__all__ = ['all_finite', 'cos_sin']
+
+
+@jit
+def all_finite(array: np.ndarray) -> bool:
+    """Return whether every element is finite."""
+    finite = True
+    for value in array.flat:
+        finite = finite and math.isfinite(value)
+    return finite
+
+
+@jit
+def cos_sin(angle: float) -> tuple[float, float]:
+    """Return cosine and sine of an angle [rad]; NaN where it is not finite, with numba or without.
+
+    Python's own raise ValueError for an infinite one.
+    """
+    if not math.isfinite(angle):
+        return math.nan, math.nan
+    return math.cos(angle), math.sin(angle)
