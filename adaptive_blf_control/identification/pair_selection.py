@@ -117,10 +117,11 @@ def best_replacement(pairs: Pairs, candidate: np.ndarray, wanted: float) -> tupl
             directions.stages[slot] = JOINT
             _sharpen(directions, count, best, slack)
             continue
-        if stage != SEEN and _sees_less(pairs, slot, best - slack):
+        _set_trial(pairs, slot)
+        if stage != SEEN and direction_below(pairs.trial, m, best - slack, directions.vector):
             directions.stages[slot] = SEEN
         else:
-            value = _sigma_min_with(pairs, slot)
+            value = _sigma_min(pairs)
             directions.stages[slot] = EXACT
             if value > best or (value == best and best_slot < 0):
                 best, best_slot = value, slot
@@ -182,25 +183,19 @@ def _joint_bound(directions: Directions, slot: int, wanted: float) -> float:
 
 
 @jit
-def _sees_less(pairs: Pairs, slot: int, wanted: float) -> bool:
-    """Whether a direction sees less than ``wanted`` with the candidate in a slot.
-
-    ``vector`` becomes that direction.
-    """
+def _set_trial(pairs: Pairs, slot: int) -> None:
+    """Set ``trial`` to Q with the candidate in a slot."""
     pairs = borrowed(pairs)
-    form, m = pairs.trial, pairs.moment.size
-    assign(form.matrix, pairs.grown)
-    add_square(form.matrix, pairs.regressors[slot], pairs.last.shape[0], -1.0)
-    return direction_below(form, m, wanted, pairs.directions.vector)
+    matrix = pairs.trial.matrix
+    assign(matrix, pairs.grown)
+    add_square(matrix, pairs.regressors[slot], pairs.last.shape[0], -1.0)
 
 
 @jit
-def _sigma_min_with(pairs: Pairs, slot: int) -> float:
-    """σ_min with the candidate in a slot; ``vector`` becomes the direction."""
+def _sigma_min(pairs: Pairs) -> float:
+    """σ_min of ``trial``, which is used up; ``vector`` becomes the direction."""
     pairs = borrowed(pairs)
     form, m = pairs.trial, pairs.moment.size
-    assign(form.matrix, pairs.grown)
-    add_square(form.matrix, pairs.regressors[slot], pairs.last.shape[0], -1.0)
     reduce(form, m)
     value = smallest_eigenvalue(form, m)
     eigenvector(form, m, value, pairs.directions.vector)
