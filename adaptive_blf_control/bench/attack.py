@@ -110,8 +110,8 @@ def _rounds(stranger: Stranger, observer: CommandObserver, nodes: NodeProcesses,
             watch.look()
             found = observer.count - before
             print(f'{attack.__name__:<18}{"held" if not found else f"{found} faults"}', flush=True)
-    for fault in observer.faults:
-        print(fault)
+            for fault in observer.faults[before:]:
+                print(f'  {fault}', flush=True)
     return observer.count > 0
 
 

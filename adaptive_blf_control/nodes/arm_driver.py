@@ -172,8 +172,10 @@ class ArmDriver(SteppedDriver):
                answered_ns: int | None) -> None:
         self.aged(info)
         self.round_trips.answered(answered_ns, info.get('source_timestamp', 0), time.time_ns())
+        # A state that is due before the command does not see it: after a stall the arm has been
+        # without commands until now.
+        self.catch_up(now_ns)
         self.commands.heard_ns = now_ns
-        self.catch_up(now_ns)  # a state that is due before the command does not see it
         if self.drives.command(torque, now_ns, self.grid.period_ns):
             self.statistics.restart()
 

@@ -7,6 +7,7 @@ is in the simulation. Until the first command the brakes hold the arm and nothin
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -91,9 +92,12 @@ class Drives:
         if self.released:
             if self._ramp is not None:
                 self._follow_ramp(due_ns, *self._ramp)
+                self._move_to(due_ns, longest_ns)
             elif silent:
-                self._do_without()
-            self._move_to(due_ns, longest_ns)
+                self.timed_out = True
+                self._move_to(due_ns, longest_ns, self._do_without)
+            else:
+                self._move_to(due_ns, longest_ns)
             interval = (due_ns - max(self.sampled_ns, self.begun_ns)) * 1e-9
             # No interval yet where a command came before the clock began.
             effort = Effort(self._impulse / interval if interval > 0.0 else self.plant.torque,
@@ -102,14 +106,21 @@ class Drives:
         self.sampled_ns = due_ns
         return effort
 
-    def _move_to(self, now_ns: int, longest_ns: int) -> None:
+    def _move_to(self, now_ns: int, longest_ns: int,
+                 command: Callable[[], None] | None = None) -> None:
+        """Move on, in steps of a period still after a stall, and call ``command`` before each.
+
+        One long step could be an unstable one, and damping that is held for as long drives the
+        arm the other way.
+        """
         ahead_ns = now_ns - self._moved_ns
         if ahead_ns > 0:
-            # After a stall in steps of a period still: one long step could be an unstable one.
             steps = -(-ahead_ns // longest_ns)
             for _ in range(steps):
+                if command is not None:
+                    command()
                 self.plant.advance(ahead_ns * 1e-9 / steps)
-            self._impulse = self._impulse + self.plant.torque * (ahead_ns * 1e-9)
+                self._impulse = self._impulse + self.plant.torque * (ahead_ns * 1e-9 / steps)
             self._moved_ns = now_ns
 
     def ramp_down(self, now_ns: int) -> None:
@@ -133,7 +144,6 @@ class Drives:
         if self.watchdog.timeout_action == 'damping':
             braking = -broadcast(self.watchdog.damping, braking.size) * self.plant.qd
         self.plant.apply(braking)
-        self.timed_out = True
 
     def _follow_ramp(self, now_ns: int, torque: np.ndarray, since_ns: int) -> None:
         left = (1.0 - (now_ns - since_ns) * 1e-9 / self.ramp_time if self.ramp_time > 0.0

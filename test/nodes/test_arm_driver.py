@@ -301,6 +301,20 @@ def test_of_two_publishers_without_a_label_neither_moves_the_arm(
     assert 'cannot be told apart' in driver.faults.last
 
 
+def test_a_command_after_a_stall_does_not_let_the_one_before_act_all_the_while(
+        by_hand, wait_until) -> None:
+    driver, state_at, command_at, states = by_hand
+    state_at(0.0)
+    command_at(0.0, 10.0, -4.0)
+    state_at(10.0)
+    before = len(states)
+    command_at(2013.0, 1.0, 1.0)
+    wait_until(lambda: len(states) == before + 1, what='the state at 2010 ms')
+    np.testing.assert_array_equal(_arrays(states[-1])[2], 0.0)
+    assert 'no command for' in driver.faults.last
+    np.testing.assert_allclose(_arrays(state_at(2020.0))[2], 0.7, rtol=1e-12)
+
+
 def test_an_answer_to_a_state_older_than_command_timeout_is_refused(by_hand) -> None:
     driver, state_at, command_at, states = by_hand
     state_at(0.0)

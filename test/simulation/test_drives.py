@@ -92,6 +92,17 @@ def test_damping_is_a_torque_against_the_motion_of_the_sample_before():
     np.testing.assert_array_equal(drives.sample(ns(30.0), PERIOD, True).torque, 0.0)
 
 
+def test_damping_brakes_through_a_stall_and_drives_nothing_the_other_way():
+    drives = driven(timeout_action='damping', damping=[5.0])
+    drives.command(np.array([150.0, -90.0]), 0, PERIOD)
+    drives.sample(ns(200.0), PERIOD, False)
+    q, qd = drives.plant.q.copy(), drives.plant.qd.copy()
+    assert np.abs(qd).min() > 1.0
+    drives.sample(ns(3200.0), PERIOD, True)
+    assert np.abs(drives.plant.qd).max() < 1e-2 * np.abs(qd).max()
+    assert np.abs(drives.plant.q - q).max() < 10.0  # rad; 3 s of the first torque: hundreds
+
+
 def test_a_ramp_leads_to_zero_in_its_time_and_then_the_brakes_hold():
     drives = driven()
     drives.command(A, 0, PERIOD)
