@@ -10,6 +10,7 @@ import signal
 import subprocess
 from subprocess import Popen
 import sys
+import tempfile
 import threading
 import time
 
@@ -126,8 +127,12 @@ class Stranger(Node):
         """The whole graph is started a second time: none of its nodes may stay."""
         environment = {**os.environ, 'ROS_DOMAIN_ID': str(self._domain)}
         with ExitStack() as stack:
+            # Its recorder may begin a bag before it is refused.
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix='second_graph_'))
+            bag = ['--ros-args', '-p', f'recorder:bag:={folder}/bag']
             seconds = {name: stack.enter_context(subprocess.Popen(
-                [sys.executable, '-m', 'adaptive_blf_control', name], env=environment,
+                [sys.executable, '-m', 'adaptive_blf_control', name,
+                 *(bag if name == 'recorder' else ())], env=environment,
                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
                 for name in self._processes}
             try:
