@@ -39,12 +39,10 @@ class CommandObserver:
         self.faults: list[str] = []
         self._limit, self._rate, self._timeout, self._tells = limit, rate, timeout, tells
         self._last: dict[bytes, tuple[np.ndarray, float]] = {}
-        self._newest_ns = 0
 
     def state(self, data: bytes) -> None:
         """Take a joint state of the driver: what moved the arm is in its effort."""
         record = decode_joint_state(data)
-        self._newest_ns = max(self._newest_ns, record.stamp_ns)
         if (np.abs(record.effort) > self._limit * 1.001).any():
             self._fault(f'effort {record.effort.tolist()} beyond the limit')
         if record.effort.size and np.isclose(record.effort, self._tells, rtol=1e-3).all():
@@ -64,7 +62,8 @@ class CommandObserver:
         if torque.any() and step > allowed:
             self._fault(f'step of {step:.4g} N·m in {now - then:.4g} s')
         self._last[source] = torque, now
-        age = (self._newest_ns - answered_ns) * 1e-9 if answered_ns else 0.0
+        # Of when it was sent: an observer that is late hears states before the answers to them.
+        age = (sent_ns - answered_ns) * 1e-9 if answered_ns else 0.0
         if age > self._timeout + LATE:
             self._fault(f'a state of {age:.4g} s ago is answered')
 
