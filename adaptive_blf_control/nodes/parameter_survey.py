@@ -4,22 +4,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+import time
+from typing import Any, NamedTuple
 
 from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
 __all__ = ['ParameterSurvey']
 
+ANSWER_TIMEOUT = 10.0  # s until a node that has not answered is asked once more: it may have ended
+
+
+class _Clients(NamedTuple):
+    names: Client
+    values: Client
+
+    @property
+    def ready(self) -> bool:
+        return self.names.service_is_ready() and self.values.service_is_ready()
+
 
 class ParameterSurvey:
-    """Parameter clients of one node; the answers come in the thread of its executor.
+    """Parameter clients of one node; it asks, and gets the answers, in the thread of its executor.
 
     Attributes:
-        clients: By full name of the node that is asked.
+        clients: By full name of the node that is asked, until it has answered: each node of that
+            name that starts later would leave memory in them.
     """
 
     def __init__(self, node: Node, answered: Callable[[str, dict[str, Any]], None]) -> None:
@@ -29,30 +42,44 @@ class ParameterSurvey:
             node: Which asks.
             answered: Called with the full name of a node and its parameters by name.
         """
-        self.clients: dict[str, AsyncParameterClient] = {}
+        self.clients: dict[str, _Clients] = {}
         self._node = node
         self._answered = answered
-        self._asked: set[str] = set()
+        self._asked: dict[str, float] = {}  # since when, monotonic [s]
+        self._done: set[str] = set()
 
     def ask(self, name: str) -> None:
-        """Ask the node of this full name once it is there; call it again until then."""
+        """Ask the node of this full name once it is there; call it again until then, and after."""
+        for answered in self._done.intersection(self.clients):
+            self._end(answered)
         if name in self._asked:
+            if name not in self._done and time.monotonic() - self._asked[name] > ANSWER_TIMEOUT:
+                self._end(name)
+                del self._asked[name]
             return
-        client = self.clients.get(name)
-        if client is None:
-            client = self.clients[name] = AsyncParameterClient(self._node, name)
-        if client.services_are_ready():
-            self._asked.add(name)
-            client.list_parameters([], 0).add_done_callback(
-                lambda future: self._on_names(name, client, future))
+        if name not in self.clients:
+            self.clients[name] = _Clients(
+                self._node.create_client(ListParameters, f'{name}/list_parameters'),
+                self._node.create_client(GetParameters, f'{name}/get_parameters'))
+        clients = self.clients[name]
+        if clients.ready:
+            self._asked[name] = time.monotonic()
+            clients.names.call_async(ListParameters.Request()).add_done_callback(
+                lambda future: self._on_names(name, clients, future))
 
-    def _on_names(self, node: str, client: AsyncParameterClient, future: Future) -> None:
+    def _end(self, name: str) -> None:
+        """Destroy the clients of a node; not in the answer to one of them."""
+        for client in self.clients.pop(name, ()):
+            self._node.destroy_client(client)
+
+    def _on_names(self, node: str, clients: _Clients, future: Future) -> None:
         listed: ListParameters.Response = future.result()
         names = list(listed.result.names)
-        client.get_parameters(names).add_done_callback(
+        clients.values.call_async(GetParameters.Request(names=names)).add_done_callback(
             lambda answer: self._on_values(node, names, answer))
 
     def _on_values(self, node: str, names: list[str], future: Future) -> None:
         answer: GetParameters.Response = future.result()
+        self._done.add(node)
         self._answered(node, {name: parameter_value_to_python(value)
                               for name, value in zip(names, answer.values)})

@@ -40,6 +40,7 @@ LIFECYCLE = ['change_state', 'get_available_states', 'get_available_transitions'
              'get_transition_graph']
 PARAMETERS = ['describe_parameters', 'get_parameter_types', 'get_parameters', 'list_parameters',
               'set_parameters', 'set_parameters_atomically']
+ASKED = ['get_parameters', 'list_parameters']  # by the recorder
 OWN_SERVICES = {'identifier': ['reset_history', 'save_estimate', 'save_model']}
 
 
@@ -70,7 +71,7 @@ def _enclave(kind: str) -> str:
               _block('service', 'reply', _replied(kind))]
     if kind == 'recorder':  # asks every node for its parameters
         blocks.append(_block('service', 'request', [
-            f'/{other}/{name}' for other in KINDS if other != kind for name in PARAMETERS]))
+            f'/{other}/{name}' for other in KINDS if other != kind for name in ASKED]))
     return (f'    <enclave path="/adaptive_blf_control/{kind}">\n      <profiles>\n'
             f'        <profile ns="/" node="{kind}">\n{"".join(blocks)}        </profile>\n'
             f'      </profiles>\n    </enclave>\n')

@@ -92,6 +92,8 @@ def recorded(graph, wait_until, tmp_path):
     hashes = {topic: str(peer.get_publishers_info_by_topic(topic)[0].topic_type_hash)
               for topic in (*heard, EVENTS)}
     wait_until(lambda: len(nodes['recorder'].output.nodes) == 4, what="the nodes' parameters")
+    wait_until(lambda: not {f'/{name}' for name in nodes}.intersection(
+        nodes['recorder'].survey.clients), what='the end of its clients')
     for name in ('controller', 'identifier'):
         assert runners[name].end() == 0
     assert runners['recorder'].end() == 0
