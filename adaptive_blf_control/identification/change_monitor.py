@@ -5,16 +5,18 @@ With rank full the stack alone determines an estimate, θ_s = Q⁻¹ g, whatever
 arm is still the one that was recorded, the present residual r = Y_f θ_s − τ_f is as small as those
 of the recorded pairs. Our monitor compares both joint by joint:
 
-    d_i² = r_i² / (s_i² + (ρ t_i)²),
+    d_i² = r_i² / (s_i² + (ρ t_i)² + (f_i (1 − |c_i|))²),
 
 s_i² the mean square residual of joint i in the stack widened by the uncertainty of θ_s along Y_f,
 t_i the RMS of its recorded filtered torque, ρ the part of the torque below which a change does not
-matter. When the mean of d_i² over a window exceeds a threshold for any joint, the arm has changed.
+matter, f_i the Coulomb torque in θ_s and c_i its column in Y_f, the filtered tanh(q̇_i/v_s): ±1
+while the joint moves; of a joint that sticks friction holds whatever there is, up to f_i. When the mean of d_i² over a window exceeds a threshold for any joint, the arm has changed.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 import math
 from typing import NamedTuple, Protocol
 
@@ -49,7 +51,7 @@ def residual_with_scale(regressor: np.ndarray, torque: float, theta: np.ndarray,
         theta: θ_s, shape (m,).
         inverse: Q⁻¹, widened where noise is correlated, shape (m, m).
         variance: Its mean square residual in the stack [N²·m²].
-        floor: (ρ t_i)² [N²·m²].
+        floor: What is added, (ρ t_i)² + (f_i (1 − |c_i|))² [N²·m²].
     """
     predicted, spread = 0.0, 0.0
     for i in range(theta.size):
@@ -138,6 +140,7 @@ class ResidualArrays(NamedTuple):
         residual: τ_f − Y_f θ_s of the last pair, NaN where there was nothing to compare it with,
             shape (n,) [N·m].
         scale: What its square is compared with, shape (n,) [N²·m²]; infinite likewise.
+        coulomb: Column of each joint's Coulomb torque, −1 where there is none, shape (n,).
         ordinary: Mean of d² that pairs have which are not recorded, ≥ 1, by which d² is divided:
             what the model lacks, as dry friction at standstill, shows in others than the recorded
             ones; 1 where nobody follows it, shape (n,).
@@ -154,6 +157,7 @@ class ResidualArrays(NamedTuple):
     revision: np.ndarray
     residual: np.ndarray
     scale: np.ndarray
+    coulomb: np.ndarray
     ordinary: np.ndarray
     window: float
     threshold: float
@@ -199,6 +203,9 @@ def residuals_contradicted(monitor: ResidualArrays, dt: float, regressor: np.nda
     top, mean = 0.0, monitor.statistic
     for k in range(torque.size):
         floor = monitor.resolution ** 2 * monitor.square[k] + 1e-300
+        if monitor.coulomb[k] >= 0:
+            moving = min(abs(regressor[k, monitor.coulomb[k]]), 1.0)
+            floor += (monitor.theta[monitor.coulomb[k]] * (1.0 - moving)) ** 2
         residual, scale = residual_with_scale(regressor[k], torque[k], monitor.theta,
                                               monitor.inverse, monitor.variance[k], floor)
         scale *= monitor.ordinary[k]
@@ -237,7 +244,7 @@ class ResidualMonitor(ChangeMonitor):
     """
 
     def __init__(self, n: int, m: int, window: float, threshold: float,
-                 resolution: float) -> None:
+                 resolution: float, coulomb: Sequence[int] | None = None) -> None:
         """Set up the monitor.
 
         Args:
@@ -246,11 +253,14 @@ class ResidualMonitor(ChangeMonitor):
             window: Time constant of the mean [s]; 0 switches the monitor off.
             threshold: Mean of d² that counts as a change, > 1.
             resolution: ρ, part of the torque that does not matter.
+            coulomb: Column of each joint's Coulomb torque in the regressor, −1 for none, shape
+                (n,); None: no joint has one.
         """
         self._check(window, threshold, resolution)
         self.arrays = ResidualArrays(
             np.zeros(n), np.zeros(m), np.zeros((m, m)), np.zeros(n), np.zeros(n),
-            np.array([-1, 0]), np.full(n, np.nan), np.full(n, np.inf), np.ones(n),
+            np.array([-1, 0]), np.full(n, np.nan), np.full(n, np.inf),
+            np.array([-1] * n if coulomb is None else coulomb, dtype=np.int64), np.ones(n),
             float(window), float(threshold), float(resolution))
 
     @staticmethod

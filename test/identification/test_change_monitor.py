@@ -191,3 +191,21 @@ def test_a_monitor_is_retuned_all_or_none():
             monitor.retune(*values)
         assert (monitor.arrays.window, monitor.arrays.threshold,
                 monitor.arrays.resolution) == (0.1, 9.0, 0.2)
+
+
+def test_what_holds_a_joint_that_sticks_is_no_change_and_what_moves_it_is():
+    """The third parameter is the Coulomb torque of the second joint, 2 N·m."""
+    random, held = np.random.default_rng(5), 1.8
+    theta = np.array([0.7, -1.1, 2.0])
+
+    def pair(direction, more=0.0):
+        regressor = random.normal(size=(2, 3))
+        regressor[:, 2] = 0.0, direction
+        return regressor, regressor @ theta + 0.02 * random.normal(size=2) + [0.0, more]
+
+    stack = recorded([pair(random.choice([-1.0, 1.0])) for _ in range(30)])
+    monitor = ResidualMonitor(2, 3, 0.1, 9.0, 0.0, coulomb=[-1, 2])
+    assert not any(monitor.watch(1e-3, *pair(0.05, held), stack) for _ in range(1000))
+    assert any(monitor.watch(1e-3, *pair(1.0, held), stack) for _ in range(100))
+    without = ResidualMonitor(2, 3, 0.1, 9.0, 0.0)
+    assert any(without.watch(1e-3, *pair(0.05, held), stack) for _ in range(100))
