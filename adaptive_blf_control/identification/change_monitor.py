@@ -10,7 +10,8 @@ of the recorded pairs. Our monitor compares both joint by joint:
 s_i² the mean square residual of joint i in the stack widened by the uncertainty of θ_s along Y_f,
 t_i the RMS of its recorded filtered torque, ρ the part of the torque below which a change does not
 matter, f_i the Coulomb torque in θ_s and c_i its column in Y_f, the filtered tanh(q̇_i/v_s): ±1
-while the joint moves; of a joint that sticks friction holds whatever there is, up to f_i. When the mean of d_i² over a window exceeds a threshold for any joint, the arm has changed.
+while the joint moves; of a joint that sticks friction holds whatever there is, up to f_i. When the
+mean of d_i² over a window exceeds a threshold for any joint, the arm has changed.
 """
 
 from __future__ import annotations
