@@ -20,7 +20,6 @@ __all__ = ['load_arm']
 def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
              viscous: bool = True, coulomb: bool = False, offset: bool = False,
              square_root: bool = False, rotor_inertia: bool = False,
-             rotor: float | Sequence[float] | np.ndarray | None = None,
              coulomb_velocity: float = 0.02,
              gravity: Sequence[float] | np.ndarray = (0.0, 0.0, -9.81),
              **others: Any) -> UrdfArm:
@@ -37,8 +36,6 @@ def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
         square_root: Whether θ has a coefficient per joint of √|q̇| tanh(q̇/v_s)
             [N·m·(s/rad)^½].
         rotor_inertia: Whether θ has the inertias of the rotors, seen from the joints [kg·m²].
-        rotor: Their nominal values, as a data sheet states them (the motor's times the gear ratio
-            squared), scalar or shape (n,) [kg·m²]; None takes zero.
         coulomb_velocity: v_s [rad/s], > 0.
         gravity: In the base frame of the URDF, shape (3,) [m/s²].
         others: Not used; another name is refused with the one that is meant.
@@ -63,6 +60,5 @@ def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
                                  'UrdfArm(urdf, viscous=...) takes nominal values')
     return UrdfArm(urdf, joints, friction_viscous=viscous, friction_coulomb=coulomb,
                    friction_offset=offset, friction_square_root=square_root,
-                   rotor_inertia=rotor_inertia, rotor=rotor,
-                   coulomb_velocity=coulomb_velocity,
+                   rotor_inertia=rotor_inertia, coulomb_velocity=coulomb_velocity,
                    gravity=gravity)

@@ -28,10 +28,6 @@ class FrictionSettings(Settings, where='friction'):
     rotor_inertia: bool = parameter(
         False, "Learn the inertia of each joint's rotor, seen from the joint, where a torque "
         'tells it from that of the link (URDF).')
-    rotor: np.ndarray = parameter(
-        [0.0], "Inertia of each joint's rotor as it is stated, seen from the joint: that of the "
-        'motor times the gear ratio squared. The nominal arm has it where it is learned (URDF).',
-        'kg*m^2', 0.0, length='joints')
     coulomb_velocity: float = parameter(
         0.02, 'v_s of the smooth sign tanh(qd/v_s) of Coulomb and square-root '
         'friction.', 'rad/s', 0.0, exclusive=True)

@@ -40,7 +40,6 @@ TOUCH, RELEASE = 10.0, 11.0  # s: of the wall
 AGAIN, RECOVERED = 3.0, 2.0  # s after a load, after a release
 GAIN = 0.03  # error of the drives' gain
 ROTOR, DRY = 1e-3, 0.01  # inertia of a rotor [kg m²] and dry friction [N m] over the torque limit
-STATED = 0.8  # part of the rotors' inertia that the owner knows of
 WEAK = 0.6  # part of the torque that the reference needs
 SENSORS = {'encoder_counts': 200000, 'torque_noise': 0.05}
 LATE = {'arm_driver.actuator.delay': 0.004}
@@ -55,8 +54,8 @@ class Condition(NamedTuple):
         name: What it is called.
         stated: What ``configure`` is told, beside the delay.
         plant: Changes of the plant, from name and recipe.
-        learned: Whether dry friction and rotor inertia are learned, the latter from what is
-            stated of it on; dry friction also where the URDF states any.
+        learned: Whether dry friction and rotor inertia are learned; dry friction also where the
+            URDF states any.
         start: ``nominal``, ``zero``, or ``off``: every link by 25 %.
         seconds: Length of a run that answers it [s].
     """
@@ -254,12 +253,7 @@ def _run(case: Case) -> Run:
     arm = arm_with_friction(f'package://{urdf}', joints, coulomb=condition.learned or None,
                             rotor_inertia=condition.learned)
     payload = LOADS[arm_name] if name.startswith('load') else 0.0
-    robot = Robot(delay=0.005, payload=payload, **condition.stated)
-    found = recipe(arm, robot)
-    if condition.learned:
-        arm = arm_with_friction(f'package://{urdf}', joints, coulomb=True,
-                                rotor=STATED * ROTOR * found.torque_limit)
-        found = recipe(arm, robot)
+    found = recipe(arm, Robot(delay=0.005, payload=payload, **condition.stated))
     changes = {'arm_driver.plant': 'mujoco', 'arm_driver.sensors.seed': seed,
                **condition.plant(arm_name, found)}
     if suspicion is not None:

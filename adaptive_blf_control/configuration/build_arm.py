@@ -45,12 +45,8 @@ def build_arm(settings: ArmSettings, robot_description: str | None = None) -> Ar
     true = _true_friction(settings)
     learned: dict[str, Any] = {argument: getattr(settings.friction, name) or name in true
                                for name, argument in FRICTION.items()}
-    stated = settings.friction.resolved(joints=len(joints)).rotor
-    if learned['rotor_inertia']:
-        true['rotor'] = true.pop('rotor_inertia', stated)
-    elif stated.any():
-        raise ParameterError('friction.rotor', stated.tolist(),
-                             'zeros where friction.rotor_inertia is false: no column has them')
+    if 'rotor_inertia' in true:
+        true['rotor'] = true.pop('rotor_inertia')
     return UrdfArm(source, joints, **learned,
                    coulomb_velocity=settings.friction.coulomb_velocity,
                    gravity=_gravity(settings), **true)

@@ -8,13 +8,12 @@ joint sees along the reference and from the delay of the loop, the filters from 
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 import sys
 
 from adaptive_blf_control.command_line import joint_names, seconds
 from adaptive_blf_control.configuration.written_file import written_file
-from adaptive_blf_control.errors import BlfError, ParameterError
+from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.tools.output_files import check_writable, write_output
 from adaptive_blf_control.tuning.node_values import node_settings_of, reasons_of
 from adaptive_blf_control.tuning.recipe import recipe
@@ -37,10 +36,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--coulomb', action=argparse.BooleanOptionalAction,
                         help='learn a Coulomb friction per joint as well; default: where the URDF '
                         'states any')
-    parser.add_argument('--rotor-inertia', type=float, nargs='*', metavar='KG_M2',
-                        help="learn the inertia of each joint's rotor as well; what the data "
-                        'sheets state, one for all joints or one for each, as seen from the '
-                        "joint: the motor's times the gear ratio squared [kg m^2]")
+    parser.add_argument('--rotor-inertia', action='store_true',
+                        help="learn the inertia of each joint's rotor as well")
     parser.add_argument('--from-zero', action='store_true',
                         help="begin to learn from nothing rather than from the URDF's values")
     parser.add_argument('-o', '--output', type=Path, metavar='FILE',
@@ -90,8 +87,7 @@ def main(args: list[str] | None = None) -> int:
                       **{name: getattr(options, name) for name in _OF_ROBOT})
         found = recipe(arm_with_friction(
             options.urdf, joint_names(options.joints), coulomb=options.coulomb,
-            rotor_inertia=options.rotor_inertia is not None,
-            rotor=_stated_rotors(options.rotor_inertia)), robot)
+            rotor_inertia=options.rotor_inertia), robot)
         text = written_file(node_settings_of(found, _address(options.urdf)),
                             _title(sys.argv[1:] if args is None else args), reasons_of(found))
         if options.output is not None:
@@ -107,12 +103,6 @@ def main(args: list[str] | None = None) -> int:
 
 def _several(values: list[float] | None) -> tuple[float, ...] | None:
     return None if values is None else tuple(values)
-
-
-def _stated_rotors(values: list[float] | None) -> list[float] | None:
-    if values and not all(math.isfinite(each) and each >= 0.0 for each in values):
-        raise ParameterError('--rotor-inertia', values, 'finite inertias >= 0 kg·m²')
-    return values or None
 
 
 def _address(urdf: str) -> str:

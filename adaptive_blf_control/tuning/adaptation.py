@@ -98,8 +98,8 @@ def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarra
     sizes = np.hstack([mass, np.repeat(first, 3, axis=1), np.repeat(inertia, 6, axis=1)])
     links, part = (1.0, 1.0) if from_zero else (LINKS, FRICTION)
     base = arm.base_from_standard ** 2 @ (links * sizes.reshape(arm.n * PER_BODY)) ** 2
-    rotor = np.where(arm.rotor > 0.0, part * arm.rotor, ROTOR * torque_limit)
-    base = base + arm.base_from_rotor ** 2 @ rotor ** 2
+    base = base + arm.base_from_rotor ** 2 @ np.maximum(part * arm.rotor,
+                                                        ROTOR * torque_limit) ** 2
     nominal = arm.nominal[arm.base_count:]
     least = LEAST_FRICTION * torque_limit
     viscous = np.minimum(least / speed, MOST_FRICTION * damping)

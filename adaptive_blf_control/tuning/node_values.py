@@ -39,8 +39,7 @@ def node_settings_of(recipe: Recipe, urdf: str) -> dict[str, RuntimeSettings]:
     arm = {'arm': 'urdf', 'urdf': urdf, 'joints': recipe.arm.joints,
            'friction.coulomb': _has(recipe, 'fc'),
            'friction.rotor_inertia': any(name.startswith('Ia_')
-                                         for name in recipe.arm.parameters),
-           'friction.rotor': recipe.arm.rotor if recipe.arm.rotor.any() else [0.0]}
+                                         for name in recipe.arm.parameters)}
     return {'arm_driver': DriverSettings.from_values({**arm, **_driver(recipe)}),
             'identifier': IdentifierNodeSettings.from_values({**arm, **_identifier(recipe)}),
             'controller': ControllerNodeSettings.from_values({**arm, **_controller(recipe)}),

@@ -149,7 +149,7 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
             start._replace(known=0.0 * friction) if robot.from_zero else start,
             arm.nominal[:, None] if robot.from_zero else np.diag(deviation)),
         payload_error=_payload_error(start, arm, states, loaded - arm.nominal),
-        assumed=limits.assumed + assumed + _stated_friction(arm) + _unstated_rotors(arm))
+        assumed=limits.assumed + assumed + _stated_friction(arm))
 
 
 def _payload_error(start: Start, arm: UrdfArm, states: ReferenceStates,
@@ -204,14 +204,6 @@ def _stated_friction(arm: UrdfArm) -> tuple[str, ...]:
                       if value)
     return (f'the URDF states a Coulomb friction, which is learned: {names} (--no-coulomb leaves '
             'it out)',)
-
-
-def _unstated_rotors(arm: UrdfArm) -> tuple[str, ...]:
-    if arm.rotor.any():
-        return ()
-    return ("no rotor inertia stated: gains and estimate begin with the links' alone, and that of "
-            "a geared wrist's rotor, as its joint feels it, is often many times as large; "
-            '--rotor-inertia states what the data sheets say',)
 
 
 def _coulomb_friction(arm: UrdfArm, torque_limit: np.ndarray) -> np.ndarray:

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.arms.urdf_source import UrdfSource
@@ -15,8 +13,7 @@ __all__ = ['arm_with_friction']
 
 
 def arm_with_friction(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
-                      coulomb: bool | None = None, rotor_inertia: bool = False,
-                      rotor: Sequence[float] | np.ndarray | None = None) -> UrdfArm:
+                      coulomb: bool | None = None, rotor_inertia: bool = False) -> UrdfArm:
     """Return the arm of a URDF with what is learned of it.
 
     Args:
@@ -25,17 +22,12 @@ def arm_with_friction(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
         coulomb: Whether a Coulomb friction per joint is learned; None: where the URDF states any
             (``<dynamics friction>``), as a model without it would explain it by masses.
         rotor_inertia: Whether the inertia of each rotor is.
-        rotor: What is stated of it, one for all or shape (n,) [kg·m²]; then it is learned.
 
     Raises:
         ArmError: no arm can be made of the URDF and the joints.
-        ParameterError: a rotor has an inertia below zero, or there are not as many as joints.
         MissingExtra: Pinocchio, which reads the URDF, is not installed.
     """
     if coulomb is None:
         arm = load_arm(urdf, joints, coulomb=True)
         coulomb = bool(arm.friction(arm.nominal)[1].any())
-    if rotor is None:
-        return load_arm(urdf, joints, coulomb=coulomb, rotor_inertia=rotor_inertia)
-    stated = rotor[0] if len(rotor) == 1 else rotor
-    return load_arm(urdf, joints, coulomb=coulomb, rotor_inertia=True, rotor=stated)
+    return load_arm(urdf, joints, coulomb=coulomb, rotor_inertia=rotor_inertia)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.node_settings import (
     ControllerNodeSettings,
     DriverSettings,
@@ -129,33 +128,3 @@ def test_the_panda_that_is_shipped_is_what_its_first_lines_say(
                 np.testing.assert_allclose(value, again[name], rtol=2e-3, err_msg=name)
             else:
                 assert value == again[name], name
-
-
-def test_stated_rotors_are_in_the_file_and_in_the_arm_that_it_makes(tmp_path: Path) -> None:
-    pytest.importorskip('pinocchio')
-    path, rotors = tmp_path / 'panda.yaml', [0.1, 0.1, 0.1, 0.1, 0.02, 0.02, 0.02]
-    assert main([*PANDA, *REAL, '-o', str(path), '--rotor-inertia', *map(str, rotors)]) == 0
-    data = load_yaml(path)
-    for kind in (DriverSettings, ControllerNodeSettings, IdentifierNodeSettings):
-        settings = node_settings(data, kind)
-        assert settings.friction.rotor_inertia
-        assert settings.friction.rotor.tolist() == rotors
-    controller = build_arm(node_settings(data, ControllerNodeSettings))
-    assert controller.rotor.tolist() == rotors
-    driver = node_settings(data, DriverSettings)
-    other = driver.replace(true_friction={'rotor_inertia': [0.3]})
-    assert build_arm(other).rotor.tolist() == [0.3] * 7  # what is true of the arm that is driven
-
-
-@pytest.mark.parametrize(('rotors', 'said'), [
-    (['0.1', '-0.2'], '--rotor-inertia'), (['nan'], '--rotor-inertia'), (['0.1', '0.2'], 'rotor')])
-def test_rotors_that_cannot_be_are_refused(rotors: list[str], said: str, capsys) -> None:
-    pytest.importorskip('pinocchio')
-    assert main([*PANDA, '--rotor-inertia', *rotors]) == 2
-    assert said in capsys.readouterr().err
-
-
-def test_a_rotor_that_nobody_learns_is_refused(panda: Path) -> None:
-    settings = node_settings(load_yaml(panda), ControllerNodeSettings)
-    with pytest.raises(ParameterError, match='friction.rotor_inertia'):
-        build_arm(settings.replace(friction={'rotor_inertia': False, 'rotor': [0.1]}))

@@ -37,20 +37,3 @@ def test_it_is_said_that_it_is_learned(urdf: str, dry_urdf: str) -> None:
             for each in (urdf, dry_urdf)]
     assert 'Coulomb' not in said[0]
     assert 'shoulder 0.7 N·m (--no-coulomb' in said[1]
-
-
-def test_a_stated_rotor_is_learned_from_its_value_on_and_counts_in_the_inertia(urdf: str) -> None:
-    plain, stated = arm_with_friction(urdf), arm_with_friction(urdf, rotor=[0.5, 2.0])
-    assert stated.rotor.tolist() == [0.5, 2.0]
-    assert any(name.startswith('Ia_') for name in stated.parameters)
-    assert arm_with_friction(urdf, rotor=[0.3]).rotor.tolist() == [0.3, 0.3]
-    before, after = (recipe(arm, Robot(delay=0.005)) for arm in (plain, stated))
-    assert (after.inertia.most > before.inertia.most + 0.4).all()
-    assert (after.gains.k2 > before.gains.k2).all()
-
-
-def test_what_is_assumed_says_that_no_rotor_is_stated(urdf: str) -> None:
-    said = [' '.join(recipe(arm_with_friction(urdf, rotor=rotor), Robot()).assumed)
-            for rotor in (None, [0.5])]
-    assert '--rotor-inertia' in said[0]
-    assert '--rotor-inertia' not in said[1]
