@@ -308,6 +308,9 @@ def _judged(name: str, done: Any, watch: _Watch, arm: UrdfArm) -> Run:
         away &= ~((t >= begin) & (t <= end + 1.0))
     bound = np.minimum(-inside[0].lower, inside[0].upper)
     word = f'ended: {done.failure}' if done.failure else oscillation_text(done.figures)
+    if (misfit := done.gravity_misfit) is not None:
+        word = (f'at {misfit.t:.2f} s gravity as told does not fit: looks tilted by '
+                f'{np.degrees(misfit.tilt):.0f}°' + (f'; {word}' if word else ''))
     return Run(int(done.figures['set_violations']), int(away.sum()),
                float(t[out][0]) if out.any() else np.nan,
                float((np.abs(done.e1) / bound).max()),
