@@ -14,9 +14,10 @@ the missing torque behind a low-pass of time constant 1/K. Two explanations are 
 * gravity turned besides, to where D1 = (r − B Δg)ᵀ C⁻¹ (r − B Δg) + tilt²/TILT² is smallest. B Δg
   is the weight of the links of the URDF, behind the same low-pass.
 
-Told gravity does not fit where D0 is beyond any chance, and a turned one explains it. What pulls
-or holds the arm at its start can look the same; a turn about the vertical makes no torque, and one
-by less than what the covariance allows is not noticed.
+Told gravity does not fit where D0 is beyond any chance, a turned one explains it, and the first
+EARLY seconds had asked for it already: a contact comes later. What pulls or holds the arm from its
+start on can look the same; a turn about the vertical makes no torque, and one by less than what
+the covariance allows is not noticed.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ __all__ = ['GravityCheck', 'GravityMisfit', 'WATCHED', 'gravity_check_of']
 
 WATCHED = 2.0  # s from the start; later it is learned what the nominal model lacks
 OBSERVER = 0.04  # s, 1/K
+EARLY = 0.1  # s from the start after which what turned gravity has to be there
+AGREE = 0.6  # part of its change by which it may differ from what it looked like then
 PERIOD = 0.01  # s between two comparisons
 SEEN = 5  # comparisons in a row that have to agree
 GAP = 0.1  # s without a sample after which it begins again
@@ -99,6 +102,7 @@ class GravityCheck:
         self._begin: float | None = None
         self._last = self._compared = self._reached = 0.0
         self._agree = 0
+        self._early: np.ndarray | None = None
         self._momentum, self._sum, self._missing, self._drive, self._slow = np.zeros((5, arm.n))
         self._links, self._tip = np.zeros((3, arm.n, arm.n)), np.zeros((3, arm.n))
 
@@ -146,7 +150,7 @@ class GravityCheck:
         self._begin = self._last = self._compared = t
         self._momentum = self._arm.Y1(q, qd) @ self._arm.nominal
         self._sum, self._missing, self._drive = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._slow, self._reached, self._agree = qd.copy(), 0.0, 0
+        self._slow, self._reached, self._agree, self._early = qd.copy(), 0.0, 0, None
         self._links, self._tip = np.zeros((3, n, n)), np.zeros((3, n))
 
     def _follow(self, q: np.ndarray, part: float) -> None:
@@ -164,12 +168,16 @@ class GravityCheck:
         other = self._other_variance(q, qd)
         without = self._covariance(self._told, other)
         misfit = float(seen @ np.linalg.solve(without, seen))
-        if misfit < BEYOND:
+        early = self._begin is not None and t - self._begin < EARLY
+        if misfit < BEYOND and not early:
             self._agree = 0
             return
         gravity, left = self._turned(seen, other)
+        if early:
+            self._early = gravity
         tilt = _angle(self._told, gravity)
-        if left > EXPLAINED * misfit or tilt < SMALLEST:
+        if (misfit < BEYOND or left > EXPLAINED * misfit or tilt < SMALLEST
+                or not self._was_there(gravity)):
             self._agree = 0
             return
         self._agree += 1
@@ -179,6 +187,13 @@ class GravityCheck:
             self.misfit = GravityMisfit(
                 t, self._arm.joints[worst], float(seen[worst] / self._reached),
                 float(deviation[worst] / self._reached), gravity, tilt)
+
+    def _was_there(self, gravity: np.ndarray) -> bool:
+        """Return whether the first moments had asked for about the same gravity."""
+        if self._early is None:
+            return False
+        change = float(np.linalg.norm(gravity - self._told))
+        return float(np.linalg.norm(gravity - self._early)) <= AGREE * change
 
     def _other_variance(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Return the variance of what is neither weight nor load, shape (n,) [N²·m²]."""

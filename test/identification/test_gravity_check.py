@@ -98,6 +98,12 @@ def test_a_turn_about_the_vertical_makes_no_torque(panda: UrdfArm) -> None:
     assert _at_rest(panda, _holding(_tilted([0.0, 0.0, 40.0]))) is None
 
 
+def test_what_comes_after_the_first_moments_is_no_tilt(panda: UrdfArm) -> None:
+    torque = _holding(_tilted([30.0, 0.0, 0.0]))
+    assert _at_rest(panda, torque, begin=0.02) is not None
+    assert _at_rest(panda, torque, begin=0.2) is None
+
+
 def test_only_the_beginning_of_a_motion_is_looked_at_and_another_one_again(
         panda: UrdfArm) -> None:
     torque = _holding(_tilted([30.0, 0.0, 0.0]))
