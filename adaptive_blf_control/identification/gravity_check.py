@@ -59,7 +59,7 @@ class GravityMisfit(NamedTuple):
         t: When [s].
         joint: The joint at which it shows most.
         torque: What it carries beyond the nominal model [N·m].
-        allowed: Standard deviation of what that may be [N·m].
+        allowed: Standard deviation of what that may be beside the other joints' torques [N·m].
         gravity: That would fit, in the base's frame, shape (3,) [m/s²].
         tilt: Angle between it and the one that was told [rad].
     """
@@ -75,9 +75,9 @@ class GravityMisfit(NamedTuple):
         """Return it in one sentence."""
         x, y, z = self.gravity
         return (f'gravity as told does not fit: {self.joint} carries {self.torque:.3g} N·m that '
-                f'the nominal arm does not, {self.allowed:.2g} N·m may be; the base looks tilted '
-                f'by about {np.degrees(self.tilt):.0f}°, gravity [{x:.3g}, {y:.3g}, {z:.3g}] m/s² '
-                'would fit (or something pulls at the arm)')
+                f'the nominal arm does not (beside the other joints {self.allowed:.2g} N·m may '
+                f'be); the base looks tilted by about {np.degrees(self.tilt):.0f}°, gravity '
+                f'[{x:.3g}, {y:.3g}, {z:.3g}] m/s² would fit (or something pulls at the arm)')
 
 
 class GravityCheck:
@@ -182,8 +182,9 @@ class GravityCheck:
             return
         self._agree += 1
         if self._agree >= SEEN:
-            deviation = np.sqrt(np.diag(without))
-            worst = int(np.argmax(np.abs(seen) / deviation))
+            information = np.linalg.inv(without)
+            deviation = 1.0 / np.sqrt(np.diag(information))  # where the other joints are known
+            worst = int(np.argmax(np.abs(information @ seen) * deviation))
             self.misfit = GravityMisfit(
                 t, self._arm.joints[worst], float(seen[worst] / self._reached),
                 float(deviation[worst] / self._reached), gravity, tilt)
