@@ -167,6 +167,9 @@ class GravityCheck:
         seen = -self._missing  # torque beyond the nominal arm's
         other = self._other_variance(q, qd)
         without = self._covariance(self._told, other)
+        if not (np.isfinite(seen).all() and np.isfinite(without).all()):
+            self._off = True  # states beyond reason tell nothing about gravity
+            return
         misfit = float(seen @ np.linalg.solve(without, seen))
         early = self._begin is not None and t - self._begin < EARLY
         if misfit < BEYOND and not early:

@@ -94,6 +94,20 @@ def test_drives_that_show_no_torque_are_no_tilt(panda: UrdfArm) -> None:
     assert _at_rest(panda, np.full(panda.n, np.nan)) is None
 
 
+@pytest.mark.filterwarnings('ignore:.*encountered:RuntimeWarning')
+@pytest.mark.parametrize('size', [1e30, 1e200, 1e308])
+def test_numbers_beyond_reason_end_the_check_and_nothing_else(
+        panda: UrdfArm, size: float) -> None:
+    for place in range(3):
+        check = GravityCheck(panda)
+        for k in range(100):
+            states = [POSTURE, np.zeros(7), _holding(panda)]
+            if k > 5:
+                states[place] = np.full(7, size * (-1.0) ** k)
+            check.take(DT * k, *states)
+        assert check.misfit is None
+
+
 def test_a_turn_about_the_vertical_makes_no_torque(panda: UrdfArm) -> None:
     assert _at_rest(panda, _holding(_tilted([0.0, 0.0, 40.0]))) is None
 
