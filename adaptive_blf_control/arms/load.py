@@ -20,6 +20,7 @@ __all__ = ['load_arm']
 def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
              viscous: bool = True, coulomb: bool = False, offset: bool = False,
              square_root: bool = False, rotor_inertia: bool = False,
+             rotor: float | Sequence[float] | np.ndarray | None = None,
              coulomb_velocity: float = 0.02,
              gravity: Sequence[float] | np.ndarray = (0.0, 0.0, -9.81),
              **others: Any) -> UrdfArm:
@@ -36,6 +37,7 @@ def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
         square_root: Whether θ has a coefficient per joint of √|q̇| tanh(q̇/v_s)
             [N·m·(s/rad)^½].
         rotor_inertia: Whether θ has the inertias of the rotors, seen from the joints [kg·m²].
+        rotor: Nominal inertias of the rotors, scalar or shape (n,) [kg·m²]; None takes zero.
         coulomb_velocity: v_s [rad/s], > 0.
         gravity: In the base frame of the URDF, shape (3,) [m/s²].
         others: Not used; another name is refused with the one that is meant.
@@ -60,5 +62,5 @@ def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
                                  'UrdfArm(urdf, viscous=...) takes nominal values')
     return UrdfArm(urdf, joints, friction_viscous=viscous, friction_coulomb=coulomb,
                    friction_offset=offset, friction_square_root=square_root,
-                   rotor_inertia=rotor_inertia, coulomb_velocity=coulomb_velocity,
-                   gravity=gravity)
+                   rotor_inertia=rotor_inertia, rotor=rotor,
+                   coulomb_velocity=coulomb_velocity, gravity=gravity)

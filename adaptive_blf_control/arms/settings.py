@@ -28,6 +28,9 @@ class FrictionSettings(Settings, where='friction'):
     rotor_inertia: bool = parameter(
         False, "Learn the inertia of each joint's rotor, seen from the joint, where a torque "
         'tells it from that of the link (URDF).')
+    nominal_rotor_inertia: np.ndarray = parameter(
+        [0.0], "Nominal inertia of each joint's rotor, seen from the joint, as a data sheet "
+        'states it; where rotor_inertia is on (URDF).', 'kg*m^2', 0.0, length='joints')
     coulomb_velocity: float = parameter(
         0.02, 'v_s of the smooth sign tanh(qd/v_s) of Coulomb and square-root '
         'friction.', 'rad/s', 0.0, exclusive=True)

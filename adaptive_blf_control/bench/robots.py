@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 import json
 from pathlib import Path
@@ -40,6 +41,7 @@ TOUCH, RELEASE = 10.0, 11.0  # s: of the wall
 AGAIN, RECOVERED = 3.0, 2.0  # s after a load, after a release
 GAIN = 0.03  # error of the drives' gain
 ROTOR, DRY = 1e-3, 0.01  # inertia of a rotor [kg m²] and dry friction [N m] over the torque limit
+STATED = 0.2  # part by which the stated inertia of each rotor is wrong, up or down
 WEAK = 0.6  # part of the torque that the reference needs
 SENSORS = {'encoder_counts': 200000, 'torque_noise': 0.05}
 LATE = {'arm_driver.actuator.delay': 0.004}
@@ -54,8 +56,8 @@ class Condition(NamedTuple):
         name: What it is called.
         stated: What ``configure`` is told, beside the delay.
         plant: Changes of the plant, from name and recipe.
-        learned: Whether dry friction and rotor inertia are learned; dry friction also where the
-            URDF states any.
+        learned: Whether dry friction and rotor inertia are learned, the rotors stated with an
+            error of 20 %; dry friction also where the URDF states any.
         start: ``nominal``, ``zero``, or ``off``: every link by 25 %.
         seconds: Length of a run that answers it [s].
     """
@@ -250,10 +252,14 @@ def _run(case: Case) -> Run:
     name, arm_name, seed, seconds, suspicion = case
     condition = CONDITIONS[name]
     urdf, joints = ARMS[arm_name]
-    arm = arm_with_friction(f'package://{urdf}', joints, coulomb=condition.learned or None,
-                            rotor_inertia=condition.learned)
     payload = LOADS[arm_name] if name.startswith('load') else 0.0
-    found = recipe(arm, Robot(delay=0.005, payload=payload, **condition.stated))
+    robot = Robot(delay=0.005, payload=payload, **condition.stated)
+    arm = arm_with_friction(f'package://{urdf}', joints, coulomb=condition.learned or None)
+    found = recipe(arm, robot)
+    if condition.learned:
+        arm = arm_with_friction(f'package://{urdf}', joints, coulomb=True,
+                                rotor_inertia=_stated_rotors(found.torque_limit, seed))
+        found = recipe(arm, replace(robot, torque_limit=tuple(found.torque_limit)))
     changes = {'arm_driver.plant': 'mujoco', 'arm_driver.sensors.seed': seed,
                **condition.plant(arm_name, found)}
     if suspicion is not None:
@@ -266,6 +272,12 @@ def _run(case: Case) -> Run:
     watch = _Watch(loop.identifier)
     done = simulate(loop, seconds, observer=watch)
     return _judged(name, done, watch, arm)
+
+
+def _stated_rotors(torque_limit: np.ndarray, seed: int) -> list[float]:
+    """Return inertias of the rotors that are wrong by `STATED`, up or down, length n."""
+    wrong = np.random.default_rng(seed).choice([-STATED, STATED], torque_limit.size)
+    return (ROTOR * torque_limit * (1.0 + wrong)).tolist()
 
 
 def _judged(name: str, done: Any, watch: _Watch, arm: UrdfArm) -> Run:
@@ -296,6 +308,9 @@ def _judged(name: str, done: Any, watch: _Watch, arm: UrdfArm) -> Run:
         away &= ~((t >= begin) & (t <= end + 1.0))
     bound = np.minimum(-inside[0].lower, inside[0].upper)
     word = f'ended: {done.failure}' if done.failure else oscillation_text(done.figures)
+    if (misfit := done.gravity_misfit) is not None:
+        word = (f'at {misfit.t:.2f} s gravity as told does not fit: looks tilted by '
+                f'{np.degrees(misfit.tilt):.0f}°' + (f'; {word}' if word else ''))
     return Run(int(done.figures['set_violations']), int(away.sum()),
                float(t[out][0]) if out.any() else np.nan,
                float((np.abs(done.e1) / bound).max()),

@@ -47,6 +47,8 @@ def build_arm(settings: ArmSettings, robot_description: str | None = None) -> Ar
                                for name, argument in FRICTION.items()}
     if 'rotor_inertia' in true:
         true['rotor'] = true.pop('rotor_inertia')
+    elif (stated := _stated_rotors(settings)).any():
+        true['rotor'] = stated
     return UrdfArm(source, joints, **learned,
                    coulomb_velocity=settings.friction.coulomb_velocity,
                    gravity=_gravity(settings), **true)
@@ -83,6 +85,16 @@ def _gravity(settings: ArmSettings) -> np.ndarray:
     if not isinstance(settings, DriverSettings) or not settings.mounting.any():
         return settings.gravity
     return np.asarray(rotation(settings.mounting).T @ settings.gravity)
+
+
+def _stated_rotors(settings: ArmSettings) -> np.ndarray:
+    """Return the nominal inertias of the rotors, 0 where none is stated, shape (n,) [kg·m²]."""
+    friction = settings.friction.resolved(joints=len(settings.joints))
+    stated = friction.nominal_rotor_inertia
+    if stated.any() and not friction.rotor_inertia:
+        raise ParameterError('friction.nominal_rotor_inertia', stated.tolist(),
+                             '0 kg·m² where friction.rotor_inertia is off')
+    return stated
 
 
 def _true_friction(settings: ArmSettings) -> dict[str, Any]:

@@ -220,8 +220,9 @@ class ControllerNodeSettings(ControllerSettings, ComposedSettings, LifecycleSett
         '', 0.0, exclusive=True, length='parameters', live=True)
     on_violation: str = parameter(
         'continue',
-        'When a joint leaves a set: continue: the barrier pushes back; stop: the torque goes to '
-        'zero and the node is deactivated.', choices=('continue', 'stop'), live=True)
+        'When a joint leaves a set, or gravity as told does not fit the first torques: continue: '
+        'the barrier pushes back; stop: the torque goes to zero and the node is deactivated.',
+        choices=('continue', 'stop'), live=True)
     state_timeout: float = parameter(
         0.1, 'Without a new joint state for this long a zero torque is commanded.',
         's', 0.0, 60.0, exclusive=True, live=True)

@@ -41,6 +41,7 @@ from adaptive_blf_control.messages.topics import (
 from adaptive_blf_control.nodes.command_topic import CommandTopic
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
 from adaptive_blf_control.nodes.estimate_input import EstimateInput, limit_of
+from adaptive_blf_control.nodes.gravity_watch import GravityWatch
 from adaptive_blf_control.nodes.handover import emptied, Handover
 from adaptive_blf_control.nodes.obstacle_input import ObstacleInput
 from adaptive_blf_control.nodes.state_input import JointSample, StateInput
@@ -72,6 +73,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         motion: The present motion, or the next one; from the configuration on.
         estimates: θ̂ in use; from the configuration on.
         monitors: What is published besides the torque; from the configuration on.
+        gravity: Whether gravity as told fits the motion; from the configuration on.
         trajectories: Takes the points of a planner; from the configuration on.
         heard_at: When the last usable state arrived, monotonic [s]; None before the first.
         commands: The command topic; from the configuration on.
@@ -82,6 +84,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
     """
 
     commands: CommandTopic
+    gravity: GravityWatch
     motion: Motion
     estimates: EstimateInput
     monitors: ControllerMonitors
@@ -123,6 +126,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.get_logger().warning(warning)
         self.estimates.wanted = settings.model == 'estimated' and uses_estimate(trial.law)
         self.motion = Motion(self.arm, settings)
+        self.gravity = GravityWatch(self.arm, self.faults)
         self.states = StateInput(self, self.arm.joints, lambda: self.settings.state_timeout)
         self.commands = CommandTopic(self, self.arm.n)
         self.heard_at = None
@@ -274,6 +278,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         controller = self.motion.begin(stamp, q, qd)
         self.statistics.break_off()
         self.monitors.begin()
+        self.gravity.begin(stamp)
         return controller
 
     def _ready(self, stamp: int, q: np.ndarray, qd: np.ndarray) -> bool:
@@ -307,7 +312,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.monitors.publish_term(stamp, output)
         inside = self.monitors.watch(controller, stamp, output, self.theta)
         self.sampled(stamp)
-        if not inside and self.settings.on_violation == 'stop':
+        told = self.gravity.fits(stamp, q, qd, torque)
+        if not (inside and told) and self.settings.on_violation == 'stop':
             self.deactivate_by_itself()
         return output
 
@@ -396,6 +402,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         values.update(status_of(self.motion.controller.safety_filter))
         if self.motion.lost:
             return DiagnosticStatus.ERROR, f'{self.motion.lost}: zero torque', values
+        if self.gravity.found:
+            return DiagnosticStatus.ERROR, self.gravity.found, values
         if self.monitors.violations:
             return DiagnosticStatus.ERROR, self.monitors.first_violation, values
         if self.estimates.wanted and not self.lockstep:

@@ -22,10 +22,12 @@ from adaptive_blf_control.control.laws.protocol import Law
 from adaptive_blf_control.control.reference import Reference
 from adaptive_blf_control.control.set_constraints import OwnConstraints
 from adaptive_blf_control.errors import BagError, ParameterError, UnknownParameter
+from adaptive_blf_control.identification.gravity_check import GravityMisfit
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.update_laws import UpdateLaw
 from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.runs.bag_observer import BagObserver
+from adaptive_blf_control.runs.gravity_line import gravity_line, gravity_misfit
 from adaptive_blf_control.runs.learned import Learned
 from adaptive_blf_control.runs.run_guarantee import guarantee_of_trace, RunGuarantee, why_not
 from adaptive_blf_control.runs.saved_arrays import save_arrays
@@ -161,6 +163,11 @@ class Simulation(Trace, Learned, instead=_NOT_THERE):
     def _run_guarantee(self) -> RunGuarantee | None:
         return guarantee_of_trace(self.loop, self)
 
+    @functools.cached_property
+    def gravity_misfit(self) -> GravityMisfit | None:
+        """What the first moments say against gravity as told; None where it fits."""
+        return gravity_misfit(self.loop, self)
+
     @property
     def kept(self) -> bool:
         """Whether every constraint was strictly kept at every sample."""
@@ -176,6 +183,8 @@ class Simulation(Trace, Learned, instead=_NOT_THERE):
         figures['unexpressed_torque'] = None if unexpressed is None else unexpressed.tolist()
         figures['contacts_s'] = contacts_of(self.loop.plant)
         figures['contradictions'] = getattr(self.identifier, 'found', {})
+        misfit = self.gravity_misfit
+        figures['gravity_misfit'] = None if misfit is None else misfit.text()
         figures['wall_s'] = self.wall_s
         figures['real_time_factor'] = float(self.t[-1] / self.wall_s)
         return figures
@@ -199,6 +208,7 @@ class Simulation(Trace, Learned, instead=_NOT_THERE):
             *(f'contact              from {begin:.3f} s to {end:.3f} s'
               for begin, end in figures['contacts_s']),
             *([f'history contradicted {found}'] if found else []),
+            *([gravity_line(self.gravity_misfit)] if self.gravity_misfit else []),
             f'speed                {figures["real_time_factor"]:.1f} x real time'
             + (f', sample by sample: {", ".join(self.in_python)}' if self.in_python else '')
             + ('' if COMPILED else ', uncompiled: numba is not installed or switched off')])

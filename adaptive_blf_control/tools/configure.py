@@ -36,8 +36,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--coulomb', action=argparse.BooleanOptionalAction,
                         help='learn a Coulomb friction per joint as well; default: where the URDF '
                         'states any')
-    parser.add_argument('--rotor-inertia', action='store_true',
-                        help="learn the inertia of each joint's rotor as well")
+    parser.add_argument('--rotor-inertia', type=_inertia, nargs='*', metavar='KGM2',
+                        help="learn the inertia of each joint's rotor as well; numbers state it, "
+                        'seen from the joint (gear ratio squared times the rotor), one for '
+                        'all joints or one for each [kg m2]')
     parser.add_argument('--from-zero', action='store_true',
                         help="begin to learn from nothing rather than from the URDF's values")
     parser.add_argument('-o', '--output', type=Path, metavar='FILE',
@@ -87,7 +89,7 @@ def main(args: list[str] | None = None) -> int:
                       **{name: getattr(options, name) for name in _OF_ROBOT})
         found = recipe(arm_with_friction(
             options.urdf, joint_names(options.joints), coulomb=options.coulomb,
-            rotor_inertia=options.rotor_inertia), robot)
+            rotor_inertia=_rotors(options.rotor_inertia)), robot)
         text = written_file(node_settings_of(found, _address(options.urdf)),
                             _title(sys.argv[1:] if args is None else args), reasons_of(found))
         if options.output is not None:
@@ -99,6 +101,19 @@ def main(args: list[str] | None = None) -> int:
     if options.output is not None:
         print(f'\nwritten to {options.output}; next: simulate {options.output}')
     return 0
+
+
+def _inertia(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is no number [kg m2]; the URDF goes before it') from None
+
+
+def _rotors(values: list[float] | None) -> bool | list[float]:
+    """Return the stated inertias; True where they are only to be learned."""
+    return values or values is not None
 
 
 def _several(values: list[float] | None) -> tuple[float, ...] | None:

@@ -79,7 +79,8 @@ def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarra
 
     Mass, first moments and inertia of every link are off by a quarter of m, m l and m l², with l
     its distance from the joint axis or its radius of gyration, whichever is larger; a base
-    parameter sums what is lumped into it. Rotors count where their inertia is learned. A viscous
+    parameter sums what is lumped into it. Rotors count where their inertia is learned: a
+    stated one is off by a quarter, another by ROTOR times the torque limit. A viscous
     friction that the URDF does not have is at most half of the damping: what noise makes of it in
     a joint that needs next to no torque must not drive that joint.
 
@@ -98,8 +99,8 @@ def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarra
     sizes = np.hstack([mass, np.repeat(first, 3, axis=1), np.repeat(inertia, 6, axis=1)])
     links, part = (1.0, 1.0) if from_zero else (LINKS, FRICTION)
     base = arm.base_from_standard ** 2 @ (links * sizes.reshape(arm.n * PER_BODY)) ** 2
-    base = base + arm.base_from_rotor ** 2 @ np.maximum(part * arm.rotor,
-                                                        ROTOR * torque_limit) ** 2
+    rotor = np.where(arm.rotor > 0.0, links * arm.rotor, ROTOR * torque_limit)
+    base = base + arm.base_from_rotor ** 2 @ rotor ** 2
     nominal = arm.nominal[arm.base_count:]
     least = LEAST_FRICTION * torque_limit
     viscous = np.minimum(least / speed, MOST_FRICTION * damping)

@@ -40,6 +40,9 @@ def node_settings_of(recipe: Recipe, urdf: str) -> dict[str, RuntimeSettings]:
            'friction.coulomb': _has(recipe, 'fc'),
            'friction.rotor_inertia': any(name.startswith('Ia_')
                                          for name in recipe.arm.parameters)}
+    rotor = recipe.arm.rotor
+    if rotor.any():
+        arm['friction.nominal_rotor_inertia'] = rotor
     return {'arm_driver': DriverSettings.from_values({**arm, **_driver(recipe)}),
             'identifier': IdentifierNodeSettings.from_values({**arm, **_identifier(recipe)}),
             'controller': ControllerNodeSettings.from_values({**arm, **_controller(recipe)}),
@@ -54,6 +57,8 @@ def _driver(recipe: Recipe) -> dict[str, Any]:
         'actuator.delay': robot.delay,
         'command_timeout': _timeout(robot.rate),
         'sensors.torque_noise': robot.torque_noise}
+    if recipe.arm.rotor.any():
+        values['true_friction.rotor_inertia'] = recipe.arm.rotor
     if robot.encoder_counts is not None:
         values |= {'sensors.model': 'encoder', 'sensors.encoder_counts': robot.encoder_counts,
                    'sensors.gear_ratio': 1.0,
@@ -106,6 +111,7 @@ def reasons_of(recipe: Recipe) -> Mapping[str, str]:
     return {
         'arm_driver.initial_position': 'Centre of the reference.',
         'arm_driver.actuator.delay': 'As stated.',
+        'arm_driver.true_friction.rotor_inertia': 'As stated by --rotor-inertia.',
         'arm_driver.substeps': 'So that viscous friction on small inertias is integrated stably.',
         'identifier.gamma': 'As uncertain as the URDF is, a quarter of every link; as fast as a '
                             f'loop with {ms} of delay bears.',

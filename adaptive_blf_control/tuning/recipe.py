@@ -149,7 +149,7 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
             start._replace(known=0.0 * friction) if robot.from_zero else start,
             arm.nominal[:, None] if robot.from_zero else np.diag(deviation)),
         payload_error=_payload_error(start, arm, states, loaded - arm.nominal),
-        assumed=limits.assumed + assumed + _stated_friction(arm))
+        assumed=limits.assumed + assumed + _stated_friction(arm) + _rotors(arm, inertia))
 
 
 def _payload_error(start: Start, arm: UrdfArm, states: ReferenceStates,
@@ -204,6 +204,15 @@ def _stated_friction(arm: UrdfArm) -> tuple[str, ...]:
                       if value)
     return (f'the URDF states a Coulomb friction, which is learned: {names} (--no-coulomb leaves '
             'it out)',)
+
+
+def _rotors(arm: UrdfArm, inertia: SeenInertia) -> tuple[str, ...]:
+    if arm.rotor.any() or not any(name.startswith('Ia_') for name in arm.parameters):
+        return ()
+    light = int(np.argmin(inertia.least))
+    return (f'no rotor has an inertia until it is learned: the gains fit the links alone, '
+            f'{inertia.least[light]:.2g} kg·m² at {arm.joints[light]}; --rotor-inertia with the '
+            'numbers of the drives states them',)
 
 
 def _coulomb_friction(arm: UrdfArm, torque_limit: np.ndarray) -> np.ndarray:

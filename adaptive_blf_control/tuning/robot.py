@@ -14,7 +14,7 @@ from adaptive_blf_control.arrays import checked_array, checked_finite
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.tuning.loop_delay import loop_delay, LoopDelay
 
-__all__ = ['Limits', 'Robot', 'known_limits']
+__all__ = ['Limits', 'Robot', 'known_limits', 'per_joint']
 
 FREE = math.pi  # rad to either side of zero, where a joint has no limits
 SLOW = 1.0  # rad/s, where a joint has no speed limit
@@ -118,7 +118,7 @@ def known_limits(arm: UrdfArm, robot: Robot) -> Limits:
                        'for massless')
     torque = arm.torque_limit
     if robot.torque_limit is not None:
-        torque = _per_joint('--torque-limit', robot.torque_limit, arm)
+        torque = per_joint('--torque-limit', robot.torque_limit, arm)
         if not (torque > 0.0).all():
             raise ParameterError('--torque-limit', list(robot.torque_limit), 'torques > 0 N·m')
     return Limits(np.where(free, -FREE, arm.position_lower),
@@ -130,7 +130,12 @@ def _names(arm: UrdfArm, where: np.ndarray) -> str:
     return ', '.join(joint for joint, each in zip(arm.joints, where) if each)
 
 
-def _per_joint(name: str, values: tuple[float, ...], arm: UrdfArm) -> np.ndarray:
+def per_joint(name: str, values: tuple[float, ...], arm: UrdfArm) -> np.ndarray:
+    """Return what was stated, one for all joints or one for each, with one for each, (n,).
+
+    Raises:
+        ParameterError: it has another length, or is not finite.
+    """
     if len(values) == 1:
         values = values * arm.n
     array = checked_array(name, values, (arm.n,), arm.joints)

@@ -89,3 +89,23 @@ def test_rotors_and_square_root_friction_of_the_true_arm_are_those_of_its_settin
     truth = true_theta(settings, arm)
     np.testing.assert_array_equal(arm.rotor_inertia(truth), [0.3, 0.2, 0.1])
     np.testing.assert_array_equal(arm.friction(truth)[3], [0.5, 0.5, 0.5])
+
+
+def _arm_with_rotors(tmp_path, *settings):
+    pytest.importorskip('pinocchio')
+    (tmp_path / 'arm.urdf').write_text(URDF, encoding='utf-8')
+    return build_arm(node_settings(apply_settings({}, [
+        'arm=urdf', f'urdf={tmp_path / "arm.urdf"}', f'joints={list(JOINTS)}',
+        'friction.nominal_rotor_inertia=[0.3, 0.2, 0.1]', *settings]), DriverSettings))
+
+
+def test_rotors_are_those_that_are_stated_unless_the_true_arm_has_others(tmp_path):
+    learned = 'friction.rotor_inertia=true'
+    assert _arm_with_rotors(tmp_path, learned).rotor.tolist() == [0.3, 0.2, 0.1]
+    other = _arm_with_rotors(tmp_path, learned, 'arm_driver.true_friction.rotor_inertia=[0.7]')
+    assert other.rotor.tolist() == [0.7, 0.7, 0.7]
+
+
+def test_rotors_that_are_stated_but_not_in_the_model_are_refused(tmp_path):
+    with pytest.raises(ParameterError, match=r'nominal_rotor_inertia.*0\.3.*rotor_inertia is off'):
+        _arm_with_rotors(tmp_path)

@@ -98,6 +98,8 @@ def test_a_urdf_of_a_relative_path_is_found_from_any_folder(tmp_path: Path, monk
     ([*PANDA[:2], 'panda_joint9'], "no joint 'panda_joint9'; drivable joints"),
     ([*PANDA, '--delay', '-1'], 'loop.delay'),
     ([*PANDA, '--torque-limit', '1', '2'], '--torque-limit'),
+    ([*PANDA, '--rotor-inertia', '0.1', '0.2'], '--rotor-inertia'),
+    ([*PANDA, '--rotor-inertia', '-0.1'], '[-0.1]: expected inertias >= 0 kg·m²'),
     ([*PANDA, '--centre', '9', '0', '0', '0', '0', '0', '0'], "joint 'panda_joint1'"),
     ([*PANDA, '-o', 'no/such/folder/arm.yaml'], 'a file in a folder that exists'),
 ])
@@ -108,6 +110,27 @@ def test_bad_input_is_one_clear_line_and_status_2(capsys, arguments, expected) -
     assert err.startswith('configure: ')
     assert expected in err
     assert err.count('\n') == 1
+
+
+def test_a_urdf_behind_the_rotors_is_no_number_of_theirs(capsys) -> None:
+    with pytest.raises(SystemExit):
+        main(['--rotor-inertia', 'arm.urdf'])
+    assert "'arm.urdf' is no number" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('stated', 'nominal'), [([], [0.0]), (['0.3'], [0.3] * 7)])
+def test_rotors_are_learned_from_zero_or_from_what_was_stated(
+        tmp_path: Path, stated: list[str], nominal: list[float]) -> None:
+    pytest.importorskip('pinocchio')
+    path = tmp_path / 'arm.yaml'
+    assert main([*PANDA, *REAL, '--rotor-inertia', *stated, '-o', str(path)]) == 0
+    for kind in (DriverSettings, IdentifierNodeSettings, ControllerNodeSettings):
+        friction = node_settings(load_yaml(path), kind).friction
+        assert friction.rotor_inertia
+        assert friction.nominal_rotor_inertia.tolist() == nominal
+    loop = simulate(load_yaml(path), 0.002).loop
+    column = loop.arm.parameters.index('Ia_panda_joint5')
+    assert loop.initial_estimate[column] == nominal[-1]
 
 
 def test_the_panda_that_is_shipped_is_what_its_first_lines_say(
