@@ -220,6 +220,6 @@ def _check_regressors(arm: Any) -> None:
                 raise ArmError(f'{type(arm).__name__}.{method} gives '
                                + (f'shape {part.shape}' if isinstance(part, np.ndarray)
                                   else shown(part))
-                               + f': expected an array of shape {shape}, a row for each of '
+                               + f': expected a numpy array of shape {shape}, a row for each of '
                                f'{", ".join(arm.joints)}, a column for each of '
                                f'{", ".join(arm.parameters)}')

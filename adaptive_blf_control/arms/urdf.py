@@ -386,6 +386,9 @@ def _nominal_friction(choice: dict[str, tuple[bool, Any]], model: Any,
                  'coulomb': (model.friction if dry is None else dry)[rows]}
     nominal: dict[str, object] = {}
     for kind, (enabled, value) in choice.items():
+        if isinstance(value, (bool, np.bool_)):
+            raise ParameterError(kind, value, f'nominal coefficients; friction_{kind}=True says '
+                                 'that it is learned')
         if enabled:
             nominal[kind] = from_urdf[kind] if value is None else value
         elif value is not None:

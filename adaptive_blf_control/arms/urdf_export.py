@@ -52,7 +52,8 @@ class ExportedUrdf(NamedTuple):
                 f'missing {self.missing}>')
 
 
-def export_urdf(arm: UrdfArm, theta: np.ndarray, inertial: np.ndarray) -> ExportedUrdf:
+def export_urdf(arm: UrdfArm, theta: np.ndarray, inertial: np.ndarray,
+                rotor: np.ndarray | None = None) -> ExportedUrdf:
     """Write identified values into the text of the URDF that an arm was made of.
 
     Read again, it predicts Y θ less what a URDF cannot say: rotor inertias, constant torques and
@@ -64,6 +65,8 @@ def export_urdf(arm: UrdfArm, theta: np.ndarray, inertial: np.ndarray) -> Export
         theta: Parameters, shape (m,).
         inertial: Ten inertial parameters per joint with the dynamics of ``theta``, each set
             physically consistent, shape (n, 10); see `ConsistentModel`.
+        rotor: Inertia of each joint's rotor in that model, shape (n,) [kg·m²], also of those that
+            no column of θ tells from their link; None: those of θ.
 
     Raises:
         ArmError: ``inertial`` is not physically consistent.
@@ -94,6 +97,9 @@ def export_urdf(arm: UrdfArm, theta: np.ndarray, inertial: np.ndarray) -> Export
         tree.set_dynamics(joint, values)
     missing = {name: float(value) for name, value in zip(arm.parameters, theta, strict=True)
                if name.startswith(('Ia_', 'f0_', 'fs_'))}
+    if rotor is not None:
+        missing.update((f'Ia_{joint}', float(value))
+                       for joint, value in zip(arm.joints, rotor, strict=True) if value)
     return ExportedUrdf(str(tree.text), scaled, missing)
 
 

@@ -31,6 +31,9 @@ def _check_demand(name: str, sinusoids: SinusoidSettings, limits: ReferenceSetti
                 f'at most {limit:g} {unit}, reference.{what}_limit: less amplitude or frequency'))
 
 
+_FIELDS = ('amplitude', 'frequency', 'phase')
+
+
 def _reference(settings: ReferenceSettings, joints: tuple[str, ...]) -> Reference:
     for name in settings.of_joint:
         if name not in joints:
@@ -38,12 +41,17 @@ def _reference(settings: ReferenceSettings, joints: tuple[str, ...]) -> Referenc
                                  f'the name of a joint: {", ".join(joints)}')
     sinusoids = [settings.of_joint.get(joint, SinusoidSettings()) for joint in joints]
     rows = [[getattr(each, field) for each in sinusoids]
-            for field in ('amplitude', 'frequency', 'phase')]
-    for joint, *columns in zip(joints, *rows):
-        lengths = [len(column) for column in columns]
-        if len(set(lengths)) != 1:
-            raise ParameterError(f'controller.reference.{joint}', lengths,
-                                 'amplitude, frequency and phase of the same length')
+            for field in _FIELDS]
+    for i, joint in enumerate(joints):
+        given = {field: len(column[i]) for field, column in zip(_FIELDS, rows)}
+        terms = given['amplitude']
+        if any(length not in (1, terms) for length in given.values()):
+            said = ', '.join(f'{length} of {field}' for field, length in given.items())
+            raise ParameterError(f'controller.reference.{joint}', sinusoids[i],
+                                 'amplitude, frequency and phase of the same length, or one '
+                                 f'frequency or phase for all, not {said}')
+        for column in rows:
+            column[i] = np.resize(column[i], terms)
     for joint, each in zip(joints, sinusoids):
         _check_demand(f'controller.reference.{joint}', each, settings)
     terms = max(len(row) for row in rows[0])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -11,7 +12,7 @@ from adaptive_blf_control.arrays import checked_array, checked_number, dimension
 from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import cos_sin, jit, uncompiled
 from adaptive_blf_control.control.harmonics import extremes
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.errors import ParameterError, with_hints
 from adaptive_blf_control.parameters.guided import Guided
 
 __all__ = ['Crossfade', 'Posture', 'Reference', 'ReferencePoint', 'SmoothStart', 'SumOfSinusoids',
@@ -22,6 +23,10 @@ DEEPEST = 16  # crossfades that may be under way at once
 SHORTEST = 1e-9  # of a blend time, the step of ROS time [s]
 
 
+@functools.partial(with_hints, instead={
+    **dict.fromkeys(('q', 'y_d', 'yd', 'value'), 'position is y_d'),
+    **dict.fromkeys(('qd', 'yd_dot', 'rate'), 'velocity is its derivative'),
+    **dict.fromkeys(('qdd', 'yd_ddot'), 'acceleration is its second derivative')})
 class ReferencePoint(NamedTuple):
     """Reference at one instant: position [rad], velocity [rad/s], acceleration [rad/s²], (n,)."""
 

@@ -130,8 +130,9 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         **dict.fromkeys(('theta =', 'estimate ='),
                         'Identifier(arm, initial_estimate=...) starts from a given one'),
         'load': "Identifier(arm, initial_estimate='theta.yaml') starts from what was saved",
-        'save': 'identify(log, arm=...).save(path) writes what initial_estimate=path reads; '
-                'estimate is a dictionary by name'}):
+        'save': 'estimate is a dictionary by name, which json.dump writes and '
+                'Identifier(arm, initial_estimate=...) takes; identify(log, arm=...).save(path) '
+                'writes a file that initial_estimate=path reads'}):
     """Torque filter, history stack and update law joined: (12)-(18), Algorithm 1, (37).
 
     :meth:`update` takes one sample, :meth:`learn` a whole log; then ``estimate`` has θ̂ by name,

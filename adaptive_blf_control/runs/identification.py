@@ -149,6 +149,10 @@ class Identification(Learned, instead=_NOT_THERE):
     def urdf(self, path: str | os.PathLike[str] | None = None) -> ExportedUrdf:
         """Return the URDF with the values of the consistent model; its ``xml`` is the text.
 
+        It does not predict the same torques where ``missing`` is not empty: a URDF has no place
+        for the inertia of rotors, constant torques and square-root friction; `consistent` has
+        them.
+
         Args:
             path: A file that ends in ``.urdf`` or ``.xml``, which the text is written to as well;
                 replaced if it exists.
@@ -158,7 +162,8 @@ class Identification(Learned, instead=_NOT_THERE):
             ParameterError: the path ends otherwise or cannot be written.
         """
         model = self.consistent
-        exported = export_urdf(self.arm, model.theta, model.inertial)  # type: ignore[arg-type]
+        exported = export_urdf(self.arm, model.theta, model.inertial,  # type: ignore[arg-type]
+                               model.rotor)
         if path is not None:
             target = Path(path) if isinstance(path, (str, os.PathLike)) else Path()
             if target.suffix.lower() not in ('.urdf', '.xml'):

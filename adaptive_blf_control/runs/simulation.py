@@ -140,6 +140,9 @@ class Simulation(Trace, Learned, instead=_NOT_THERE):
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the arrays with the names of joints and parameters; ``numpy.load`` reads them.
 
+        ``tau`` is the measured mean torque of the interval before, which `read_log` takes;
+        ``torque`` the command from there on.
+
         Args:
             path: A file that ends in ``.npz``; replaced if it exists.
 
@@ -148,7 +151,7 @@ class Simulation(Trace, Learned, instead=_NOT_THERE):
         """
         return save_arrays(path, {
             'joints': np.array(self.joints), 'parameters': np.array(self.parameters),
-            **{name: getattr(self, name) for name in (
+            'tau': self.measured.torque, **{name: getattr(self, name) for name in (
                 't', 'q', 'qd', 'e1', 'reference', 'torque', 'theta_hat', 'rank', 'sigma_min')}})
 
     @functools.cached_property

@@ -67,3 +67,8 @@ def test_without_it_nothing_is_as_if_it_were_there():
         spatial_arm(rotor_inertia=False, rotor=0.1)
     with pytest.raises(ParameterError, match='rotor'):
         spatial_arm(URDF, rotor=-0.1)
+
+
+def test_what_is_learned_and_its_nominal_value_are_two_arguments():
+    with pytest.raises(ParameterError, match='friction_viscous=True says that it is learned'):
+        spatial_arm(viscous=True)

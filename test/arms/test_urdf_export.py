@@ -104,3 +104,10 @@ def test_an_impossible_body_is_refused_by_name(arm, theta, inertial):
     broken[1, 9] = 5.0
     with pytest.raises(ArmError, match="'lift' are not physically consistent"):
         export_urdf(arm, theta, broken)
+
+
+def test_what_a_urdf_has_no_place_for_has_every_rotor_of_the_model(arm, theta, inertial):
+    rotor = np.array([1.4, 0.0, 0.2])
+    missing = export_urdf(arm, theta, inertial, rotor).missing
+    assert {name: value for name, value in missing.items() if name.startswith('Ia_')} == {
+        f'Ia_{arm.joints[0]}': 1.4, f'Ia_{arm.joints[2]}': 0.2}

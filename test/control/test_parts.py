@@ -40,3 +40,14 @@ def test_a_trajectory_beyond_the_limits_of_the_reference_is_refused_with_joint_a
     with pytest.raises(ParameterError, match=r"57\.74 rad/s² of joint 'joint2'"):
         way_through([(0.316227766, goal)], controller, 0.0)
     way_through([(1.0, goal)], controller, 0.0)
+
+
+def test_one_phase_is_that_of_all_sinusoids_of_a_joint():
+    swing = {'amplitude': [0.3, 0.1], 'frequency': [2.0, 3.0]}
+    one, each = (controller_parts(_settings(reference={'joint1': {**swing, 'phase': phase}}),
+                                  JOINTS).reference.at(0.7) for phase in ([0.4], [0.4, 0.4]))
+    np.testing.assert_array_equal(one, each)
+    for change, said in (({'frequency': [1.0] * 3}, '2 of amplitude, 3 of frequency, 1 of phase'),
+                         ({'amplitude': [0.3]}, '1 of amplitude, 2 of frequency, 1 of phase')):
+        with pytest.raises(ParameterError, match=said):
+            controller_parts(_settings(reference={'joint1': {**swing, **change}}), JOINTS)
