@@ -436,7 +436,7 @@ def test_a_regressor_of_another_shape_is_refused_where_an_arm_is_taken(method):
         with pytest.raises(door.ArmError, match=rf'Flat.{method} gives shape \(1,\): .*\(1, 1\)'):
             call(flat)
     listed = type('Flat', (Massless,), {method: lambda self, *state: [[0.0]]})()
-    with pytest.raises(door.ArmError, match=rf'Flat.{method} gives \[\[0.0\]\]: expected a numpy arr'):
+    with pytest.raises(door.ArmError, match=rf'Flat.{method} gives \[\[0.0\]\]: expected a num'):
         door.Identifier(listed)
 
 
