@@ -45,13 +45,12 @@ def _reference(settings: ReferenceSettings, joints: tuple[str, ...]) -> Referenc
     for i, joint in enumerate(joints):
         given = {field: len(column[i]) for field, column in zip(_FIELDS, rows)}
         terms = given['amplitude']
-        if any(length not in (1, terms) for length in given.values()):
+        if given['frequency'] != terms or given['phase'] not in (1, terms):
             said = ', '.join(f'{length} of {field}' for field, length in given.items())
             raise ParameterError(f'controller.reference.{joint}', sinusoids[i],
                                  'amplitude, frequency and phase of the same length, or one '
-                                 f'frequency or phase for all, not {said}')
-        for column in rows:
-            column[i] = np.resize(column[i], terms)
+                                 f'phase for all, not {said}')
+        rows[-1][i] = np.resize(rows[-1][i], terms)
     for joint, each in zip(joints, sinusoids):
         _check_demand(f'controller.reference.{joint}', each, settings)
     terms = max(len(row) for row in rows[0])

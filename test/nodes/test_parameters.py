@@ -129,7 +129,7 @@ REFUSED = [  # kind, given, what the message has to hold
     ('controller', {'joints': ['elbow', 'elbow']}, ['joints', "['elbow', 'elbow']", 'distinct']),
     ('controller', {'joints': ['a', 'b', 'c']}, ['two joints', "['a', 'b', 'c']"]),
     ('controller', {'reference.joint1.amplitude': [1.0, 2.0]},
-     ['reference.joint1', '[2, 1, 1]', 'same length']),
+     ['reference.joint1', '2 of amplitude, 1 of frequency', 'same length']),
     ('controller', {'reference.joint3.offset': 0.0}, ['reference.joint3.offset',
                                                       'no such parameter']),
     ('controller', {'performance.lower': [0.1]}, ['performance', '0.1', 'lower < 0 < upper']),
