@@ -576,7 +576,8 @@ class Controller(Guided, settings=ControllerSettings,
                            SmoothStart(from_time(self.reference, np.inf), 1.0, start),
                            self._given_law if isinstance(self._given_law, type) else None,
                            self._given_constraints)
-        output = trial.update(0.5, start, np.zeros(self.arm.n), theta)
+        for t in (0.5, 0.501):  # what leads a reference begins with the second sample
+            output = trial.update(t, start, np.zeros(self.arm.n), theta)
         trial.lyapunov(output, theta)
         trial.margins(output)
 

@@ -29,7 +29,7 @@ from adaptive_blf_control.arms.regressors import law_regressor
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.linear_algebra import inverse, matrix_product, product
 
-__all__ = ['acceleration_error', 'Model', 'model_inverses', 'Posture']
+__all__ = ['acceleration_error', 'Model', 'model_inverses', 'no_posture', 'Posture']
 
 
 class Model(NamedTuple):
@@ -68,6 +68,12 @@ class Posture(NamedTuple):
     compliance: np.ndarray
     middle: np.ndarray
     radius: np.ndarray
+
+
+def no_posture(n: int) -> Posture:
+    """Return what stands for no posture of ``n`` joints where compiled functions ask for one."""
+    none = np.zeros((n, n))
+    return Posture(none, np.zeros(n), none, none, none)
 
 
 @jit

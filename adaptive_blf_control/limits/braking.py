@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.regressors import arrays_of, law_regressor
+from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 
@@ -32,17 +34,36 @@ class Resting(NamedTuple):
     unexplained: np.ndarray
     limit: np.ndarray
 
-    def shares(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what is left of the limit in a posture, (n,), and what 1 rad/s² takes, (n, n)."""
-        rest = np.zeros_like(q)
-        still = self.arm.X(q, rest, rest, rest)
-        parts = [self.arm.X(q, rest, rest, axis) - still for axis in np.eye(q.size)]
-        left = self.limit - self._largest(still) - self.unexplained
-        return left, np.column_stack([self._largest(part) for part in parts])
+    def shares(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what is left of the limit in postures, and what 1 rad/s² of each joint takes.
 
-    def _largest(self, rows: np.ndarray) -> np.ndarray:
-        """Return the largest torque of the set, (n, m) → (n,) [N·m]."""
-        return np.abs(rows @ self.parameters.centre) + self.parameters.support(rows)
+        Args:
+            postures: Shape (P, n) [rad].
+
+        Returns:
+            Shapes (P, n) and (P, n, n) [N·m].
+        """
+        rows = _rows_at_rest(arrays_of(self.arm), postures)
+        largest = np.abs(rows @ self.parameters.centre) + self.parameters.support(
+            rows.reshape(-1, rows.shape[-1])).reshape(rows.shape[:-1])
+        return (self.limit - largest[:, 0] - self.unexplained,
+                np.swapaxes(largest[:, 1:], 1, 2))
+
+
+@jit
+def _rows_at_rest(arm: Any, postures: np.ndarray) -> np.ndarray:
+    """Return the rows of gravity, and of 1 rad/s² of each joint in turn, (P, 1 + n, n, m)."""
+    count, n = postures.shape
+    rest, axis = np.zeros(n), np.zeros(n)
+    first = law_regressor(arm, postures[0], rest, rest, rest)
+    rows = np.empty((count, 1 + n, n, first.shape[1]))
+    for k in range(count):
+        rows[k, 0] = law_regressor(arm, postures[k], rest, rest, rest)
+        for j in range(n):
+            axis[j] = 1.0
+            rows[k, 1 + j] = law_regressor(arm, postures[k], rest, rest, axis) - rows[k, 0]
+            axis[j] = 0.0
+    return rows
 
 
 def checked_braking(resting: Resting, braking: np.ndarray, lower: np.ndarray,
@@ -62,8 +83,7 @@ def checked_braking(resting: Resting, braking: np.ndarray, lower: np.ndarray,
     """
     reach = np.clip(np.array([lower, upper]), -np.pi, np.pi)
     postures = np.random.default_rng(0).uniform(reach[0], reach[1], (POSTURES, lower.size))
-    rows = [resting.shares(q) for q in postures]
-    left, cost = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+    left, cost = resting.shares(postures)
     _refuse(left, postures, 'torque_limit', resting.limit, 'at least what holds the arm')
     if not (braking > 0.0).all():
         unit = resting.limit / cost.sum(axis=2).max(axis=0)

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a sample of the safety filter is before anything is solved, and what a stop leaves free."""
+"""A sample of the safety filter: its model in a posture, and what a stop after it leaves free."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.chain import Chain
 from adaptive_blf_control.arms.mass_and_bias import mass_and_bias
-from adaptive_blf_control.compiled import Handle, jit
+from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.limits.acceleration_error import (
     acceleration_error,
     model_inverses,
@@ -23,16 +23,10 @@ from adaptive_blf_control.limits.stop_path import (
     stop_clearances,
     stop_path,
 )
-from adaptive_blf_control.limits.viability import acceleration_bounds
 from adaptive_blf_control.linear_algebra import inverse, product
 
-__all__ = ['BIAS', 'clear', 'ERROR', 'JointLimits', 'left_free', 'Look', 'looked_at', 'LOWER',
-           'passes', 'PLACE', 'RESERVE', 'reserve_of', 'Scene', 'SPEED', 'stopped', 'UPPER',
-           'WANTED']
-
-BIAS, WANTED, LOWER, UPPER, ERROR, RESERVE, PLACE, SPEED = range(8)
-"""Rows of `Look.values`: h_c [N·m], a_w, a̲, a̅ and e of a_w within these [rad/s²], the reserve as
-in `Report` [N·m], positions [rad] and velocities [rad/s] after the sample."""
+__all__ = ['clear', 'FilterParts', 'JointLimits', 'left_free', 'Moment', 'passes', 'posture_of',
+           'reserve_of', 'Room', 'Scene', 'Stop', 'stopped']
 
 
 class JointLimits(NamedTuple):
@@ -68,116 +62,133 @@ class Scene(NamedTuple):
     pairs: np.ndarray
 
 
+class FilterParts(NamedTuple):
+    """A safety filter, or what leads a reference round obstacles.
+
+    Attributes:
+        model: Handle of the arm with the set of its parameters, see `Model`.
+        scene: Handle of spheres and obstacles, see `Scene`.
+        limits: Of the joints.
+        exact: Whether an acceleration is exactly what it is told to be, as that of a reference.
+        given: Matrices in place of the model's where it is.
+    """
+
+    model: Any
+    scene: Any
+    limits: JointLimits
+    exact: bool
+    given: Posture
+
+
+class Moment(NamedTuple):
+    """A state, and which torques are held for how long after it.
+
+    Attributes:
+        q: Positions, shape (n,) [rad].
+        qd: Velocities, shape (n,) [rad/s].
+        least: τ̲, shape (n,) [N·m].
+        most: τ̅, shape (n,) [N·m].
+        period: h [s].
+    """
+
+    q: np.ndarray
+    qd: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    period: float
+
+
+class Stop(NamedTuple):
+    """Where the joints are on a stop.
+
+    Attributes:
+        position: At the begin of a sample, shape (n,) [rad].
+        velocity: Likewise, shape (n,) [rad/s].
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+
+
+class Room(NamedTuple):
+    """What a stop leaves free of the p pairs that may come close, see `stop_clearances`.
+
+    Attributes:
+        found: Least clearance until all joints stand, shape (p,) [m].
+        before: The same on the stop that is left, shape (p,) [m].
+        now: Clearance now, shape (p,) [m].
+        gradients: Change of ``found`` with the acceleration, shape (p, n) [m·s²/rad].
+    """
+
+    found: np.ndarray
+    before: np.ndarray
+    now: np.ndarray
+    gradients: np.ndarray
+
+
 @jit
-def posture_of(model: Handle, q: np.ndarray, qd: np.ndarray) -> Posture:
+def posture_of(parts: FilterParts, q: np.ndarray, qd: np.ndarray) -> Posture:
     """Return the matrices of the model in a state, shape (n,) [rad] and [rad/s]."""
-    inertia, bias = mass_and_bias(model.value.centre, q, qd)
-    middle, radius = model_inverses(model.value, q)
+    if parts.exact:
+        given = parts.given
+        return Posture(given.inertia, given.bias, given.compliance, given.middle, given.radius)
+    model = parts.model.value
+    inertia, bias = mass_and_bias(model.centre, q, qd)
+    middle, radius = model_inverses(model, q)
     return Posture(inertia, bias, inverse(inertia), middle, radius)
 
 
 @jit
-def error_of(model: Handle, exact: bool, posture: Posture, q: np.ndarray, qd: np.ndarray,
-             a: np.ndarray, period: float) -> np.ndarray:
+def _error_of(parts: FilterParts, posture: Posture, at: Moment, a: np.ndarray) -> np.ndarray:
     """Return the bound of |a* − a| under the torque of a, shape (n,) [rad/s²]."""
-    if exact:
-        return np.zeros(q.size)
+    if parts.exact:
+        return np.zeros(a.size)
     torque = product(posture.inertia, a)
-    for i in range(q.size):
+    for i in range(a.size):
         torque[i] += posture.bias[i]
-    return acceleration_error(model.value, posture, q, qd, a, torque, period)
+    return acceleration_error(parts.model.value, posture, at.q, at.qd, a, torque, at.period)
 
 
 @jit
-def clear(scene: Handle, q: np.ndarray, qd: np.ndarray, a: np.ndarray, error: np.ndarray,
-          limits: JointLimits, period: float, found: np.ndarray, now: np.ndarray,
-          gradients: np.ndarray) -> None:
+def clear(parts: FilterParts, at: Moment, a: np.ndarray, error: np.ndarray, room: Room) -> None:
     """Write `stop_clearances` of the `stop_path` after a."""
-    parts = scene.value
-    held = held_by_limits(q, qd, a, error, limits.lower, limits.upper, limits.speed,
-                          limits.braking, period)
-    path = stop_path(qd, a, error, limits.braking, period, held)
-    stop_clearances(parts.chain, parts.spheres, parts.obstacles, parts.pairs, q, path, found, now,
-                    gradients)
+    limits, scene = parts.limits, parts.scene.value
+    held = held_by_limits(at.q, at.qd, a, error, limits.lower, limits.upper, limits.speed,
+                          limits.braking, at.period)
+    path = stop_path(at.qd, a, error, limits.braking, at.period, held)
+    stop_clearances(scene.chain, scene.spheres, scene.obstacles, scene.pairs, at.q, path,
+                    room.found, room.now, room.gradients)
 
 
 @jit
-def left_free(model: Handle, scene: Handle, exact: bool, posture: Posture, limits: JointLimits,
-              period: float, q: np.ndarray, qd: np.ndarray, a: np.ndarray, found: np.ndarray,
-              now: np.ndarray, gradients: np.ndarray) -> np.ndarray:
-    """Return `error_of` a; where there are pairs, write what the stop after a leaves free."""
-    error = error_of(model, exact, posture, q, qd, a, period)
-    if found.size:
-        clear(scene, q, qd, a, error, limits, period, found, now, gradients)
+def left_free(parts: FilterParts, posture: Posture, at: Moment, a: np.ndarray,
+              room: Room) -> np.ndarray:
+    """Return the bound of |a* − a|, (n,); where there are pairs, write what a stop leaves free."""
+    error = _error_of(parts, posture, at, a)
+    if room.found.size:
+        clear(parts, at, a, error, room)
     return error
 
 
 @jit
-def stopped(model: Handle, scene: Handle, exact: bool, posture: Posture, limits: JointLimits,
-            period: float, q: np.ndarray, qd: np.ndarray, onwards: np.ndarray,
-            place: np.ndarray, speed: np.ndarray, found: np.ndarray, now: np.ndarray,
-            gradients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the acceleration that keeps a stop, and `error_of` it; write as `left_free`."""
-    error = error_of(model, exact, posture, q, qd, onwards, period)
-    brake = kept_to(onwards, place, speed, q, qd, error, period)
-    clear(scene, q, qd, brake, error, limits, period, found, now, gradients)
+def stopped(parts: FilterParts, posture: Posture, at: Moment, onwards: np.ndarray, stop: Stop,
+            room: Room) -> tuple[np.ndarray, np.ndarray]:
+    """Return the acceleration that keeps to a stop, and the bound of how far the arm's is off it.
+
+    Both of shape (n,) [rad/s²]; what that leaves free is written.
+
+    Args:
+        parts: The filter.
+        posture: Matrices of the model.
+        at: State and period.
+        onwards: Acceleration on the stop in this sample, shape (n,) [rad/s²].
+        stop: Where the joints are on it.
+        room: Is written.
+    """
+    error = _error_of(parts, posture, at, onwards)
+    brake = kept_to(onwards, stop.position, stop.velocity, at.q, at.qd, error, at.period)
+    clear(parts, at, brake, error, room)
     return brake, error
-
-
-class Look(NamedTuple):
-    """A sample before anything is solved.
-
-    Attributes:
-        values: See `Row`, shape (8, n).
-        matrices: M_c, M_c⁻¹, N and R of `Posture`, shape (4, n, n).
-        passes: Whether a_w keeps the rows of the joints, and its torque the box.
-        near: Smallest clearance now [m]; inf without pairs.
-        free: Smallest clearance of a stop after a_w within the bounds [m]; inf without pairs.
-    """
-
-    values: np.ndarray
-    matrices: np.ndarray
-    passes: bool
-    near: float
-    free: float
-
-    @property
-    def posture(self) -> Posture:
-        """Matrices of the model."""
-        return Posture(self.matrices[0], self.values[BIAS], *self.matrices[1:])
-
-
-@jit
-def looked_at(model: Handle, scene: Handle, exact: bool, given: Posture, limits: JointLimits,
-              period: float, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
-              least: np.ndarray, most: np.ndarray, found: np.ndarray, now: np.ndarray,
-              gradients: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool, float, float]:
-    """Return the fields of `Look`; write as `left_free`.
-
-    All in one call, and in few arrays: each costs a call from Python a microsecond.
-    """
-    n = q.size
-    posture = given if exact else posture_of(model, q, qd)
-    values, matrices = np.empty((8, n)), np.empty((4, n, n))
-    matrices[0], matrices[1] = posture.inertia, posture.compliance
-    matrices[2], matrices[3] = posture.middle, posture.radius
-    wanted = product(posture.compliance, torque - posture.bias)
-    lower, upper = acceleration_bounds(q, qd, limits.lower, limits.upper, limits.speed,
-                                       limits.braking, period)
-    a = np.minimum(np.maximum(wanted, lower), upper)
-    error = left_free(model, scene, exact, posture, limits, period, q, qd, a, found, now,
-                      gradients)
-    values[BIAS], values[WANTED], values[LOWER], values[UPPER] = posture.bias, wanted, lower, upper
-    values[ERROR] = error
-    values[RESERVE] = reserve_of(posture, limits.braking, error, least, most)
-    values[PLACE] = q + period * (qd + 0.5 * period * wanted)
-    values[SPEED] = qd + period * wanted
-    kept = (passes(wanted, lower, upper, error)
-            and passes(torque, least, most, np.zeros(n)))
-    near, free = np.inf, np.inf
-    for p in range(found.size):
-        near, free = min(near, now[p]), min(free, found[p])
-    return values, matrices, kept, near, free
 
 
 @jit

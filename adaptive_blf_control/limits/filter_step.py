@@ -17,39 +17,34 @@ and to that where nothing less does (BRAKING).
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import borrowed, Handle, jit
 from adaptive_blf_control.limits.acceleration_error import Posture
 from adaptive_blf_control.limits.filter_look import (
     clear,
-    ERROR,
-    JointLimits,
+    FilterParts,
     left_free,
-    Look,
-    looked_at,
-    LOWER,
+    Moment,
     passes,
-    PLACE,
-    RESERVE,
+    posture_of,
     reserve_of,
-    SPEED,
+    Room,
+    Stop,
     stopped,
-    UPPER,
-    WANTED,
 )
 from adaptive_blf_control.limits.quadratic_program import solve
 from adaptive_blf_control.limits.stop_path import FAR
+from adaptive_blf_control.limits.viability import acceleration_bounds
+from adaptive_blf_control.linear_algebra import product
 
-__all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'FilterParts', 'IDLE', 'narrowed', 'Report',
-           'SOFTENED', 'Stop']
+__all__ = ['ACTIVE', 'BRAKING', 'filter_step', 'IDLE', 'narrowed', 'Report', 'SOFTENED']
 
 IDLE, ACTIVE, BRAKING, SOFTENED = 0, 1, 2, 3
 ROUNDS = 4  # solutions, each with the bound of the error of the one before
-PARTS = (0.7, 0.4, 0.2, 0.1, 0.05, 0.0)  # of the way from braking to a solution
+PARTS = (0.7, 0.4, 0.2, 0.1, 0.05)  # of the way from braking to a solution
 GAMMA = 0.05  # γ, part of the free way that a sample may use up
 BUFFER = 1e-4  # β, what no sample uses up: for the curvature of b, which the rows leave out [m]
 ROUNDING = 1e-9  # of a clearance [m]
@@ -57,64 +52,6 @@ NEEDED = (1.0 - GAMMA) * FAR + GAMMA * BUFFER  # no stop has to be freer than th
 NEAREST = 8  # rows of obstacles at a time
 SOFT = 1e-6  # softness of a row that gives way, in units of its own curvature
 SLACK = 1e-9  # growth of the bound of the error that counts as none [rad/s²]
-
-
-class FilterParts(NamedTuple):
-    """A safety filter.
-
-    Attributes:
-        model: Handle of the arm with the set of its parameters, see `Model`.
-        scene: Handle of spheres and obstacles, see `Scene`.
-        pairs: Number of pairs that may come close.
-        limits: Of the joints.
-        period: Longest time that a torque is held [s].
-        exact: Matrices of a motion whose acceleration is exactly what it is told, in place of
-            the model; None for an arm.
-    """
-
-    model: Any
-    scene: Any
-    pairs: int
-    limits: JointLimits
-    period: float
-    exact: Posture | None = None
-
-
-class Stop(NamedTuple):
-    """Where the joints are on the stop that the sample before has left.
-
-    Attributes:
-        position: At the begin of this sample, shape (n,) [rad].
-        velocity: Likewise, shape (n,) [rad/s].
-    """
-
-    position: np.ndarray
-    velocity: np.ndarray
-
-    def braking(self, limits: JointLimits, period: float) -> np.ndarray:
-        """Return the acceleration of this sample on it, shape (n,) [rad/s²]."""
-        return np.minimum(np.maximum(-self.velocity / period, -limits.braking), limits.braking)
-
-    def after(self, a: np.ndarray, period: float) -> Stop:
-        """Return where the joints are after a sample with ``a``, shape (n,) [rad/s²]."""
-        return Stop(self.position + period * (self.velocity + 0.5 * period * a),
-                    self.velocity + period * a)
-
-
-class Room(NamedTuple):
-    """What a stop leaves free of the p pairs that may come close, see `stop_clearances`.
-
-    Attributes:
-        found: Least clearance until all joints stand, shape (p,) [m].
-        before: The same on the stop that is left, shape (p,) [m].
-        now: Clearance now, shape (p,) [m].
-        gradients: Change of ``found`` with the acceleration, shape (p, n) [m·s²/rad].
-    """
-
-    found: np.ndarray
-    before: np.ndarray
-    now: np.ndarray
-    gradients: np.ndarray
 
 
 class Report(NamedTuple):
@@ -142,74 +79,6 @@ class Report(NamedTuple):
     stop: Stop
 
 
-def filter_step(parts: FilterParts, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
-                least: np.ndarray, most: np.ndarray, left: Stop | None = None) -> Report:
-    """Answer a sample.
-
-    Args:
-        parts: The filter.
-        q: Positions, shape (n,) [rad].
-        qd: Velocities, shape (n,) [rad/s].
-        torque: Wanted, shape (n,) [N·m].
-        least: τ̲, shape (n,) [N·m].
-        most: τ̅, shape (n,) [N·m].
-        left: The stop that the sample before has left; None where there was none.
-    """
-    limits, period = parts.limits, parts.period
-    room = _room(parts, q.size)
-    given = parts.exact or _no_posture(q.size)
-    look = Look(*looked_at(parts.model, parts.scene, parts.exact is not None, given, limits,
-                           period, q, qd, torque, least, most, room.found, room.now,
-                           room.gradients))
-    values, idle, braked = look.values, look.passes, None
-    if room.found.size and (not idle or look.free < NEEDED):
-        found = room.found.copy()
-        braked = _braked(parts, look.posture, q, qd, Stop(q, qd) if left is None else left, room)
-        idle = idle and _uses_its_part(found, room.before)
-    if idle:
-        return Report(torque, IDLE, values[WANTED], values[ERROR], values[RESERVE], look.near,
-                      look.free, Stop(values[PLACE], values[SPEED]))
-    posture, wanted, error = look.posture, values[WANTED], values[ERROR]
-    lower, upper = values[LOWER], values[UPPER]
-    a = np.minimum(np.maximum(wanted, lower), upper)
-    if braked is not None:  # braking keeps the rows of obstacles: there they are linearised first
-        a = braked.a
-    kind, rounds = ACTIVE, 0
-    while True:
-        rounds += 1
-        a, kind = solved(posture, wanted, *narrowed(lower, upper, error), least, most, a,
-                         room, NEAREST)
-        needed = _leaves(parts, posture, q, qd, a, room)
-        growth = np.maximum(needed - error, 0.0)
-        certain = not (growth > SLACK).any()
-        # With twice the growth: what follows from the larger error is then within it.
-        error = error + 2.0 * growth
-        free = _may_go_on(room, qd, limits, period)
-        if rounds == ROUNDS or (certain and free):
-            break
-    if not certain:
-        kind = SOFTENED
-    stop = Stop(q, qd).after(a, period)
-    # Where rows of several obstacles contradict each other the stop that is left keeps all.
-    if braked is not None and (not free or kind == SOFTENED):
-        a, kind, error, stop = _backed_off(parts, posture, q, qd, a, braked, lower, upper, least,
-                                           most, room)
-    answer = posture.inertia @ a + posture.bias
-    if not np.isfinite(answer).all():  # from what is not a number; then no torque but what must be
-        answer, kind, stop = np.zeros_like(q), SOFTENED, Stop(q, np.zeros_like(q))
-    answer = np.minimum(np.maximum(answer, least), most)
-    return Report(answer, kind, a, error,
-                  reserve_of(posture, limits.braking, error, least, most),
-                  float(room.now.min(initial=np.inf)), float(room.found.min(initial=np.inf)), stop)
-
-
-@lru_cache
-def _no_posture(n: int) -> Posture:
-    """Return what stands for no posture where compiled functions ask for one."""
-    none = np.zeros((n, n))
-    return Posture(none, np.zeros(n), none, none, none)
-
-
 class Braked(NamedTuple):
     """The stop that the sample before has left.
 
@@ -224,64 +93,174 @@ class Braked(NamedTuple):
     after: Stop
 
 
-def _braked(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndarray, stop: Stop,
-            room: Room) -> Braked:
+class Answer(NamedTuple):
+    """An acceleration that is chosen.
+
+    Attributes:
+        a: Shape (n,) [rad/s²].
+        kind: As in `Report`.
+        error: Bound of how far the arm's may be from it, shape (n,) [rad/s²].
+        stop: What the next sample may fall back on.
+    """
+
+    a: np.ndarray
+    kind: int
+    error: np.ndarray
+    stop: Stop
+
+
+@jit
+def filter_step(parts: Handle, at: Moment, torque: np.ndarray, left: Stop) -> Report:
+    """Answer a sample.
+
+    Args:
+        parts: Handle of the filter, see `FilterParts`.
+        at: State, torque box and how long a torque is held.
+        torque: Wanted, shape (n,) [N·m].
+        left: Where the joints are on the stop that the sample before has left; where there was
+            none, where they are.
+    """
+    filter_: FilterParts = parts.value
+    at = borrowed(at)
+    limits, n = filter_.limits, torque.size
+    pairs = filter_.scene.value.pairs.shape[0]
+    room = Room(np.empty(pairs), np.zeros(pairs), np.empty(pairs), np.empty((pairs, n)))
+    posture = posture_of(filter_, at.q, at.qd)
+    wanted = product(posture.compliance, torque - posture.bias)
+    lower, upper = acceleration_bounds(at.q, at.qd, limits.lower, limits.upper, limits.speed,
+                                       limits.braking, at.period)
+    within = np.minimum(np.maximum(wanted, lower), upper)
+    error = left_free(filter_, posture, at, within, room)
+    near, free = _smallest(room.now), _smallest(room.found)
+    idle = (passes(wanted, lower, upper, error)
+            and passes(torque, at.least, at.most, np.zeros(n)))
+    braked = Braked(within, error, left)
+    if pairs and (not idle or free < NEEDED):
+        found = room.found.copy()
+        braked = _braked(filter_, posture, at, left, room)
+        within = braked.a  # it keeps the rows of obstacles: they are linearised there first
+        idle = idle and _uses_its_part(found, room.before)
+    if idle:
+        reserve = reserve_of(posture, limits.braking, error, at.least, at.most)
+        return Report(torque.copy(), IDLE, wanted, error, reserve, near, free,
+                      _after(at.q, at.qd, wanted, at.period))
+    answer = _chosen(filter_, posture, at, wanted, lower, upper, error, within, braked, room)
+    return _commanded(posture, limits.braking, at, answer, room)
+
+
+@jit
+def _commanded(posture: Posture, braking: np.ndarray, at: Moment, answer: Answer,
+               room: Room) -> Report:
+    """Return the torque of an answer, within the box whatever the answer is."""
+    given, kind, stop = product(posture.inertia, answer.a) + posture.bias, answer.kind, answer.stop
+    if not np.isfinite(given).all():  # from what is not a number; then no torque but what must be
+        given, kind, stop = np.zeros_like(given), SOFTENED, Stop(at.q.copy(), np.zeros_like(given))
+    given = np.minimum(np.maximum(given, at.least), at.most)
+    return Report(given, kind, answer.a, answer.error,
+                  reserve_of(posture, braking, answer.error, at.least, at.most),
+                  _smallest(room.now), _smallest(room.found), stop)
+
+
+@jit
+def _chosen(parts: FilterParts, posture: Posture, at: Moment, wanted: np.ndarray,
+            lower: np.ndarray, upper: np.ndarray, error: np.ndarray, a: np.ndarray,
+            braked: Braked, room: Room) -> Answer:
+    """Return the acceleration nearest to the wanted one after which a stop is free.
+
+    Args:
+        parts: The filter.
+        posture: Matrices of the model.
+        at: State and torque box.
+        wanted: a_w, shape (n,) [rad/s²].
+        lower: a̲, shape (n,) [rad/s²].
+        upper: a̅, shape (n,) [rad/s²].
+        error: e of ``a``, shape (n,) [rad/s²].
+        a: Where the rows of obstacles are linearised first, shape (n,) [rad/s²].
+        braked: The stop that is left.
+        room: At ``a``.
+    """
+    kind, certain, free = ACTIVE, False, False
+    for _ in range(ROUNDS):
+        low, high = narrowed(lower, upper, error)
+        a, kind = solved(posture, wanted, low, high, at.least, at.most, a, room, NEAREST)
+        needed = left_free(parts, posture, at, a, room)
+        growth = np.maximum(needed - error, 0.0)
+        certain = not (growth > SLACK).any()
+        # With twice the growth: what follows from the larger error is then within it.
+        error = error + 2.0 * growth
+        free = _may_go_on(room, at, parts.limits.braking)
+        if certain and free:
+            break
+    if not certain:
+        kind = SOFTENED
+    # Where rows of several obstacles contradict each other the stop that is left keeps all.
+    if room.found.size and (not free or kind == SOFTENED):
+        return _backed_off(parts, posture, at, a, braked, lower, upper, room)
+    return Answer(a, kind, error, _after(at.q, at.qd, a, at.period))
+
+
+@jit
+def _braked(parts: FilterParts, posture: Posture, at: Moment, stop: Stop, room: Room) -> Braked:
     """Return the stop that is left; what it leaves free is `Room.before`, and in ``room``."""
-    onwards = stop.braking(parts.limits, parts.period)
-    brake, error = stopped(parts.model, parts.scene, parts.exact is not None, posture,
-                           parts.limits, parts.period, q, qd, onwards, stop.position,
-                           stop.velocity, room.found, room.now, room.gradients)
+    hardest, period = parts.limits.braking, at.period
+    onwards = np.minimum(np.maximum(-stop.velocity / period, -hardest), hardest)
+    brake, error = stopped(parts, posture, at, onwards, stop, room)
     room.before[:] = room.found
-    return Braked(brake, error, stop.after(onwards, parts.period))
+    return Braked(brake, error, _after(stop.position, stop.velocity, onwards, period))
 
 
-def _may_go_on(room: Room, qd: np.ndarray, limits: JointLimits, period: float) -> bool:
+@jit
+def _after(q: np.ndarray, qd: np.ndarray, a: np.ndarray, period: float) -> Stop:
+    """Return where the joints are after a sample with a, shape (n,) [rad/s²]."""
+    return Stop(q + period * (qd + 0.5 * period * a), qd + period * a)
+
+
+@jit
+def _smallest(values: np.ndarray) -> float:
+    """Return the smallest value, inf of none."""
+    least = np.inf
+    for p in range(values.size):
+        least = min(least, values[p])
+    return least
+
+
+@jit
+def _may_go_on(room: Room, at: Moment, braking: np.ndarray) -> bool:
     """Return whether all of a stop is free.
 
     An arm that stands closer than that already may go where it does not come closer still.
     """
-    if (np.abs(qd) <= 2.0 * period * limits.braking).all():
-        return bool((room.found >= np.minimum(room.before - ROUNDING, 0.0)).all())
-    return bool((room.found >= 0.0).all())
+    stands, free = True, True
+    for j in range(braking.size):
+        stands = stands and abs(at.qd[j]) <= 2.0 * at.period * braking[j]
+    for p in range(room.found.size):
+        needed = min(room.before[p] - ROUNDING, 0.0) if stands else 0.0
+        free = free and room.found[p] >= needed
+    return free
 
 
-def _backed_off(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndarray,
-                a: np.ndarray, braked: Braked, lower: np.ndarray, upper: np.ndarray,
-                least: np.ndarray, most: np.ndarray, room: Room,
-                ) -> tuple[np.ndarray, int, np.ndarray, Stop]:
+@jit
+def _backed_off(parts: FilterParts, posture: Posture, at: Moment, a: np.ndarray, braked: Braked,
+                lower: np.ndarray, upper: np.ndarray, room: Room) -> Answer:
     """Return what is as far from the stop that is left towards ``a`` as leaves a stop free."""
-    period = parts.period
     low, high = narrowed(lower, upper, braked.error)
     brake = np.minimum(np.maximum(braked.a, low), high)
-    tight, solution = np.full_like(q, SLACK), ACTIVE
-    if not passes(posture.inertia @ brake + posture.bias, least, most, np.zeros_like(q)):
-        brake, solution = solved(posture, brake, brake - tight, brake + tight, least, most, brake,
-                                 room, 0)
-    for part in PARTS[:-1]:
+    solution = ACTIVE
+    if not passes(product(posture.inertia, brake) + posture.bias, at.least, at.most,
+                  np.zeros(brake.size)):
+        brake, solution = solved(posture, brake, brake - SLACK, brake + SLACK, at.least, at.most,
+                                 brake, room, 0)
+    for part in PARTS:
         tried = brake + part * (a - brake)
-        needed = _leaves(parts, posture, q, qd, tried, room)
-        if _may_go_on(room, qd, parts.limits, period) and passes(tried, lower, upper, needed):
-            return tried, solution, needed, Stop(q, qd).after(tried, period)
-    if room.found.size:
-        clear(parts.scene, q, qd, brake, braked.error, parts.limits, period, room.found, room.now,
-              room.gradients)
-    return (brake, BRAKING if solution == ACTIVE else SOFTENED, braked.error, braked.after)
+        needed = left_free(parts, posture, at, tried, room)
+        if (_may_go_on(room, at, parts.limits.braking)
+                and passes(tried, lower, upper, needed)):
+            return Answer(tried, solution, needed, _after(at.q, at.qd, tried, at.period))
+    clear(parts, at, brake, braked.error, room)
+    return Answer(brake, BRAKING if solution == ACTIVE else SOFTENED, braked.error, braked.after)
 
 
-def _room(parts: FilterParts, n: int) -> Room:
-    count = parts.pairs
-    return Room(np.empty(count), np.zeros(count), np.empty(count), np.empty((count, n)))
-
-
-def _leaves(parts: FilterParts, posture: Posture, q: np.ndarray, qd: np.ndarray, a: np.ndarray,
-            room: Room) -> np.ndarray:
-    """Write what a stop after a leaves free, and its change with a; return `error_of` a."""
-    error: np.ndarray = left_free(parts.model, parts.scene, parts.exact is not None, posture,
-                                  parts.limits, parts.period, q, qd, a, room.found, room.now,
-                                  room.gradients)
-    return error
-
-
+@jit
 def narrowed(lower: np.ndarray, upper: np.ndarray,
              error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the bounds less the error; their mean where they cross."""

@@ -12,18 +12,19 @@ does.
 from __future__ import annotations
 
 import copy
-from typing import Any, NamedTuple
+import math
+from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import handle
+from adaptive_blf_control.compiled import Handle, handle, jit
 from adaptive_blf_control.control.reference import full_range, Reference, ReferencePoint
 from adaptive_blf_control.control.safety_filter import Governed
 from adaptive_blf_control.control.sets import Bounds, TOLERANCE
 from adaptive_blf_control.limits.acceleration_error import Posture
 from adaptive_blf_control.limits.evasion import evading, without_moving
-from adaptive_blf_control.limits.filter_look import Scene
-from adaptive_blf_control.limits.filter_step import filter_step, FilterParts, Stop
+from adaptive_blf_control.limits.filter_look import FilterParts, Moment, Scene, Stop
+from adaptive_blf_control.limits.filter_step import filter_step
 from adaptive_blf_control.limits.pace import NEAR, NEARER, Pace, slowed
 
 __all__ = ['Deflection', 'Governor', 'SPEED_PART']
@@ -33,6 +34,7 @@ HARDEST = 4.0  # how far its acceleration may be from the path's, in units of th
 FAR, FARTHER = 0.3, 0.6  # distances from the path between which it waits [rad]
 COMING = 1.0  # velocity towards the path from which on it waits for all it may [rad/s]
 LEAST = 0.6  # of its rate that the path keeps while it waits
+LONGEST_STEP = 0.02  # of the deflection, which is a spring of 10 rad/s with a damper [s]
 SPEED_PART = 0.95  # of the largest velocity; more than the path has, so that it catches up
 
 
@@ -48,16 +50,17 @@ class Deflection:
         """Begin on the path."""
         n = begin.position.size
         unit, none = np.eye(n), np.zeros((n, n))
-        self._parts = parts._replace(exact=Posture(unit, np.zeros(n), unit, unit, none))
+        self._exact = parts._replace(exact=True,
+                                     given=Posture(unit, np.zeros(n), unit, unit, none))
         self._hardest = HARDEST * parts.limits.braking
-        self._left: Stop | None = None
-        self._coming: Any = None
         self.position, self.velocity = begin.position.copy(), begin.velocity.copy()
+        self._stop = Stop(self.position, self.velocity)
+        self.look(parts.scene, None)
 
-    def look(self, scene: Any, coming: Any, pairs: int) -> None:
+    def look(self, scene: Handle, coming: Handle | None) -> None:
         """Take another scene, see `Governor.look`."""
-        self._parts = self._parts._replace(scene=scene, pairs=pairs)
-        self._coming = coming
+        self._parts = handle(self._exact._replace(scene=scene))
+        self._comes, self._coming = coming is not None, coming or scene
 
     def awaited(self, path: ReferencePoint) -> float:
         """Return how much the path is to wait for it, from 0 to 1.
@@ -66,10 +69,10 @@ class Deflection:
         is not further on.
         """
         way = path.position - self.position
-        joint = int(np.argmax(np.abs(way)))
+        joint = int(np.abs(way).argmax())
         off, coming = abs(way[joint]), np.sign(way[joint]) * self.velocity[joint]
-        wait = np.clip((off - FAR) / (FARTHER - FAR), 0.0, 1.0 - LEAST)
-        return float(wait * np.clip(coming / COMING, 0.0, 1.0))
+        wait = min(max((off - FAR) / (FARTHER - FAR), 0.0), 1.0 - LEAST)
+        return float(wait * min(max(coming / COMING, 0.0), 1.0))
 
     def advance(self, dt: float, path: ReferencePoint, part: float) -> ReferencePoint:
         """Go on for a sample after which the path is at ``path``; return where it is then.
@@ -79,21 +82,51 @@ class Deflection:
             path: The path.
             part: How much of what leads to the path counts, from 0 to 1; the rest comes to rest.
         """
-        pull = (path.acceleration + DAMPING * (path.velocity - self.velocity)
-                + STIFFNESS * (path.position - self.position))
-        if part < 1.0:
-            pull = part * pull - (1.0 - part) * DAMPING * self.velocity
-        least = np.minimum(path.acceleration, 0.0) - self._hardest
-        most = np.maximum(path.acceleration, 0.0) + self._hardest
-        wanted = np.clip(pull, least, most)
-        if self._coming is not None:
-            wanted = evading(self._coming, self.position, self.velocity, wanted, least, most)
-        report = filter_step(self._parts, self.position, self.velocity, wanted, least, most,
-                             self._left)
-        self._left = report.stop
-        self.position = self.position + dt * self.velocity + 0.5 * dt * dt * report.acceleration
-        self.velocity = self.velocity + dt * report.acceleration
-        return ReferencePoint(self.position, self.velocity, report.acceleration)
+        steps = max(math.ceil(dt / LONGEST_STEP), 1)
+        for _ in range(steps):
+            self.position, self.velocity, acceleration, self._stop = _drawn(
+                self._parts, self._coming, self._comes, path, part, self._hardest, dt / steps,
+                Stop(self.position, self.velocity), self._stop)
+        return ReferencePoint(self.position, self.velocity, acceleration)
+
+
+@jit
+def _drawn(parts: Handle, coming: Handle, comes: bool, path: ReferencePoint, part: float,
+           hardest: np.ndarray, dt: float, now: Stop, left: Stop,
+           ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Stop]:
+    """Draw a reference to its path for one step.
+
+    The program knows how long the step is, however late the sample was: a stop is still free
+    after it.
+
+    Args:
+        parts: Handle of what the reference has to keep, see `FilterParts`.
+        coming: Handle of the scene with what moves in it, see `evading`.
+        comes: Whether anything does.
+        path: Where the path is after the step.
+        part: See `Deflection.advance`.
+        hardest: How far the acceleration may be from the path's, shape (n,) [rad/s²].
+        dt: Length of the step [s].
+        now: Where the reference is.
+        left: Where it is on the stop that the step before has left.
+
+    Returns:
+        Position, velocity and acceleration after it, each (n,), and the stop that is left.
+    """
+    y, yd = now.position, now.velocity
+    wanted, least, most = np.empty(y.size), np.empty(y.size), np.empty(y.size)
+    for j in range(y.size):
+        pull = (path.acceleration[j] + DAMPING * (path.velocity[j] - yd[j])
+                + STIFFNESS * (path.position[j] - y[j]))
+        pull = part * pull - (1.0 - part) * DAMPING * yd[j]
+        least[j] = min(path.acceleration[j], 0.0) - hardest[j]
+        most[j] = max(path.acceleration[j], 0.0) + hardest[j]
+        wanted[j] = min(max(pull, least[j]), most[j])
+    if comes:
+        wanted = evading(coming, y, yd, wanted, least, most)
+    report = filter_step(parts, Moment(y, yd, least, most, dt), wanted, left)
+    a = report.acceleration
+    return y + dt * (yd + 0.5 * dt * a), yd + dt * a, a, report.stop
 
 
 class Governor:
@@ -107,7 +140,7 @@ class Governor:
         self._last: _Last | None = None
         self._off = 0.0
         self._waits = False
-        self._coming: Any = None
+        self._coming: Handle | None = None
         self._of: Reference | None = None
         self._beyond = False
 
@@ -118,11 +151,11 @@ class Governor:
         stop leaves an arm that an obstacle comes to no way but to stand.
         """
         still = without_moving(scene)
-        self._parts = self._parts._replace(scene=handle(still), pairs=len(still.pairs))
+        self._parts = self._parts._replace(scene=handle(still))
         self._coming = handle(scene) if len(still.pairs) < len(scene.pairs) else None
         self._waits = waits
         if self._deflection is not None:
-            self._deflection.look(self._parts.scene, self._coming, self._parts.pairs)
+            self._deflection.look(self._parts.scene, self._coming)
 
     @property
     def off(self) -> float:
@@ -144,11 +177,11 @@ class Governor:
         pace.advance(t, reference, max(nearness, NEAR + (NEARER - NEAR) * wait))
         path = _paced(reference.at(pace.time), pace)
         point = path
-        if (self._deflection is not None or self._parts.pairs or self._coming is not None
-                or self._leaves(reference)):
+        if (self._deflection is not None or len(self._parts.scene.value.pairs)
+                or self._coming is not None or self._leaves(reference)):
             if self._deflection is None:
                 self._deflection = Deflection(self._parts, path)
-                self._deflection.look(self._parts.scene, self._coming, self._parts.pairs)
+                self._deflection.look(self._parts.scene, self._coming)
             if dt > 0.0:
                 point = self._deflection.advance(dt, path, slowed(nearness))
         self._off = float(np.abs(point.position - path.position).max())

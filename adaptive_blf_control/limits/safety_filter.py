@@ -17,17 +17,16 @@ from adaptive_blf_control.control.constraints import Constraint
 from adaptive_blf_control.control.safety_filter import FilterSample
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.limits.acceleration_error import Model
+from adaptive_blf_control.limits.acceleration_error import Model, no_posture
 from adaptive_blf_control.limits.braking import checked_braking, Resting
-from adaptive_blf_control.limits.filter_look import JointLimits, Scene
-from adaptive_blf_control.limits.filter_step import (
-    filter_step,
+from adaptive_blf_control.limits.filter_look import (
     FilterParts,
-    IDLE,
-    Report,
-    SOFTENED,
+    JointLimits,
+    Moment,
+    Scene,
     Stop,
 )
+from adaptive_blf_control.limits.filter_step import filter_step, IDLE, Report, SOFTENED
 from adaptive_blf_control.limits.governor import Governor, SPEED_PART
 from adaptive_blf_control.limits.limit_constraints import (
     ClearanceConstraint,
@@ -107,8 +106,9 @@ class LimitsFilter:
         if scene.spheres.radius.size:
             self._near = ClearanceConstraint(scene)
             self.constraints = (*self.constraints, self._near)
-        self._parts = FilterParts(
-            self._model, handle(scene), len(scene.pairs), self.limits, limits.period)
+        self._period = limits.period
+        self._parts = handle(FilterParts(self._model, handle(scene), self.limits, False,
+                                         no_posture(self._arm.n)))
         self.governor: Governor | None = None
         if limits.govern:
             self.governor = self._governor(settings, scene)
@@ -121,7 +121,7 @@ class LimitsFilter:
             speed=SPEED_PART * self.limits.speed)
         return Governor(
             Pace(self._arm, self.parameter_set, self.limits.speed, settings.torque_limit),
-            self._parts._replace(scene=handle(self._wider(scene)), limits=narrow))
+            self._parts.value._replace(scene=handle(self._wider(scene)), limits=narrow))
 
     def _wider(self, scene: Scene) -> Scene:
         """Return the scene that the reference keeps clear of."""
@@ -149,7 +149,7 @@ class LimitsFilter:
             scene = scene_with(still.chain, still.spheres, obstacles,
                                still.pairs[still.pairs[:, 1] < 0])
         self._near.scene = scene
-        self._parts = self._parts._replace(scene=handle(scene), pairs=len(scene.pairs))
+        self._parts = handle(self._parts.value._replace(scene=handle(scene)))
         if self.governor is not None:
             self.governor.look(self._wider(scene), waits=self._moving.silent(t))
 
@@ -174,7 +174,8 @@ class LimitsFilter:
             return
         q, qd = self._state
         limit = settings.torque_limit.copy()
-        report = filter_step(self._parts, q, qd, np.zeros_like(q), -limit, limit)
+        report = filter_step(self._parts, Moment(q, qd, -limit, limit, self._period),
+                             np.zeros_like(q), Stop(q, qd))
         if report.stop_clearance < 0.0 and report.clearance < np.inf:
             raise ParameterError(
                 'controller.limits.obstacles', settings.limits.obstacles.values(),
@@ -222,11 +223,14 @@ class LimitsFilter:
         """
         held = sample.t - self._t
         self._look(sample.t)
-        parts = self._parts
-        if parts.period < held <= LONGEST:
-            parts = parts._replace(period=held)
-        report = self.report = filter_step(parts, sample.q, sample.qd, sample.torque,
-                                           sample.least, sample.most, self._left(held))
+        period = self._period
+        if period < held <= LONGEST:
+            period = held
+        left = Stop(sample.q, sample.qd)
+        if self.report is not None and 0.0 < held <= LONGEST:  # after a gap there is none
+            left = self.report.stop
+        at = Moment(sample.q, sample.qd, sample.least, sample.most, period)
+        report = self.report = filter_step(self._parts, at, sample.torque, left)
         self.counts = [count + (kind == report.kind) for kind, count in enumerate(self.counts)]
         self._t, self._state = sample.t, (sample.q.copy(), sample.qd.copy())
         self._note(report)
@@ -252,10 +256,6 @@ class LimitsFilter:
         reserve, others = self._worst
         self._worst = None
         return np.array([*reserve, *others[:-2], -others[-2], -others[-1]])
-
-    def _left(self, held: float) -> Stop | None:
-        """Return the stop that the sample before has left; None after a gap."""
-        return None if self.report is None or not 0.0 < held <= LONGEST else self.report.stop
 
 
 def check_state(arm: Arm, limits: JointLimits, q: np.ndarray, qd: np.ndarray) -> None:
