@@ -26,7 +26,8 @@ from adaptive_blf_control.limits.stop_path import (
 from adaptive_blf_control.linear_algebra import inverse, product
 
 __all__ = ['clear', 'FilterParts', 'JointLimits', 'left_free', 'Moment', 'passes', 'posture_of',
-           'reserve_of', 'Room', 'Scene', 'Stop', 'stopped']
+           'reserve_of', 'Room', 'Scene', 'standing', 'Stop', 'stop_after',
+           'stopped']
 
 
 class JointLimits(NamedTuple):
@@ -99,15 +100,17 @@ class Moment(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """Where the joints are on a stop.
+    """A sample on a stop.
 
     Attributes:
-        position: At the begin of a sample, shape (n,) [rad].
+        position: Where the joints are on it at the begin, shape (n,) [rad].
         velocity: Likewise, shape (n,) [rad/s].
+        acceleration: On it until the next sample, however soon that is, shape (n,) [rad/s²].
     """
 
     position: np.ndarray
     velocity: np.ndarray
+    acceleration: np.ndarray
 
 
 class Room(NamedTuple):
@@ -124,6 +127,19 @@ class Room(NamedTuple):
     before: np.ndarray
     now: np.ndarray
     gradients: np.ndarray
+
+
+@jit
+def standing(q: np.ndarray) -> Stop:
+    """Return the stop of joints that stand at q, shape (n,) [rad]."""
+    return Stop(q, np.zeros_like(q), np.zeros_like(q))
+
+
+@jit
+def stop_after(stop: Stop, time: float) -> Stop:
+    """Return a stop as it stands after ``time`` [s]."""
+    return Stop(stop.position + time * (stop.velocity + 0.5 * time * stop.acceleration),
+                stop.velocity + time * stop.acceleration, stop.acceleration)
 
 
 @jit

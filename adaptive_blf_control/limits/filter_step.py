@@ -32,7 +32,9 @@ from adaptive_blf_control.limits.filter_look import (
     posture_of,
     reserve_of,
     Room,
+    standing,
     Stop,
+    stop_after,
     stopped,
 )
 from adaptive_blf_control.limits.quadratic_program import solve
@@ -85,12 +87,12 @@ class Braked(NamedTuple):
     Attributes:
         a: Acceleration that keeps it, shape (n,) [rad/s²].
         error: Bound of how far the arm's may be from that, shape (n,) [rad/s²].
-        after: Where the joints are on it after this sample.
+        stop: This sample on it.
     """
 
     a: np.ndarray
     error: np.ndarray
-    after: Stop
+    stop: Stop
 
 
 class Answer(NamedTuple):
@@ -110,15 +112,16 @@ class Answer(NamedTuple):
 
 
 @jit
-def filter_step(parts: Handle, at: Moment, torque: np.ndarray, left: Stop) -> Report:
+def filter_step(parts: Handle, at: Moment, torque: np.ndarray, left: Stop,
+                elapsed: float) -> Report:
     """Answer a sample.
 
     Args:
         parts: Handle of the filter, see `FilterParts`.
         at: State, torque box and how long a torque is held.
         torque: Wanted, shape (n,) [N·m].
-        left: Where the joints are on the stop that the sample before has left; where there was
-            none, where they are.
+        left: The stop that the sample before has left; where there was none, the state.
+        elapsed: How long ago that sample was, however long its torque might have been held [s].
     """
     filter_: FilterParts = parts.value
     at = borrowed(at)
@@ -134,6 +137,7 @@ def filter_step(parts: Handle, at: Moment, torque: np.ndarray, left: Stop) -> Re
     near, free = _smallest(room.now), _smallest(room.found)
     idle = (passes(wanted, lower, upper, error)
             and passes(torque, at.least, at.most, np.zeros(n)))
+    left = stop_after(left, elapsed)
     braked = Braked(within, error, left)
     if pairs and (not idle or free < NEEDED):
         found = room.found.copy()
@@ -143,7 +147,7 @@ def filter_step(parts: Handle, at: Moment, torque: np.ndarray, left: Stop) -> Re
     if idle:
         reserve = reserve_of(posture, limits.braking, error, at.least, at.most)
         return Report(torque.copy(), IDLE, wanted, error, reserve, near, free,
-                      _after(at.q, at.qd, wanted, at.period))
+                      Stop(at.q.copy(), at.qd.copy(), wanted))
     answer = _chosen(filter_, posture, at, wanted, lower, upper, error, within, braked, room)
     return _commanded(posture, limits.braking, at, answer, room)
 
@@ -154,7 +158,7 @@ def _commanded(posture: Posture, braking: np.ndarray, at: Moment, answer: Answer
     """Return the torque of an answer, within the box whatever the answer is."""
     given, kind, stop = product(posture.inertia, answer.a) + posture.bias, answer.kind, answer.stop
     if not np.isfinite(given).all():  # from what is not a number; then no torque but what must be
-        given, kind, stop = np.zeros_like(given), SOFTENED, Stop(at.q.copy(), np.zeros_like(given))
+        given, kind, stop = np.zeros_like(given), SOFTENED, standing(at.q.copy())
     given = np.minimum(np.maximum(given, at.least), at.most)
     return Report(given, kind, answer.a, answer.error,
                   reserve_of(posture, braking, answer.error, at.least, at.most),
@@ -196,7 +200,7 @@ def _chosen(parts: FilterParts, posture: Posture, at: Moment, wanted: np.ndarray
     # Where rows of several obstacles contradict each other the stop that is left keeps all.
     if room.found.size and (not free or kind == SOFTENED):
         return _backed_off(parts, posture, at, a, braked, lower, upper, room)
-    return Answer(a, kind, error, _after(at.q, at.qd, a, at.period))
+    return Answer(a, kind, error, Stop(at.q.copy(), at.qd.copy(), a))
 
 
 @jit
@@ -206,13 +210,7 @@ def _braked(parts: FilterParts, posture: Posture, at: Moment, stop: Stop, room: 
     onwards = np.minimum(np.maximum(-stop.velocity / period, -hardest), hardest)
     brake, error = stopped(parts, posture, at, onwards, stop, room)
     room.before[:] = room.found
-    return Braked(brake, error, _after(stop.position, stop.velocity, onwards, period))
-
-
-@jit
-def _after(q: np.ndarray, qd: np.ndarray, a: np.ndarray, period: float) -> Stop:
-    """Return where the joints are after a sample with a, shape (n,) [rad/s²]."""
-    return Stop(q + period * (qd + 0.5 * period * a), qd + period * a)
+    return Braked(brake, error, Stop(stop.position, stop.velocity, onwards))
 
 
 @jit
@@ -255,9 +253,9 @@ def _backed_off(parts: FilterParts, posture: Posture, at: Moment, a: np.ndarray,
         needed = left_free(parts, posture, at, tried, room)
         if (_may_go_on(room, at, parts.limits.braking)
                 and passes(tried, lower, upper, needed)):
-            return Answer(tried, solution, needed, _after(at.q, at.qd, tried, at.period))
+            return Answer(tried, solution, needed, Stop(at.q.copy(), at.qd.copy(), tried))
     clear(parts, at, brake, braked.error, room)
-    return Answer(brake, BRAKING if solution == ACTIVE else SOFTENED, braked.error, braked.after)
+    return Answer(brake, BRAKING if solution == ACTIVE else SOFTENED, braked.error, braked.stop)
 
 
 @jit

@@ -23,7 +23,7 @@ from adaptive_blf_control.control.safety_filter import Governed
 from adaptive_blf_control.control.sets import Bounds, TOLERANCE
 from adaptive_blf_control.limits.acceleration_error import Posture
 from adaptive_blf_control.limits.evasion import evading, without_moving
-from adaptive_blf_control.limits.filter_look import FilterParts, Moment, Scene, Stop
+from adaptive_blf_control.limits.filter_look import FilterParts, Moment, Scene, Stop, stop_after
 from adaptive_blf_control.limits.filter_step import filter_step
 from adaptive_blf_control.limits.pace import NEAR, NEARER, Pace, slowed
 
@@ -46,15 +46,16 @@ class Deflection:
         velocity: ẏ, shape (n,) [rad/s].
     """
 
-    def __init__(self, parts: FilterParts, begin: ReferencePoint) -> None:
-        """Begin on the path."""
+    def __init__(self, parts: FilterParts, period: float, begin: ReferencePoint) -> None:
+        """Begin on the path; ``period``: for how long the filter takes a torque to be held [s]."""
         n = begin.position.size
         unit, none = np.eye(n), np.zeros((n, n))
         self._exact = parts._replace(exact=True,
                                      given=Posture(unit, np.zeros(n), unit, unit, none))
+        self._period = period
         self._hardest = HARDEST * parts.limits.braking
         self.position, self.velocity = begin.position.copy(), begin.velocity.copy()
-        self._stop = Stop(self.position, self.velocity)
+        self._stop = self._now()
         self.look(parts.scene, None)
 
     def look(self, scene: Handle, coming: Handle | None) -> None:
@@ -85,14 +86,17 @@ class Deflection:
         steps = max(math.ceil(dt / LONGEST_STEP), 1)
         for _ in range(steps):
             self.position, self.velocity, acceleration, self._stop = _drawn(
-                self._parts, self._coming, self._comes, path, part, self._hardest, dt / steps,
-                Stop(self.position, self.velocity), self._stop)
+                self._parts, self._coming, self._comes, path, part, self._hardest, self._period,
+                dt / steps, self._now(), self._stop)
         return ReferencePoint(self.position, self.velocity, acceleration)
+
+    def _now(self) -> Stop:
+        return Stop(self.position, self.velocity, np.zeros_like(self.position))
 
 
 @jit
 def _drawn(parts: Handle, coming: Handle, comes: bool, path: ReferencePoint, part: float,
-           hardest: np.ndarray, dt: float, now: Stop, left: Stop,
+           hardest: np.ndarray, period: float, dt: float, now: Stop, left: Stop,
            ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Stop]:
     """Draw a reference to its path for one step.
 
@@ -106,6 +110,7 @@ def _drawn(parts: Handle, coming: Handle, comes: bool, path: ReferencePoint, par
         path: Where the path is after the step.
         part: See `Deflection.advance`.
         hardest: How far the acceleration may be from the path's, shape (n,) [rad/s²].
+        period: Shortest time that the program takes the acceleration to be held [s].
         dt: Length of the step [s].
         now: Where the reference is.
         left: Where it is on the stop that the step before has left.
@@ -124,18 +129,24 @@ def _drawn(parts: Handle, coming: Handle, comes: bool, path: ReferencePoint, par
         wanted[j] = min(max(pull, least[j]), most[j])
     if comes:
         wanted = evading(coming, y, yd, wanted, least, most)
-    report = filter_step(parts, Moment(y, yd, least, most, dt), wanted, left)
+    report = filter_step(parts, Moment(y, yd, least, most, max(period, dt)), wanted, left, 0.0)
     a = report.acceleration
-    return y + dt * (yd + 0.5 * dt * a), yd + dt * a, a, report.stop
+    return y + dt * (yd + 0.5 * dt * a), yd + dt * a, a, stop_after(report.stop, dt)
 
 
 class Governor:
     """Path time and deflection of one motion."""
 
-    def __init__(self, pace: Pace, parts: FilterParts) -> None:
-        """Take the pace, and the filter with the limits that the reference is to keep."""
+    def __init__(self, pace: Pace, parts: FilterParts, period: float) -> None:
+        """Take the pace, and the filter with the limits that the reference is to keep.
+
+        Args:
+            pace: Of the path.
+            parts: The filter.
+            period: For how long it takes a torque to be held [s].
+        """
         self.pace = pace
-        self._parts = parts
+        self._parts, self._period = parts, period
         self._deflection: Deflection | None = None
         self._last: _Last | None = None
         self._off = 0.0
@@ -180,7 +191,7 @@ class Governor:
         if (self._deflection is not None or len(self._parts.scene.value.pairs)
                 or self._coming is not None or self._leaves(reference)):
             if self._deflection is None:
-                self._deflection = Deflection(self._parts, path)
+                self._deflection = Deflection(self._parts, self._period, path)
                 self._deflection.look(self._parts.scene, self._coming)
             if dt > 0.0:
                 point = self._deflection.advance(dt, path, slowed(nearness))
@@ -212,7 +223,8 @@ class Governor:
         self.pace.go_on_from(before.pace)
         self._last = before._last
         if before._deflection is not None and self._last is not None:
-            self._deflection = Deflection(self._parts, self._last.governed.point)
+            self._deflection = Deflection(self._parts, self._period,
+                                          self._last.governed.point)
 
     def heed(self, bounds: Bounds) -> None:
         """Take the performance bounds of this sample."""

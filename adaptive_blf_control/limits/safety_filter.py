@@ -121,7 +121,8 @@ class LimitsFilter:
             speed=SPEED_PART * self.limits.speed)
         return Governor(
             Pace(self._arm, self.parameter_set, self.limits.speed, settings.torque_limit),
-            self._parts.value._replace(scene=handle(self._wider(scene)), limits=narrow))
+            self._parts.value._replace(scene=handle(self._wider(scene)), limits=narrow),
+            self._period)
 
     def _wider(self, scene: Scene) -> Scene:
         """Return the scene that the reference keeps clear of."""
@@ -175,7 +176,7 @@ class LimitsFilter:
         q, qd = self._state
         limit = settings.torque_limit.copy()
         report = filter_step(self._parts, Moment(q, qd, -limit, limit, self._period),
-                             np.zeros_like(q), Stop(q, qd))
+                             np.zeros_like(q), Stop(q, qd, np.zeros_like(q)), 0.0)
         if report.stop_clearance < 0.0 and report.clearance < np.inf:
             raise ParameterError(
                 'controller.limits.obstacles', settings.limits.obstacles.values(),
@@ -226,11 +227,13 @@ class LimitsFilter:
         period = self._period
         if period < held <= LONGEST:
             period = held
-        left = Stop(sample.q, sample.qd)
+        left = Stop(sample.q, sample.qd, np.zeros_like(sample.q))
         if self.report is not None and 0.0 < held <= LONGEST:  # after a gap there is none
             left = self.report.stop
+        else:
+            held = 0.0
         at = Moment(sample.q, sample.qd, sample.least, sample.most, period)
-        report = self.report = filter_step(self._parts, at, sample.torque, left)
+        report = self.report = filter_step(self._parts, at, sample.torque, left, held)
         self.counts = [count + (kind == report.kind) for kind, count in enumerate(self.counts)]
         self._t, self._state = sample.t, (sample.q.copy(), sample.qd.copy())
         self._note(report)
