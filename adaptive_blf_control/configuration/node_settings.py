@@ -17,7 +17,7 @@ from adaptive_blf_control.parameters.table import Table
 from adaptive_blf_control.simulation.settings import PlantSettings, WatchdogSettings
 
 __all__ = ['ComposedSettings', 'ControllerNodeSettings', 'DriverSettings', 'GuaranteeSettings',
-           'IdentifierNodeSettings', 'LifecycleSettings', 'LockstepSettings', 'LoopSettings',
+           'IdentifierNodeSettings', 'LifecycleSettings', 'LockstepSettings',
            'NODE_SETTINGS', 'ParameterSetSettings', 'SetPriorSettings',
            'RealtimeSettings', 'RecorderSettings', 'RuntimeSettings', 'TABLES']
 
@@ -184,23 +184,6 @@ class GuaranteeSettings(Settings, where='controller.guarantee'):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class LoopSettings(Settings, where='controller.loop'):
-    """What is known of the loop; the gains are checked against it."""
-
-    rate: float = parameter(
-        1000.0, 'Rate of the joint states.', 'Hz', 0.0, exclusive=True)
-    delay: float = parameter(
-        0.0, 'From the sample of a state until the command that answers it acts.', 's', 0.0, 1.0)
-    velocity_lag: float = parameter(
-        0.0, 'By which the measured velocity is late: the time constant of its filter, and half a '
-        'period where it is a difference of positions.', 's', 0.0, 1.0)
-    unstable: str = parameter(
-        'warn', 'What follows from gains that are unstable in this loop: warn: a warning; refuse: '
-        'the controller is not configured, live changes to such gains are refused.',
-        choices=('warn', 'refuse'))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ControllerNodeSettings(ControllerSettings, ComposedSettings, LifecycleSettings, ArmSettings,
                              where='controller'):
     """The parameters of ``controller``."""
@@ -235,7 +218,6 @@ class ControllerNodeSettings(ControllerSettings, ComposedSettings, LifecycleSett
         'Publish reference and margins every this many samples, the margins as the smallest '
         'since the last time; the tracking error is published with every sample.', '', 1,
         live=True)
-    loop: LoopSettings = group(LoopSettings)
     guarantee: GuaranteeSettings = group(GuaranteeSettings)
 
 

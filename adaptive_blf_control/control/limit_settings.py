@@ -94,8 +94,7 @@ class LimitSettings(Settings, where='controller.limits'):
         [0.0], 'How hard each joint can brake at any time; 0 takes what the torque limits allow '
         'in all postures at rest.', 'rad/s^2', 0.0, length='joints', live=True)
     period: float = parameter(
-        0.001, 'Longest time that a torque is held: the period of the joint states.', 's', 0.0,
-        exclusive=True)
+        0.0, 'Longest time that a torque is held; 0: the period of loop.rate.', 's', 0.0)
     govern: bool = parameter(
         True, 'Slow the reference down where velocity, torque or e1 ask for it, and lead it round '
         'obstacles.')

@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from adaptive_blf_control.control.limit_settings import LimitSettings
+from adaptive_blf_control.control.loop_settings import LoopSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.plugin import is_plugin
 from adaptive_blf_control.parameters.settings import (
@@ -170,6 +171,7 @@ class ControllerSettings(Settings, where='controller'):
     safety: SafetySettings = group(SafetySettings)
     performance: PerformanceSettings = group(PerformanceSettings)
     reference: ReferenceSettings = group(ReferenceSettings)
+    loop: LoopSettings = group(LoopSettings)
 
     def _check(self) -> None:
         super()._check()

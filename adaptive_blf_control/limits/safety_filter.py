@@ -37,6 +37,7 @@ from adaptive_blf_control.limits.moving_obstacles import MovingObstacles
 from adaptive_blf_control.limits.obstacles import joined, Obstacles
 from adaptive_blf_control.limits.pace import Pace
 from adaptive_blf_control.limits.parameter_set import ParameterSet
+from adaptive_blf_control.limits.prediction import Prediction
 from adaptive_blf_control.limits.prior import inertia_range, prior_of
 from adaptive_blf_control.limits.scene import scene_of, scene_with
 
@@ -89,6 +90,7 @@ class LimitsFilter:
             arrays_of(arm), model_of(arm, prior.centre), model_of(arm, least),
             model_of(arm, most), np.ascontiguousarray(prior.generators),
             given.unexplained.copy()))
+        self._ahead = Prediction(arm.n, settings.loop.delay)
         self._take(settings)
 
     def _take(self, settings: ControllerSettings) -> None:
@@ -106,7 +108,7 @@ class LimitsFilter:
         if scene.spheres.radius.size:
             self._near = ClearanceConstraint(scene)
             self.constraints = (*self.constraints, self._near)
-        self._period = limits.period
+        self._period = limits.period or 1.0 / settings.loop.rate
         self._parts = handle(FilterParts(self._model, handle(scene), self.limits, False,
                                          no_posture(self._arm.n)))
         self.governor: Governor | None = None
@@ -213,31 +215,35 @@ class LimitsFilter:
         """Return a filter that goes on from here without a trace in this one."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
+        other._ahead = copy.deepcopy(self._ahead)
         other.governor = copy.copy(self.governor)
         return other
 
     def filtered(self, sample: FilterSample) -> np.ndarray:
         """Return the torque to command, see `SafetyFilter`.
 
-        The torque is taken to be held for ``limits.period``, or as long as the one before was
-        where that is longer.
+        The torque is taken to act after ``loop.delay``, for ``limits.period``, or as long as the
+        one before was where that is longer.
         """
         held = sample.t - self._t
         self._look(sample.t)
+        q, qd = self._ahead.state(self._parts, sample.t, sample.q, sample.qd)
         period = self._period
         if period < held <= LONGEST:
             period = held
-        left = Stop(sample.q, sample.qd, np.zeros_like(sample.q))
+        left = Stop(q, qd, np.zeros_like(q))
         if self.report is not None and 0.0 < held <= LONGEST:  # after a gap there is none
             left = self.report.stop
         else:
             held = 0.0
-        at = Moment(sample.q, sample.qd, sample.least, sample.most, period)
+        at = Moment(q, qd, sample.least, sample.most, period)
         report = self.report = filter_step(self._parts, at, sample.torque, left, held)
         self.counts = [count + (kind == report.kind) for kind, count in enumerate(self.counts)]
         self._t, self._state = sample.t, (sample.q.copy(), sample.qd.copy())
         self._note(report)
-        return sample.torque if report.kind == IDLE else report.torque
+        answer = sample.torque if report.kind == IDLE else report.torque
+        self._ahead.commanded(sample.t, answer)
+        return answer
 
     def _note(self, report: Report) -> None:
         """Keep the worst of what is watched: the least, of what counts up the largest."""

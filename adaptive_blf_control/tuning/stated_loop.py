@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from adaptive_blf_control.configuration.node_settings import DriverSettings, LoopSettings
+from adaptive_blf_control.configuration.node_settings import DriverSettings
+from adaptive_blf_control.control.loop_settings import LoopSettings
 from adaptive_blf_control.tuning.loop_delay import loop_delay, LoopDelay
 
 __all__ = ['simulated_delay', 'stated_delay']

@@ -13,9 +13,9 @@ from adaptive_blf_control.configuration.build_closed_loop import build_closed_lo
 from adaptive_blf_control.configuration.node_settings import (
     ControllerNodeSettings,
     DriverSettings,
-    LoopSettings,
 )
 from adaptive_blf_control.configuration.parameter_file import load_yaml, node_settings
+from adaptive_blf_control.control.loop_settings import LoopSettings
 from adaptive_blf_control.control.reference import Posture
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
