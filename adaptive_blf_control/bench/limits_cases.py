@@ -139,7 +139,9 @@ def data_of(config: Path, case: Case) -> dict[str, Any]:
     """Return the parameter file of a case."""
     panda = load_yaml(config / 'panda_obstacles.yaml')
     if case.arm == 'Panda' and not case.real:
-        return apply_changes(_faster(panda, case.speed), {'arm_driver.plant': case.plant})
+        stated = node_settings(panda, ControllerNodeSettings).loop.delay
+        return apply_changes(_faster(panda, case.speed), {
+            'arm_driver.plant': case.plant, 'arm_driver.actuator.delay': stated})
     urdf, joints = ARMS[case.arm]
     address = f'package://{urdf}'
     arm = load_arm(address, joints)

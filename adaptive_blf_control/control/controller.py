@@ -580,6 +580,7 @@ class Controller(Guided, settings=ControllerSettings,
             output = trial.update(t, start, np.zeros(self.arm.n), theta)
         trial.lyapunov(output, theta)
         trial.margins(output)
+        unwound_term(output.x, output.e2, output.wanted, output.torque)  # behind a safety filter
 
 
 def _with_safety(settings: ControllerSettings, safety: JointInterval) -> ControllerSettings:

@@ -69,7 +69,7 @@ def _ahead(parts: Handle, q: np.ndarray, qd: np.ndarray, ages: np.ndarray, torqu
         for i in range(ages.size):
             until = ages[i + 1] if i + 1 < ages.size else 0.0
             part = (min(begin, ages[i]) - max(end, until)) / step
-            if part > 0.0:
+            if part > 0.0 and ages[i] < np.inf:
                 known += part
                 torque += part * torques[i]
         if known > 0.0:

@@ -21,7 +21,8 @@ from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 __all__ = ['main']
 
 CLOSED_FORM = ('two_link.yaml', 'three_link.yaml')
-FROM_URDF = 'panda.yaml'  # one for all: every URDF arm is the same compiled code
+FROM_URDF = ('panda.yaml', 'panda_obstacles.yaml')
+"""One for all: every URDF arm is the same compiled code; and one with a safety filter."""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -38,7 +39,7 @@ def _loops(configs: list[Path]) -> Iterator[ClosedLoop]:
         return
     yield from (build_closed_loop(load_yaml(scenario(name))) for name in CLOSED_FORM)
     with suppress(MissingExtra, ArmError):  # no Pinocchio, or not the robot of the file
-        yield build_closed_loop(load_yaml(scenario(FROM_URDF)))
+        yield from (build_closed_loop(load_yaml(scenario(name))) for name in FROM_URDF)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -133,7 +133,7 @@ def test_a_reference_beside_its_path_comes_to_rest_where_nothing_of_the_way_back
         safety={'lower': -3.0, 'upper': 3.0}, performance={'lower': -0.5, 'upper': 0.5})
     begin = ReferencePoint(np.zeros(2), np.zeros(2), np.zeros(2))
     path = begin._replace(position=np.ones(2))
-    deflection = Deflection(motion.safety_filter.governor._parts, begin)
+    deflection = Deflection(motion.safety_filter.governor._parts, 1e-3, begin)
     for _ in range(100):
         point = deflection.advance(1e-3, path, slowed(0.0))
     assert (point.velocity > 0.5).all()

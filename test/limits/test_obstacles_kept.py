@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-import subprocess
 import sys
 
 import numpy as np
@@ -55,7 +52,7 @@ def made(**obstacles):
 
 
 def driven(policy):
-    """Push the arm for a third of a second; print clearance, softened samples and motion."""
+    """Push the arm for a third of a second; return clearance, softened samples and motion."""
     arm, settings, filter_ = made()
     truth, near = arm.dynamics(1.1 * arm.nominal), filter_.constraints[1]
     q, qd, least = np.zeros(3), np.zeros(3), np.inf
@@ -65,11 +62,11 @@ def driven(policy):
         torque = filter_.filtered(FilterSample(0.002 * k, q, qd, wanted, -LIMIT, LIMIT))
         q, qd = truth.advance(q, qd, torque, 0.002)
         least = min(least, near.bounded(_state(q)).margin().min())
-    print(least, filter_.counts[SOFTENED], np.abs(q).max())
+    return least, filter_.counts[SOFTENED], np.abs(q).max()
 
 
 def followed(safety_filter):
-    """Swing through the sphere for 0.8 s; print clearance, e1, path time, samples let by."""
+    """Swing through the sphere for 0.8 s; return clearance, e1, path time, samples let by."""
     arm, settings, _ = made()
     swing = {f'j{i}': {'amplitude': [1.0 * (i == 1)], 'frequency': [2.0]} for i in (1, 2, 3)}
     controller = Controller(
@@ -84,17 +81,8 @@ def followed(safety_filter):
         error = max(error, np.abs(output.e1).max())
         q, qd = truth.advance(q, qd, output.torque, 0.002)
     filter_ = controller.safety_filter
-    print(least, error, controller.path_time(0.002 * k), filter_.counts[IDLE] if filter_ else 420)
-
-
-def _uncompiled(call, repository):
-    """Return what a function of this module prints; to compile what it calls would take longer."""
-    path = [str(Path(__file__).parent), str(repository), os.environ.get('PYTHONPATH', '')]
-    done = subprocess.run(
-        [sys.executable, '-c', f'import test_obstacles_kept as t; t.{call}'],
-        env={**os.environ, 'NUMBA_DISABLE_JIT': '1', 'PYTHONPATH': os.pathsep.join(path)},
-        capture_output=True, text=True, check=True)
-    return map(float, done.stdout.split())
+    return (least, error, controller.path_time(0.002 * k),
+            filter_.counts[IDLE] if filter_ else 420)
 
 
 def _state(q):
@@ -102,22 +90,67 @@ def _state(q):
 
 
 @pytest.mark.parametrize('policy', POLICIES)
-def test_obstacles_are_not_touched_whatever_torque_is_asked(policy, repository):
-    least, softened, moved = _uncompiled(f'driven({policy!r})', repository)
+def test_obstacles_are_not_touched_whatever_torque_is_asked(policy):
+    least, softened, moved = driven(policy)
     assert least >= 0.0
     assert least < 0.06  # it was pushed there
     assert softened == 0
     assert moved > 0.1
 
 
-def test_the_governor_leads_the_arm_round_a_sphere_that_the_law_alone_enters(repository):
-    least, _, _, _ = _uncompiled('followed("none")', repository)
+def test_the_governor_leads_the_arm_round_a_sphere_that_the_law_alone_enters():
+    least, _, _, _ = followed('none')
     assert least < -0.05
-    least, error, path_time, let_through = _uncompiled('followed("limits")', repository)
+    least, error, path_time, let_through = followed('limits')
     assert 0.0 < least < 0.05
     assert error < 0.05
     assert path_time > 0.9 * 0.838
     assert let_through == 420  # what the governor asks for, the filter has nothing against
+
+
+def test_a_reference_that_is_asked_for_late_stops_before_an_obstacle_and_goes_on():
+    arm, settings, _ = made()
+    swing = {f'j{i}': {'amplitude': [1.0 * (i == 1)], 'frequency': [2.0]} for i in (1, 2, 3)}
+    controller = Controller(arm, settings, start=np.zeros(3),
+                            reference={'smooth_start': 0.5, **swing})
+    governor, near = controller.safety_filter.governor, ClearanceConstraint(scene_of(
+        arm, settings.limits))
+    t, least, furthest, before = 0.0, np.inf, 0.0, np.zeros(3)
+    for k in range(720):  # three times as late as its torques are taken to be held, now and then
+        before = governor.governed(t, before, controller.reference).point.position
+        least = min(least, near.bounded(_state(before)).margin().min())
+        furthest = max(furthest, governor.off)
+        t += 0.002 if k % 3 else 0.006
+    assert 0.015 < least < 0.05  # of a margin of 0.02
+    assert furthest > 0.2  # the sphere is on the path
+    assert governor.off < 0.02  # and the reference goes on with it where it has come back
+
+
+def test_nothing_is_compiled_in_a_motion_beside_obstacles_after_the_warm_up():
+    pytest.importorskip('numba')
+    arm, settings, _ = made()
+    swing = {f'j{i}': {'amplitude': [1.0 * (i == 1)], 'frequency': [2.0]} for i in (1, 2, 3)}
+    controller = Controller(arm, settings, start=np.zeros(3),
+                            reference={'smooth_start': 0.5, **swing})
+    controller.warm_up(arm.nominal)
+    before = _compiled()
+    q = np.zeros(3)
+    for k in range(200):
+        output = controller.update(0.002 * k, q, np.zeros(3), arm.nominal)
+        q = output.reference.position
+        if k == 100:
+            controller.safety_filter.see({'ball': sphere([0.9, 0.0, 0.4], 0.05)}, frozenset())
+        if k == 150:  # held fast while the reference goes on: the filter has to act
+            controller.update(0.002 * k + 0.001, q, np.array([3.0, 0.0, 0.0]), arm.nominal)
+    assert sum(controller.safety_filter.counts[1:]) > 0
+    assert _compiled() == before
+
+
+def _compiled():
+    """Return how many versions of each compiled function there are in this process."""
+    return {f'{name}.{key}': len(value.overloads)
+            for name, module in sys.modules.items() if name.startswith('adaptive_blf_control.')
+            for key, value in vars(module).items() if hasattr(value, 'overloads')}
 
 
 def test_a_row_of_numbers_that_is_no_obstacle_is_refused():
