@@ -120,6 +120,10 @@ def cases(config: Path, seeds: tuple[int, ...], scenes: int) -> Iterator[Case]:
                        lambda seed, changes=changes: {  # type: ignore[misc]
                            'arm_driver.sensors.seed': seed, **changes}, seeds=seeds, real=True)
     yield Case('masses 10 % off at random, sphere and table', 'Panda', _BOTH, wrong, seeds=seeds)
+    yield Case('x 1, sphere and table, push of 25 N m for 0.25 s, no delay', 'Panda', _BOTH,
+               always({**_PUSH, 'arm_driver.schedule.parameter': [
+                   f'torque.{_PUSHED["Panda"]}.{axis}' for axis in 'xyzxyz'],
+                   'controller.loop.delay': 0.0, 'arm_driver.actuator.delay': 0.0}))
     late = {'arm_driver.actuator.jitter': 0.001}
     for stated, told in (('1 ms', late), ('none', {**late, 'controller.loop.delay': 0.0})):
         yield Case(f'x 1, sphere and table, delay of 1 to 2 ms, {stated} stated', 'Panda', _BOTH,

@@ -33,6 +33,7 @@ from adaptive_blf_control.simulation.true_arm import Truth
 __all__ = ['CONVERGED', 'Run', 'listed', 'margins_of_run', 'run_of_trace', 'convergence_time',
            'state_along', 'summarise', 'table', 'violated_along']
 
+MISSING = 0.5  # of the length that was asked for, which the start of a motion may take [s]
 CONVERGED = 0.01  # part of ‖θ*‖ under which ‖θ̃‖ counts as converged
 
 
@@ -192,12 +193,20 @@ def listed(words: list[str]) -> str:
     return ' and '.join(filter(None, [', '.join(words[:-1]), words[-1]])) if words else 'no'
 
 
-def table(figures: dict[str, Any], run: Run) -> str:
-    """Return the figures as a short table a person reads."""
+def table(figures: dict[str, Any], run: Run, asked: float | None = None) -> str:
+    """Return the figures as a short table a person reads.
+
+    Args:
+        figures: See `summarise`.
+        run: The run.
+        asked: How long it should have been [s]; where it ended before, that comes first.
+    """
     kept = figures['set_violations'] == 0
     lines = [
         *([] if run.failure is None else
           [f'FAILED: {run.failure}; what follows counts as outside']),
+        *([] if asked is None or figures['duration_s'] > asked - MISSING else
+          [f'ENDED after {figures["duration_s"]:.1f} of {asked:g} s: the figures are of that time']),
         f'{listed([each["constraint"] for each in figures["margins"]])} sets: '
         + ('KEPT' if kept else 'LEFT')
         + ('' if kept else f' in {figures["set_violations"]} of {figures["samples"]} samples')

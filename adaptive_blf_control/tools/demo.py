@@ -23,6 +23,8 @@ from adaptive_blf_control.tools.report import write_page
 
 __all__ = ['main']
 
+SHORTEST = 1.0  # of a motion whose rates say anything [s]
+
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='demo', description=__doc__)
@@ -103,8 +105,9 @@ def _report(output: Path, options: argparse.Namespace, bad: list[str]) -> int:
     held = rates(bag, run)
     figures['rates_hz'] = held
     kept = figures['set_violations'] == 0
-    print(f'\n{table(figures, run)}')
-    print('rates held           ' + ', '.join(f'{k} {v:.0f} Hz' for k, v in held.items()))
+    print(f'\n{table(figures, run, options.duration)}')
+    if figures['duration_s'] >= SHORTEST:
+        print('rates held           ' + ', '.join(f'{k} {v:.0f} Hz' for k, v in held.items()))
     picture = output / 'run.png'
     plot_run(run, picture, 'Four nodes, 2-DoF arm with unknown parameters: sets '
              + ('kept' if kept else 'LEFT') if options.config is None else str(options.config))

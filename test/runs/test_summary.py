@@ -94,6 +94,12 @@ def test_table_is_what_a_person_reads(run):
     assert max(map(len, lines)) <= 100
 
 
+def test_a_run_that_ended_before_it_should_have_says_so_first(run):
+    figures = summarise(run)
+    assert table(figures, run, 20.0).startswith('ENDED after 8.0 of 20 s')
+    assert table(figures, run, 8.0) == table(figures, run)
+
+
 def test_table_says_when_the_estimate_has_not_settled(run):
     far = dataclasses.replace(run, theta_hat=run.theta_hat + 1.0)
     assert summarise(far)['theta_settling_time_s'] is None
