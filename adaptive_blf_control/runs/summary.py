@@ -206,7 +206,7 @@ def table(figures: dict[str, Any], run: Run, asked: float | None = None) -> str:
         *([] if run.failure is None else
           [f'FAILED: {run.failure}; what follows counts as outside']),
         *([] if asked is None or figures['duration_s'] > asked - MISSING else
-          [f'ENDED after {figures["duration_s"]:.1f} of {asked:g} s: the figures are of that time']),
+          [f'ENDED after {figures["duration_s"]:.1f} of {asked:g} s, which the figures are of']),
         f'{listed([each["constraint"] for each in figures["margins"]])} sets: '
         + ('KEPT' if kept else 'LEFT')
         + ('' if kept else f' in {figures["set_violations"]} of {figures["samples"]} samples')
