@@ -20,7 +20,8 @@ from adaptive_blf_control.limits.obstacles import (
     sphere,
 )
 
-__all__ = ['link_spheres_along', 'obstacles_of', 'own_pairs', 'scene_of', 'scene_with']
+__all__ = ['given_spheres', 'link_spheres_along', 'obstacles_of', 'own_pairs', 'scene_of',
+           'scene_with']
 
 APART = 3  # joints between two links that may touch; closer ones overlap by design
 SPACING = 1.0  # distance of neighbouring spheres in units of their radius
@@ -67,16 +68,24 @@ def scene_of(arm: Arm, settings: LimitSettings) -> Scene:
             raise ParameterError('controller.limits.obstacles', settings.obstacles.values(),
                                  f'an arm from a URDF: {type(arm).__name__} has no geometry')
         return Scene(_no_chain(arm.n), none, obstacles, np.zeros((0, 2), dtype=np.int64))
-    rows = np.array(rows_of('controller.limits.link_spheres', settings.link_spheres, 5))
-    if not rows.size:
-        return _scene(chain, link_spheres_along(chain, settings.link_radius), obstacles, settings)
+    name, value = 'controller.limits.link_spheres', settings.link_spheres
+    spheres = (given_spheres(name, value, chain, arm.n) if rows_of(name, value, 5)
+               else link_spheres_along(chain, settings.link_radius))
+    return _scene(chain, spheres, obstacles, settings)
+
+
+def given_spheres(name: str, value: np.ndarray, chain: Chain, n: int) -> LinkSpheres:
+    """Return the spheres of a list: joint from 1, x, y, z in the frame of its link, radius.
+
+    Raises:
+        ParameterError: a row lacks numbers, or a sphere belongs to none of the n joints.
+    """
+    rows = np.array(rows_of(name, value, 5))
     joints = rows[:, 0]
-    if not np.isin(joints, np.arange(1, arm.n + 1)).all() or not (rows[:, 4] > 0.0).all():
-        raise ParameterError('controller.limits.link_spheres', rows.tolist(),
-                             f'joints from 1 to {arm.n} and radii > 0 m')
+    if not np.isin(joints, np.arange(1, n + 1)).all() or not (rows[:, 4] > 0.0).all():
+        raise ParameterError(name, rows.tolist(), f'joints from 1 to {n} and radii > 0 m')
     body = np.array([1 + int(np.flatnonzero(chain.place == joint - 1)[0]) for joint in joints])
-    return _scene(chain, LinkSpheres(body, rows[:, 1:4].copy(), rows[:, 4].copy()), obstacles,
-                  settings)
+    return LinkSpheres(body, rows[:, 1:4].copy(), rows[:, 4].copy())
 
 
 def _scene(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles,

@@ -36,6 +36,7 @@ from adaptive_blf_control.runtime.heard_topic import HeardTopic
 from adaptive_blf_control.runtime.robot_description import arm_of, is_topic
 from adaptive_blf_control.runtime.round_trip import RoundTrips
 from adaptive_blf_control.runtime.status_report import Status
+from adaptive_blf_control.simulation.abilities import HasContacts
 from adaptive_blf_control.simulation.command_gate import CommandGate
 from adaptive_blf_control.simulation.drives import Drives
 from adaptive_blf_control.simulation.plant import Plant, Retunable, SimulatedArm
@@ -258,6 +259,8 @@ class ArmDriver(SteppedDriver):
         if not self.lockstep:
             values = {'missed periods': self.grid.missed, **self.round_trips.figures(
                 self.grid.period_ns, self.statistics.span_ns)}
+        if isinstance(self.plant, HasContacts):
+            values['contacts'] = len(self.plant.touched)
         second = '' if self.lockstep else self._heard.second_source()
         if second:
             return DiagnosticStatus.ERROR, second, values

@@ -12,6 +12,7 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.simulation.mujoco.arm_model import ArmModel, compiled, load_body
+from adaptive_blf_control.simulation.mujoco.fixtures import add_fixtures
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.source import arm_spec
 from adaptive_blf_control.simulation.mujoco.surroundings import (
@@ -63,6 +64,7 @@ class Scene:
             raise ParameterError('arm_driver.mujoco.contact.link', touching.body,
                                  f'one of {", ".join(links)}')
         add_obstacle(spec, contact, *touching)
+        add_fixtures(spec, settings.mujoco.fixtures, arm, bare)
         model = compiled(spec, arm.joints)
         self.arm_model = ArmModel(model, arm.joints, names, loads)
         _set_friction(self.arm_model, settings)

@@ -9,7 +9,7 @@ import numpy as np
 
 from adaptive_blf_control.parameters.settings import group, parameter, Settings
 
-__all__ = ['ContactSettings', 'MujocoSettings']
+__all__ = ['ContactSettings', 'FixtureSettings', 'MujocoSettings']
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -44,6 +44,23 @@ class ContactSettings(Settings, where='arm_driver.mujoco.contact'):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class FixtureSettings(Settings, where='arm_driver.mujoco.fixtures'):
+    """What stands beside the arm all the time, and what touches it; [0.0] has none."""
+
+    spheres: np.ndarray = parameter(
+        [0.0], 'x, y, z of the centre and the radius of each sphere.', 'm')
+    boxes: np.ndarray = parameter(
+        [0.0], 'x, y, z of the centre of each box and half its edges.', 'm')
+    half_spaces: np.ndarray = parameter(
+        [0.0], 'x, y, z of a point of each plane, and of its normal, on whose side it is free.',
+        'm')
+    link_spheres: np.ndarray = parameter(
+        [0.0], 'What touches them: the number of the joint that moves the link, from 1, and x, y, '
+        'z of the centre in its frame and the radius of each sphere, as '
+        'controller.limits.link_spheres.', 'm')
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class MujocoSettings(Settings, where='arm_driver.mujoco'):
     """The arm in MuJoCo."""
 
@@ -65,3 +82,4 @@ class MujocoSettings(Settings, where='arm_driver.mujoco'):
         'Largest accepted distance [m] and angle [rad] between the joint axes of the model and '
         "those of the arm's URDF.", '', 0.0, exclusive=True)
     contact: ContactSettings = group(ContactSettings)
+    fixtures: FixtureSettings = group(FixtureSettings)

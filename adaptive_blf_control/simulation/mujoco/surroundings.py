@@ -7,6 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from adaptive_blf_control.simulation.mujoco.fixtures import (
+    allow_fixtures,
+    axes_along,
+    FIXTURE,
+    LINK_SPHERE,
+)
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.settings import ContactSettings
 from adaptive_blf_control.simulation.rotation import rotation
@@ -42,7 +48,8 @@ def add_obstacle(spec: Any, settings: ContactSettings, link: str, position: np.n
 def touchable_geoms(model: Any) -> list[str]:
     """Return the names of the geoms that a model has of its own."""
     names = [model.geom(i).name for i in range(model.ngeom)]
-    return [name for name in names if name and name not in (_OBSTACLE, _TOUCHING)]
+    return [name for name in names if name and name not in (_OBSTACLE, _TOUCHING)
+            and not name.startswith((FIXTURE, LINK_SPHERE))]
 
 
 class Surroundings:
@@ -56,7 +63,8 @@ class Surroundings:
         """Take over a compiled model and let nothing in it touch."""
         self._mujoco = load_mujoco()
         self._model, self._settings = model, settings
-        self._there: set[int] = set()  # geoms that can be touched now
+        self._there: set[int] = set()  # geoms of the schedule that can be touched now
+        self._fixtures = any(model.geom(i).name.startswith(FIXTURE) for i in range(model.ngeom))
         self._allow_contacts()
         self._wrenches = Wrenches()
         self.touched: list[tuple[float, float]] = []
@@ -64,7 +72,7 @@ class Surroundings:
     @property
     def act(self) -> bool:
         """Whether anything may act on the arm now."""
-        return bool(self._wrenches.by_link or self._there)
+        return bool(self._wrenches.by_link or self._there or self._fixtures)
 
     def set(self, data: Any, target: Target, value: float) -> None:
         """Set a force or torque on a link, or let an obstacle appear or go; see `targets`.
@@ -103,7 +111,7 @@ class Surroundings:
             self.touched.append((begin, end))
 
     def _allow_contacts(self) -> None:
-        """Let the sphere touch what is there, and nothing else touch anything.
+        """Let the sphere touch what is there, links what stands there, and nothing else anything.
 
         MuJoCo looks at the masks of the bodies before those of their geoms.
         """
@@ -114,6 +122,7 @@ class Surroundings:
         if self._there:
             sphere = model.geom(_TOUCHING).id
             model.geom_contype[sphere], model.geom_conaffinity[sphere] = 2, 1
+        allow_fixtures(model)
         for masks, of_geoms in ((model.body_contype, model.geom_contype),
                                 (model.body_conaffinity, model.geom_conaffinity)):
             masks[:] = 0
@@ -138,11 +147,5 @@ class Surroundings:
         ahead = velocity[3:] / speed if speed > 1e-6 else np.array([0.0, 0.0, -1.0])
         depth = {'plane': 0.0, 'sphere': settings.size[0], 'box': settings.size[2]}
         distance = settings.radius + settings.gap + depth[settings.shape]
-        return data.geom_xpos[sphere] + distance * ahead, _axes_along(-ahead)
+        return data.geom_xpos[sphere] + distance * ahead, axes_along(-ahead)
 
-
-def _axes_along(z: np.ndarray) -> np.ndarray:
-    """Return a rotation matrix whose last column is the unit vector z, shape (3, 3)."""
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.errors import ArmError, ParameterError
+from adaptive_blf_control.limits.link_spheres import sphere_centres
+from adaptive_blf_control.limits.scene import given_spheres
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.plant import MujocoPlant
 from adaptive_blf_control.simulation.plant import truth_of
@@ -239,6 +241,51 @@ def test_a_geom_of_the_model_can_be_touched(made):
         plant.advance(0.005)
     assert plant.touched
     assert made(**scheduled((0.0, 'contact.table', 0.0))).touched == ()
+
+
+ON_THE_LINKS = [1.0, 0.25, 0.0, 0.0, 0.06, 2.0, 0.4, 0.0, 0.0, 0.05]
+
+
+def test_what_stands_beside_the_arm_is_touched_by_the_spheres_on_its_links(made, mjcf):
+    """The tip falls from 1 m on: a sphere of 5 cm on a plane, and a box under the first link."""
+    for standing in ({'half_spaces': [0.0, 0.0, 0.7, 0.0, 0.0, 2.0]},
+                     {'boxes': [0.2, 0.0, 0.7, 0.1, 0.1, 0.1]},
+                     {'spheres': [0.8, 0.0, 0.7, 0.1]}):
+        plant = made(mujoco={'model': mjcf, 'fixtures': {
+            **{name: lower(rows) for name, rows in standing.items()},
+            'link_spheres': ON_THE_LINKS}})
+        plant.advance(1.0)
+        (begin, _), *_ = plant.touched
+        assert 0.1 < begin < 0.5
+    assert made(mujoco={'model': mjcf, 'fixtures': {
+        'spheres': [0.8, 0.0, 1.0, 0.1], 'link_spheres': ON_THE_LINKS}}).touched == ()
+
+
+def lower(rows):
+    """Return a row 1 m lower: the model has its shoulder at 0 m, the URDF at 1 m."""
+    return [*rows[:2], rows[2] - 1.0, *rows[3:]]
+
+
+def test_a_sphere_of_a_link_is_where_the_safety_filter_takes_it_to_be(panda, panda_settings):
+    rows = [2.0, 0.0, -0.1, 0.05, 0.09, 4.0, -0.08, 0.14, 0.0, 0.07, 7.0, 0.0, 0.03, 0.21, 0.05]
+    q = np.array([0.3, -0.7, 0.4, -1.7, -0.5, 1.3, 0.9])
+    plant = MujocoPlant(panda_settings.replace(
+        initial_position=q.tolist(), mujoco={'fixtures': {'link_spheres': rows}}), panda)
+    load_mujoco().mj_kinematics(plant.arm_model.model, plant.data)
+    chain = panda.chain.chain
+    ours = sphere_centres(chain, given_spheres('', np.array(rows), chain, 7), q)
+    theirs = [plant.data.geom(f'link sphere {k}').xpos for k in range(3)]
+    np.testing.assert_allclose(theirs, ours, atol=1e-9)
+
+
+@pytest.mark.parametrize(('standing', 'message'), [
+    ({'spheres': [0.1, 0.2]}, 'fixtures.spheres.*4 numbers each'),
+    ({'boxes': [0.1, 0.2, 0.3, 0.1, -0.1, 0.1]}, 'sizes > 0 m'),
+    ({'half_spaces': [0.0] * 6}, 'a normal that is not zero'),
+    ({'link_spheres': [3.0, 0.0, 0.0, 0.0, 0.1]}, 'fixtures.link_spheres.*joints from 1 to 2')])
+def test_what_cannot_stand_there_is_refused(made, standing, message):
+    with pytest.raises(ParameterError, match=message):
+        made(mujoco={'fixtures': standing})
 
 
 @pytest.mark.parametrize(('change', 'message'), [
