@@ -183,10 +183,12 @@ def _chosen(parts: FilterParts, posture: Posture, at: Moment, wanted: np.ndarray
         braked: The stop that is left.
         room: At ``a``.
     """
-    kind, certain, free = ACTIVE, False, False
-    for _ in range(ROUNDS):
+    kind, certain, free, first = ACTIVE, False, False, a
+    for k in range(ROUNDS):
         low, high = narrowed(lower, upper, error)
         a, kind = solved(posture, wanted, low, high, at.least, at.most, a, room, NEAREST)
+        if k == 0:
+            first = a
         needed = left_free(parts, posture, at, a, room)
         growth = np.maximum(needed - error, 0.0)
         certain = not (growth > SLACK).any()
@@ -197,9 +199,10 @@ def _chosen(parts: FilterParts, posture: Posture, at: Moment, wanted: np.ndarray
             break
     if not certain:
         kind = SOFTENED
-    # Where rows of several obstacles contradict each other the stop that is left keeps all.
+    # Where rows of several obstacles contradict each other the stop that is left keeps all. From it
+    # the way goes to the first solution: the later ones are linearised where no stop is free.
     if room.found.size and (not free or kind == SOFTENED):
-        return _backed_off(parts, posture, at, a, braked, lower, upper, room)
+        return _backed_off(parts, posture, at, first, braked, lower, upper, room)
     return Answer(a, kind, error, Stop(at.q.copy(), at.qd.copy(), a))
 
 

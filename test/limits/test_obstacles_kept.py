@@ -212,3 +212,22 @@ def test_links_with_three_joints_between_them_keep_apart_where_asked_for():
                   np.arange(5), np.arange(5), np.zeros(3))
     spheres = LinkSpheres(np.array([1, 2, 4, 5]), np.zeros((4, 3)), np.ones(4))
     assert own_pairs(chain, spheres).tolist() == [[2, -1], [3, -1], [3, -2]]
+
+
+def test_an_arm_that_may_not_go_on_as_it_wants_goes_on_as_far_as_a_stop_is_free():
+    """Masses that are uncertain, and torques that count as held for three samples: little is free."""
+    arm, settings, _ = made()
+    settings = settings.replace(limits={'period': 0.006, 'prior': {'mass_error': 0.3}})
+    swing = {f'j{i}': {'amplitude': [1.0 * (i == 1), 0.3], 'frequency': [2.0, 5.0]}
+             for i in (1, 2, 3)}
+    controller = Controller(arm, settings, k1=100.0, k2=[6.0, 6.0, 3.0], start=np.zeros(3),
+                            reference={'smooth_start': 0.5, **swing})
+    truth, q, qd, error = arm.dynamics(1.2 * arm.nominal), np.zeros(3), np.zeros(3), 0.0
+    for k in range(1500):
+        output = controller.update(0.002 * k, q, qd, arm.nominal)
+        error = max(error, np.abs(output.e1).max())
+        q, qd = truth.advance(q, qd, output.torque, 0.002)
+    assert error < 0.15
+    assert controller.safety_filter.counts[1] > 200  # the filter had to act
+    assert controller.safety_filter.counts[2] < 100  # and seldom fell back on the stop
+    assert controller.path_time(3.0) > 2.0
