@@ -199,8 +199,8 @@ def _chosen(parts: FilterParts, posture: Posture, at: Moment, wanted: np.ndarray
             break
     if not certain:
         kind = SOFTENED
-    # Where rows of several obstacles contradict each other the stop that is left keeps all. From it
-    # the way goes to the first solution: the later ones are linearised where no stop is free.
+    # Where rows of several obstacles contradict each other the stop that is left keeps all. From
+    # it on the first solution counts: the later ones are linearised where no stop is free.
     if room.found.size and (not free or kind == SOFTENED):
         return _backed_off(parts, posture, at, first, braked, lower, upper, room)
     return Answer(a, kind, error, Stop(at.q.copy(), at.qd.copy(), a))

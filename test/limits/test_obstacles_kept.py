@@ -215,7 +215,7 @@ def test_links_with_three_joints_between_them_keep_apart_where_asked_for():
 
 
 def test_an_arm_that_may_not_go_on_as_it_wants_goes_on_as_far_as_a_stop_is_free():
-    """Masses that are uncertain, and torques that count as held for three samples: little is free."""
+    """Masses are uncertain, and torques count as held for three samples: little is free."""
     arm, settings, _ = made()
     settings = settings.replace(limits={'period': 0.006, 'prior': {'mass_error': 0.3}})
     swing = {f'j{i}': {'amplitude': [1.0 * (i == 1), 0.3], 'frequency': [2.0, 5.0]}
