@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from adaptive_blf_control.arms.three_link import ThreeLinkArm as ThreeLinkArm
     from adaptive_blf_control.arms.two_link import TwoLinkArm as TwoLinkArm
     from adaptive_blf_control.arms.urdf import UrdfArm as UrdfArm
-    from adaptive_blf_control.bags.logs import MeasuredLog as MeasuredLog, read_log as read_log
+    from adaptive_blf_control.bags.logs import read_log as read_log
+    from adaptive_blf_control.bags.measured_log import MeasuredLog as MeasuredLog
     from adaptive_blf_control.bags.reader import read_bag as read_bag
     from adaptive_blf_control.control.constraints import (
         Bounded as Bounded,
@@ -98,7 +99,8 @@ _NAMES = {
     'arms.three_link': ('ThreeLinkArm',),
     'arms.two_link': ('TwoLinkArm',),
     'arms.urdf': ('UrdfArm',),
-    'bags.logs': ('MeasuredLog', 'read_log'),
+    'bags.logs': ('read_log',),
+    'bags.measured_log': ('MeasuredLog',),
     'bags.reader': ('read_bag',),
     'control.constraints': ('Bounded', 'Constraint', 'MotionState'),
     'control.controller': ('Controller',),

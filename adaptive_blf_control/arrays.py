@@ -12,7 +12,7 @@ import numpy as np
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['are_vectors', 'checked_array', 'checked_count', 'checked_finite', 'checked_number',
-           'checked_vectors', 'dimensions']
+           'checked_vectors', 'dimensions', 'joint_places']
 
 _FLOAT64 = np.dtype(np.float64)  # not the same object as that of an array numba returns
 _NUMBERS = 'biuf'  # kinds of dtype; no text, no complex numbers, no objects
@@ -111,6 +111,22 @@ def dimensions(value: Any) -> int:
         return np.ndim(value)
     except (TypeError, ValueError):
         return -1
+
+
+def joint_places(joints: Sequence[str], known: Sequence[str]) -> list[int] | None:
+    """Return where joints stand among those that are known; None where one is not among them.
+
+    A name that only differs in capitals is taken for the same: columns may have small letters.
+
+    Args:
+        joints: Names of joints.
+        known: Those that a log has.
+    """
+    small = [name.lower() for name in known]
+    places = [list(known).index(name) if name in known else
+              small.index(name.lower()) if small.count(name.lower()) == 1 else -1
+              for name in joints]
+    return None if -1 in places else places
 
 
 def _text(shape: tuple[int, ...]) -> str:

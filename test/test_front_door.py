@@ -373,7 +373,7 @@ def test_a_log_teaches_an_arm_whose_joints_stand_in_another_order():
     np.testing.assert_array_equal(
         door.Identifier(ARM).learn(log.of_joints(ARM.joints[::-1])), theta)
     with pytest.raises(door.LogError, match="no joint 'joint1': it has a, b; read_log.*=arm"):
-        door.Identifier(ARM).learn(log._replace(joints=('a', 'b')))
+        door.Identifier(ARM).learn(log.replace(joints=('a', 'b')))
 
 
 def test_a_training_without_end_needs_no_log_to_be_refused():

@@ -299,9 +299,9 @@ def test_a_log_is_not_cut_into_its_fields_without_a_word(key):
     log = door.read_log(LOG)
     with pytest.raises(door.LogError, match=r'log\.q\[100:200\]'):
         log[key]
-    joints, t, *_ = log
-    assert (joints, len(t)) == (log[0], len(T))
-    assert log._replace(dropped=2).dropped == 2
+    assert log.replace(dropped=2).dropped == 2
+    with pytest.raises(door.ParameterError, match="'drop' is 2.*did you mean dropped"):
+        log.replace(drop=2)
 
 
 @pytest.mark.parametrize(('name', 'hint'), [

@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import functools
 import os
 from pathlib import Path
 import re
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, Protocol
 import zipfile
 
 import numpy as np
@@ -19,8 +18,9 @@ from adaptive_blf_control.bags.bag_log import bag_log
 from adaptive_blf_control.bags.csv_log import csv_log
 from adaptive_blf_control.bags.log_clock import log_clock
 from adaptive_blf_control.bags.log_conversion import Conversion, conversion
+from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.bags.raw_log import RawLog
-from adaptive_blf_control.bags.reader import read_bag
+from adaptive_blf_control.bags.reader import Bag, read_bag
 from adaptive_blf_control.bags.row_store import keep_rows, new_table, row_blocks
 from adaptive_blf_control.bags.table_log import columns_of, DataFrame, is_table, table_log
 from adaptive_blf_control.calls import checked_call
@@ -30,12 +30,11 @@ from adaptive_blf_control.errors import (
     ParameterError,
     shown,
     UnknownParameter,
-    with_hints,
 )
 from adaptive_blf_control.spelling import option, setting
 from adaptive_blf_control.synonyms import same_meaning
 
-__all__ = ['Log', 'MeasuredLog', 'read_log']
+__all__ = ['Log', 'read_log']
 
 MINIMUM_ROWS = 3
 LOG_OPTIONS = ('topic', 'joints', 'velocity', 'columns', 'degrees', 'gain', 'effort_delay')
@@ -44,91 +43,22 @@ _TABLES = {'.xlsx': 'read_excel', '.parquet': 'read_parquet', '.json': 'read_jso
 _NO_GAIN: Mapping[str, float] = MappingProxyType({})
 
 
-_NOT_THERE = {
-    'duration': 't[-1] - t[0]', 'n': 'len(joints)', 'names': 'joints has the names',
-    **dict.fromkeys(('rate', 'dt', 'fs', 'frequency', 'sample_rate', 'period'),
-                    'numpy.median(numpy.diff(t)) is the usual interval'),
-    **dict.fromkeys(('size', 'shape', 'samples', 'N'), 'len(t) samples'),
-    **dict.fromkeys(('plot', 'show'), 'matplotlib draws arrays: plt.plot(log.t, log.tau)'),
-    **dict.fromkeys(('save', 'to_csv', 'to_npz', 'to_dataframe'),
-                    "numpy.savez('log.npz', t=log.t, q=log.q, qd=log.qd, tau=log.tau); "
-                    'read_log reads it'),
-    **dict.fromkeys(('cut', 'between', 'rows', 'slice', 'crop', 'trim', 'span'),
-                    'log.q[100:200] are rows of one array, identify(log, train=(1.0, 5.0), '
-                    'test=(5.0, 9.0)) chooses spans'),
-    'qdd': 'no acceleration is measured or needed; numpy.gradient(log.qd, log.t, axis=0) '
-           'approximates it'}
+class MeasuredRun(Protocol):
+    """A run of a simulation: times, and what the sensors showed."""
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times, shape (N,) [s]."""
+        ...
+
+    @property
+    def measured(self) -> Any:
+        """With q, qd and torque, shape (N, n) each."""
+        ...
 
 
-@functools.partial(with_hints, instead=_NOT_THERE)
-class MeasuredLog(NamedTuple):
-    """A log of N rows for n joints; all finite, times strictly increasing.
-
-    Attributes:
-        joints: Joint names.
-        t: Time from the first row on, shape (N,) [s].
-        q: Positions, shape (N, n) [rad].
-        qd: Velocities, shape (N, n) [rad/s]; zeros where `measured_velocity` is false.
-        tau: Joint torques, shape (N, n) [N·m].
-        dropped: Rows left out: a value not finite, a time not after the row before or far from
-            its neighbours, or a message without these joints.
-        problem: Why the source ends early (a truncated bag), or None.
-        notes: What was assumed or is odd, in sentences.
-        breaks: Rows at which the clock was set back: filters restart there.
-        measured_velocity: Whether velocities were read.
-    """
-
-    joints: tuple[str, ...]
-    t: np.ndarray
-    q: np.ndarray
-    qd: np.ndarray
-    tau: np.ndarray
-    dropped: int
-    problem: str | None = None
-    notes: tuple[str, ...] = ()
-    breaks: tuple[int, ...] = ()
-    measured_velocity: bool = True
-
-    def __getitem__(self, key: Any) -> Any:
-        """Return a field by its number; LogError of a name or a slice, which mean rows."""
-        if isinstance(key, (slice, str)):
-            raise LogError(f'a log has no [{key!r}]: log.q[100:200] are rows of one array, '
-                           'identify(log, train=(1.0, 5.0)) chooses a span')
-        return tuple.__getitem__(self, key)
-
-    def of_joints(self, joints: Sequence[str]) -> MeasuredLog:
-        """Return the log of these joints, in this order.
-
-        Args:
-            joints: Their names.
-
-        Raises:
-            LogError: it has no joint of one of these names.
-        """
-        if tuple(joints) == self.joints:
-            return self
-        if missing := [name for name in joints if name not in self.joints]:
-            raise LogError(f'log: no joint {missing[0]!r}: it has {", ".join(self.joints)}; '
-                           'read_log(file, joints=arm.joints) names columns that have no names, '
-                           'in their order')
-        columns = [self.joints.index(name) for name in joints]
-        q, qd, tau = (np.ascontiguousarray(values[:, columns])
-                      for values in (self.q, self.qd, self.tau))
-        return self._replace(joints=tuple(joints), q=q, qd=qd, tau=tau)
-
-    def __repr__(self) -> str:
-        """Show samples, joints, span and rate, and what is missing."""
-        span = float(self.t[-1] - self.t[0])
-        rate = 1.0 / float(np.median(np.diff(self.t)))
-        names = ', '.join(self.joints)
-        return (f'<MeasuredLog: {len(self.t)} samples of {len(self.joints)} joints ({names}), '
-                f'{span:.4g} s at {rate:.4g} Hz'
-                + (f', {self.dropped} rows left out' if self.dropped else '')
-                + ('' if self.measured_velocity else ', without velocities')
-                + (f', {self.problem}' if self.problem else '') + '>')
-
-
-Log = str | os.PathLike[str] | Mapping[str, Any] | MeasuredLog | np.ndarray | DataFrame
+Log = (str | os.PathLike[str] | Mapping[str, Any] | MeasuredLog | np.ndarray | DataFrame | Bag
+       | MeasuredRun)
 """A log as a caller gives it, see `read_log`."""
 
 
@@ -143,12 +73,13 @@ def read_log(source: Log, *, topic: str | None = None, joints: Sequence[str] | N
         source: CSV file with a header such as ``t,q1..,qd1..,tau1..``, in any order, dialect and
             with names of other programs, see ``docs/logs.md``; NumPy's ``.npz`` file, or a
             mapping, with arrays t (N,) [s], q [rad], qd [rad/s] and tau [N·m] (N, n), or (N,)
-            for one joint; a data frame, structured array or mapping with columns like those of a
-            CSV file; a bag as `read_bag` takes it; or a log.
+            for one joint, and the names of the joints as ``joints`` where it has them; a data
+            frame, structured array or mapping with columns like those of a CSV file; a bag, or
+            what `read_bag` takes for one; a run of `simulate`; or a log.
         topic: Topic of joint values in the bag. Where not given: ``joint_states``, or the only
             one there is.
-        joints: For a bag, a log and named columns, which joints in which order, by name; else
-            the names of the columns in order (``joint1``, ... where not given).
+        joints: Which joints in which order, by name, where the source has names; else the names
+            of its columns in order (``joint1``, ... where not given).
         velocity: Whether velocities are needed; where not, they are not read.
         columns: Columns of a CSV file or table by kind, e.g. ``{'t': 'stamp[ms]', 'q': 'pos_*'}``
             or ``{'q': ['shoulder', 'elbow']}``; of a mapping or ``.npz`` file names of arrays,
@@ -202,33 +133,65 @@ def _read(source: Log, topic: str | None, joints: Sequence[str] | None, velocity
     if joints is not None and (not isinstance(joints, (list, tuple))
                                or not all(isinstance(name, str) for name in joints)):
         raise ParameterError('joints', joints, 'a list of names')
-    if isinstance(source, MeasuredLog):
-        return source if joints is None else source.of_joints(joints)
-    arrays = source if isinstance(source, Mapping) else columns_of(source)
+    log = source if isinstance(source, MeasuredLog) else _finished(
+        *_found(source, topic, joints, velocity, columns), joints)
+    return log if joints is None else log.of_joints(joints)
+
+
+def _found(source: Log, topic: str | None, joints: Sequence[str] | None, velocity: bool,
+           columns: Mapping[str, str] | None) -> tuple[str, RawLog]:
+    """Return how messages call a source, and all of its rows."""
+    if isinstance(source, Bag):
+        return str(source.path), _of_bag(source, topic, joints, velocity)
+    arrays = source if isinstance(source, Mapping) else _of_run(source) or columns_of(source)
     if arrays is not None:
-        return _finished('log', _of_arrays('log', arrays, joints, velocity, columns), joints)
+        return 'log', _of_arrays('log', arrays, joints, velocity, columns)
     try:
         path = Path(source)  # type: ignore[arg-type]
     except TypeError:
-        raise LogError(f'log is {shown(source)}: expected a path, arrays by name such as '
+        plain = source is None or isinstance(source, (int, float, list, tuple, np.ndarray))
+        raise LogError(f'log is {shown(source) if plain else f"of type {type(source).__name__}"}: '
+                       'expected a path, arrays by name such as '
                        "{'t': a[:, 0], 'q': a[:, 1:3], 'qd': a[:, 3:5], 'tau': a[:, 5:7]}, a data "
-                       'frame with named columns, or a MeasuredLog') from None
-    if path.suffix.lower() in ('.csv', '.tsv', '.txt'):
-        raw = csv_log(path, joints, velocity=velocity, columns=columns)
-    elif path.suffix.lower() == '.mat':
+                       'frame with named columns, a run of simulate, a bag, or a MeasuredLog'
+                       ) from None
+    return str(path), _of_file(path, topic, joints, velocity, columns)
+
+
+def _of_run(source: Any) -> Mapping[str, Any] | None:
+    """Return what the sensors showed in a run as arrays by name; None of anything else."""
+    measured: Any = getattr(source, 'measured', None)
+    if not hasattr(measured, 'torque') or not hasattr(source, 't'):
+        return None
+    named = {'joints': source.joints} if hasattr(source, 'joints') else {}
+    return {'t': source.t, 'q': measured.q, 'qd': measured.qd, 'tau': measured.torque, **named}
+
+
+def _of_bag(bag: Bag, topic: str | None, joints: Sequence[str] | None, velocity: bool) -> RawLog:
+    try:
+        return bag_log(bag, topic, joints, velocity=velocity)
+    except BagError as exc:
+        raise LogError(str(exc)) from exc
+
+
+def _of_file(path: Path, topic: str | None, joints: Sequence[str] | None, velocity: bool,
+             columns: Mapping[str, str] | None) -> RawLog:
+    kind = path.suffix.lower()
+    if kind in ('.csv', '.tsv', '.txt'):
+        return csv_log(path, joints, velocity=velocity, columns=columns)
+    if kind == '.npz':
+        return _load_npz(path, joints, velocity, columns)
+    if kind == '.mat':
         raise LogError(f'{path} is a file of MATLAB: read_log(scipy.io.loadmat({path.name!r}, '
                        'squeeze_me=True)) reads its arrays')
-    elif path.suffix.lower() in _TABLES:
-        raise LogError(f'{path} is a table: read_log(pandas.{_TABLES[path.suffix.lower()]}'
+    if kind in _TABLES:
+        raise LogError(f'{path} is a table: read_log(pandas.{_TABLES[kind]}'
                        f'({path.name!r})) reads it')
-    elif path.suffix.lower() == '.npz':
-        raw = _load_npz(path, joints, velocity, columns)
-    else:
-        try:
-            raw = bag_log(read_bag(path), topic, joints, velocity=velocity)
-        except BagError as exc:
-            raise LogError(str(exc)) from exc
-    return _finished(str(path), raw, joints)
+    try:
+        bag = read_bag(path)
+    except BagError as exc:
+        raise LogError(str(exc)) from exc
+    return _of_bag(bag, topic, joints, velocity)
 
 
 def _finished(source: str, raw: RawLog, joints: Sequence[str] | None) -> MeasuredLog:
@@ -249,7 +212,8 @@ def _finished(source: str, raw: RawLog, joints: Sequence[str] | None) -> Measure
     qd = table[:, n:2 * n] if raw.velocity else np.broadcast_to(0.0, (kept, n))
     return MeasuredLog(names, clock.t, table[:, :n], qd, table[:, -n:],
                        raw.skipped + found - kept, raw.problem, raw.notes + clock.notes,
-                       clock.breaks, raw.velocity)
+                       clock.breaks, raw.velocity,
+                       raw.joints is not None or joints is not None)
 
 
 def _empty_columns(table: np.ndarray, n: int, names: Sequence[str], velocity: bool) -> str:
@@ -288,9 +252,25 @@ def _of_arrays(source: str, arrays: Mapping[str, Any], joints: Sequence[str] | N
         one = dimensions(arrays['q']) == 1  # a column for the only joint
         q = checked_array('q', arrays['q'], (len(t), 1 if one else -1))
         rest = [checked_array(name, arrays[name], q.shape) for name in needed[2:]]
+        names = _stored_names(arrays.get('joints'), q.shape[1])
     except ParameterError as exc:
         raise LogError(f'{source}: {exc}') from exc
-    return RawLog(None, t, 1.0, np.hstack([q, *rest]), q.shape[1], velocity, 0, (), None)
+    return RawLog(names, t, 1.0, np.hstack([q, *rest]), q.shape[1], velocity, 0, (), None)
+
+
+def _stored_names(stored: Any, n: int) -> tuple[str, ...] | None:
+    """Return the names of the joints that arrays come with; None where they have none.
+
+    Raises:
+        ParameterError: there are not as many different ones as joints.
+    """
+    if stored is None or np.asarray(stored).dtype.kind != 'U':
+        return None
+    names = tuple(str(name).strip() for name in np.atleast_1d(stored))
+    if len(names) != n or len(set(names)) != n:
+        raise ParameterError('joints', list(names), f'{n} different names, one for each column '
+                             'of q')
+    return names
 
 
 def _others(missing: Sequence[str], arrays: Mapping[str, Any]) -> str:
@@ -316,9 +296,9 @@ def _renamed(source: str, arrays: Mapping[str, Any],
 def _converted(log: MeasuredLog, by: Conversion, source: Log) -> MeasuredLog:
     gains = by.gains(log.joints)
     if by.degrees:
-        log = log._replace(q=_scaled(log.q, np.pi / 180.0), qd=_scaled(log.qd, np.pi / 180.0))
+        log = log.replace(q=_scaled(log.q, np.pi / 180.0), qd=_scaled(log.qd, np.pi / 180.0))
     if by.gain:
-        log = log._replace(tau=_scaled(log.tau, gains))
+        log = log.replace(tau=_scaled(log.tau, gains))
     return _shifted(log, by.effort_delay, source) if by.effort_delay else log
 
 
@@ -341,7 +321,7 @@ def _shifted(log: MeasuredLog, delay: float, source: Log) -> MeasuredLog:
                        f'{log.t[-1] - log.t[0]:.3g} s')
     there = slice(first, first + count)  # times rise, so it is one stretch
     t = log.t[there]
-    return log._replace(t=t - t[0], q=log.q[there], qd=log.qd[there],
+    return log.replace(t=t - t[0], q=log.q[there], qd=log.qd[there],
                         tau=_interpolated(later[there], log.t, log.tau),
                         dropped=log.dropped + len(log.t) - count,
                         breaks=tuple(row - first for row in log.breaks

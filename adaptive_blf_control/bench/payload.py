@@ -18,7 +18,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.base_parameters import PER_BODY
 from adaptive_blf_control.arms.load_frame import load_map
-from adaptive_blf_control.bags.logs import MeasuredLog
+from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.bench.payload_figures import LoadRun, LoadWatch, ratios
 from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
@@ -154,7 +154,7 @@ def _switched(source: LogPairs, settings: IdentifierNodeSettings, baseline: np.n
     t, q, qd, tau = (np.concatenate([before[:row + 1], after[rest]]) for before, after in (
         (without.t, along.t - along.t[there] + without.t[row]), (without.q, along.q),
         (without.qd, along.qd), (without.tau, along.tau)))
-    both = without._replace(t=t, q=q, qd=qd, tau=tau)
+    both = without.replace(t=t, q=q, qd=qd, tau=tau)
     found = build_payload(settings, source.arm, source.identifier.memory, baseline)
     assert found is not None
     watch = LoadWatch(found, float(both.t[row]))

@@ -16,9 +16,10 @@ from adaptive_blf_control.arrays import (
     checked_array,
     checked_number,
     checked_vectors,
+    joint_places,
 )
 from adaptive_blf_control.calls import checked_call, without_argument
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.errors import LogError, ParameterError
 from adaptive_blf_control.identification.change_monitor import (
     ChangeMonitor,
     ExternalTorque,
@@ -459,8 +460,8 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
 
         Args:
             t: Times, shape (N,) [s]; or, alone, a log that has all four: a mapping with arrays
-                t, q, qd and tau, or what `read_log` returns, whose joints are put in the order of
-                the arm's.
+                t, q, qd and tau, what `read_log` returns, whose joints are put in the order of
+                the arm's, or a run of `simulate`.
             q: Positions, shape (N, n) [rad].
             qd: Velocities, shape (N, n) [rad/s].
             tau: Mean torques over the intervals that end at ``t``, shape (N, n) [N·m].
@@ -538,9 +539,13 @@ def _of_log(log: Any, joints: Sequence[str]) -> tuple[Any, Any, Any, Any]:
         LogError: its joints have other names.
     """
     names = ('t', 'q', 'qd', 'tau')
+    measured: Any = getattr(log, 'measured', None)
+    if hasattr(measured, 'torque') and hasattr(log, 't'):  # a run of a simulation
+        log = {'t': log.t, 'q': measured.q, 'qd': measured.qd, 'tau': measured.torque,
+               'joints': getattr(log, 'joints', joints)}
     if isinstance(log, Mapping) and all(name in log for name in names):
         t, q, qd, tau = (log[name] for name in names)
-        return t, q, qd, tau
+        return t, *_in_order(log.get('joints'), joints, q, qd, tau)
     if hasattr(log, 'of_joints'):
         log = log.of_joints(joints)
     if all(hasattr(log, name) for name in names):
@@ -549,3 +554,23 @@ def _of_log(log: Any, joints: Sequence[str]) -> tuple[Any, Any, Any, Any]:
         raise ParameterError('t', log, 'learn(t, q, qd, tau), or a log with these four: '
                              'learn(read_log(...)) takes a file, a table or other names')
     raise without_argument(Identifier.learn, 'q')
+
+
+def _in_order(stored: Any, joints: Sequence[str], *values: Any) -> tuple[Any, ...]:
+    """Return columns, shape (N, n) each, in the order of an arm's joints.
+
+    Args:
+        stored: Names of the columns; in order where there are none.
+        joints: Joints of the arm.
+        values: Arrays with these columns.
+
+    Raises:
+        LogError: no column has the name of a joint.
+    """
+    known = [] if stored is None else [str(name) for name in np.atleast_1d(stored)]
+    if known in ([], list(joints)):
+        return values
+    places = joint_places(joints, known)
+    if places is None:
+        raise LogError(f'the log is of {", ".join(known)}, the arm has {", ".join(joints)}')
+    return tuple(np.asarray(each)[:, places] for each in values)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.bags.logs import MeasuredLog
+from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.spelling import option
 
 __all__ = ['Excerpt', 'Finding', 'REFUSED', 'WARNING', 'even', 'excerpt', 'gain_of', 'listed']

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.bags.logs import MeasuredLog
+from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.runs.delay_check import delay_findings

@@ -9,7 +9,8 @@ import os
 from typing import Any
 
 from adaptive_blf_control.bags.log_conversion import conversion
-from adaptive_blf_control.bags.logs import Log, MeasuredLog, read_log
+from adaptive_blf_control.bags.logs import Log, read_log
+from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 
 __all__ = ['LogOptions', 'name_of', 'read_converted', 'several']
@@ -61,8 +62,8 @@ class LogOptions:
 
 
 def several(log: Any) -> list[Log]:
-    """Return a list of logs; one log is a list of one. A log itself may be a tuple."""
-    if isinstance(log, (list, tuple)) and not isinstance(log, MeasuredLog):
+    """Return a list of logs; one log is a list of one."""
+    if isinstance(log, (list, tuple)):
         if not log:
             raise ParameterError('log', log, 'at least one log')
         return list(log)

@@ -8,7 +8,8 @@ import itertools
 
 import numpy as np
 
-from adaptive_blf_control.bags.logs import Log, MeasuredLog
+from adaptive_blf_control.bags.logs import Log
+from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.bags.row_store import row_blocks
 from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.build_identifier import build_identifier

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arrays import checked_number
-from adaptive_blf_control.bags.logs import MeasuredLog
+from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.bags.row_store import row_blocks, RowStore
 from adaptive_blf_control.errors import LogError, ParameterError, with_hints
 from adaptive_blf_control.identification.identifier import Identifier, LearnedBlock

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.urdf import UrdfArm
-from adaptive_blf_control.bags.logs import Log, MeasuredLog
+from adaptive_blf_control.bags.logs import Log
+from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.runs.finding import Finding

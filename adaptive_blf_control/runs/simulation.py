@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bags.logs import MeasuredLog, read_log
+from adaptive_blf_control.bags.logs import read_log
+from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.calls import argument_names, checked_call
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build_closed_loop import OwnParts
@@ -125,7 +126,7 @@ class Simulation(Trace, Learned, instead=_NOT_THERE):
         return self.q - self.e1
 
     def log(self) -> MeasuredLog:
-        """Return what the sensors showed, as a log for `identify` and `Identifier.learn`.
+        """Return what the sensors showed, as a log; `identify`, `learn` and `read_log` do so too.
 
         The effort of a row is the mean torque over the interval that ends with it, while
         ``torque`` is the command from there on: as effort that would be one sample early.
@@ -133,8 +134,7 @@ class Simulation(Trace, Learned, instead=_NOT_THERE):
         Raises:
             LogError: the run has no three samples that are finite.
         """
-        q, qd, tau = self.measured
-        return read_log({'t': self.t, 'q': q, 'qd': qd, 'tau': tau}, joints=self.joints)
+        return read_log(self)
 
     @checked_call
     def save(self, path: str | os.PathLike[str]) -> Path:

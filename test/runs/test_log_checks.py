@@ -10,7 +10,8 @@ pytest.importorskip('pinocchio')
 
 from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.arms.urdf import UrdfArm
-from adaptive_blf_control.bags.logs import MeasuredLog, read_log
+from adaptive_blf_control.bags.logs import read_log
+from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.runs.finding import even, excerpt, listed, REFUSED, WARNING
@@ -67,7 +68,7 @@ def with_joint(log, field, function, joint=1):
     """Change a column of a log."""
     values = getattr(log, field).copy()
     values[:, joint] = function(values[:, joint])
-    return log._replace(**{field: values})
+    return log.replace(**{field: values})
 
 
 def later(values, rows):
@@ -101,13 +102,13 @@ def test_velocity_unit_is_named_with_the_option_that_helps(sound, arm):
 
 
 def test_velocities_that_were_not_read_are_not_judged(sound, arm):
-    log = sound._replace(qd=0.0 * sound.qd, measured_velocity=False)
+    log = sound.replace(qd=0.0 * sound.qd, measured_velocity=False)
     settings = SETTINGS.replace(filter={'state_order': 4, 'state_time_constant': 0.005})
     assert [each for each in found(log, arm, settings) if each[2] == REFUSED] == []
 
 
 def test_degrees_and_positions_beyond_the_limits_are_found(sound, arm):
-    degrees = sound._replace(q=np.rad2deg(sound.q), qd=np.rad2deg(sound.qd))
+    degrees = sound.replace(q=np.rad2deg(sound.q), qd=np.rad2deg(sound.qd))
     findings = check_log(degrees, arm, SETTINGS)
     assert [(each.joint, each.level) for each in findings] == [
         ('shoulder', REFUSED), ('elbow', REFUSED)]
@@ -131,20 +132,20 @@ def test_a_joint_that_never_moves_is_a_warning_and_a_still_arm_is_refused(sound,
     result = found(with_joint(still, 'tau', lambda tau: 0.0 * tau + 1.0), arm)
     assert [each[:3] for each in result][:2] == [('motion', 'elbow', WARNING),
                                                  ('effort', 'elbow', WARNING)]
-    none = sound._replace(q=0.0 * sound.q, qd=0.0 * sound.qd)
+    none = sound.replace(q=0.0 * sound.q, qd=0.0 * sound.qd)
     assert ('motion', None, REFUSED, 0.0) in found(none, arm)
 
 
 def test_a_log_that_mostly_stands_still_is_told(sound, arm):
     moves = (sound.t < 4.0)[:, None]
-    log = sound._replace(q=np.where(moves, sound.q, sound.q[2000]),
+    log = sound.replace(q=np.where(moves, sound.q, sound.q[2000]),
                          qd=np.where(moves, sound.qd, 0.0))
     still = [each for each in found(log, arm) if each[:3] == ('motion', None, WARNING)]
     assert still[0][3] == pytest.approx(2 / 3, abs=0.02)
 
 
 def test_a_rate_that_the_filters_cannot_use_says_what_would_help(sound, arm):
-    slow = sound._replace(t=50.0 * sound.t)
+    slow = sound.replace(t=50.0 * sound.t)
     finding = next(each for each in check_log(slow, arm, SETTINGS) if each.check == 'rate')
     assert (finding.level, finding.value) == (REFUSED, pytest.approx(10.0))
     assert finding.hint == "filter={'gap': 0.3} filter={'time_constant': 0.3}"
@@ -154,13 +155,13 @@ def test_jitter_is_told(sound, arm):
     rows = np.ones(6000, dtype=bool)
     for start in range(100, 5900, 100):
         rows[start:start + 5] = False
-    log = sound._replace(t=sound.t[rows], q=sound.q[rows], qd=sound.qd[rows], tau=sound.tau[rows])
+    log = sound.replace(t=sound.t[rows], q=sound.q[rows], qd=sound.qd[rows], tau=sound.tau[rows])
     assert [each[:3] for each in found(log, arm)] == [('rate', None, WARNING)]
 
 
 @pytest.mark.parametrize('rows', [5, 10, 20, -10])
 def test_effort_behind_or_ahead_of_the_motion_is_found(sound, arm, rows):
-    log = sound._replace(tau=np.roll(sound.tau, rows, axis=0))
+    log = sound.replace(tau=np.roll(sound.tau, rows, axis=0))
     delay, = (each for each in found(log, arm) if each[0] == 'delay')
     assert delay[1:3] == (None, WARNING)
     assert delay[3] == pytest.approx(PERIOD * rows, abs=0.003)
@@ -175,7 +176,7 @@ def test_rows_at_even_times_keep_their_values_and_the_gaps(sound):
     """Of a sound Panda, whose stamps jitter, no delay was found without this."""
     t = sound.t + np.random.default_rng(2).uniform(-0.4, 0.4, sound.t.shape) * PERIOD
     t[3000:] += 1.0
-    result = even(excerpt(sound._replace(t=t, q=np.column_stack([2.0 * t, -t]))))
+    result = even(excerpt(sound.replace(t=t, q=np.column_stack([2.0 * t, -t]))))
     gap, = np.flatnonzero(~result.whole)
     assert result.t[gap + 1] - result.t[gap] == pytest.approx(1.0, abs=2.0 * PERIOD)
     np.testing.assert_allclose(np.delete(np.diff(result.t), gap), result.period)
@@ -193,7 +194,7 @@ def test_effort_of_the_opposite_sign_is_found(sound, arm):
 def test_effort_without_gravity_is_found_where_gravity_is_to_be_expected(sound, arm):
     base, zero = arm.base_count, np.zeros(2)
     weight = np.array([arm.Y(q, zero, zero)[:, :base] @ arm.nominal[:base] for q in sound.q])
-    log = sound._replace(tau=sound.tau - weight)
+    log = sound.replace(tau=sound.tau - weight)
     gravity = [each for each in check_log(log, arm, SETTINGS,
                                           lambda: arm_with(gravity=(0.0, 0.0, 0.0)))
                if each.check == 'gravity']
@@ -203,7 +204,7 @@ def test_effort_without_gravity_is_found_where_gravity_is_to_be_expected(sound, 
 
 @pytest.mark.parametrize('gains', [(12.0, 14.0), (0.1, 0.1)])
 def test_effort_of_another_unit_is_suspected(sound, arm, gains):
-    log = sound._replace(tau=sound.tau / gains)
+    log = sound.replace(tau=sound.tau / gains)
     findings = {each.joint: each for each in check_log(log, arm, SETTINGS) if each.check == 'unit'}
     for joint, gain in zip(arm.joints, gains):
         assert findings[joint].value == pytest.approx(1.0 / gain, rel=0.1)
@@ -213,7 +214,7 @@ def test_effort_of_another_unit_is_suspected(sound, arm, gains):
 
 
 def test_an_excerpt_of_a_long_log_marks_its_blocks(sound):
-    part = excerpt(sound._replace(breaks=(100,)), 1000, 4)
+    part = excerpt(sound.replace(breaks=(100,)), 1000, 4)
     assert len(part.t) == 1000
     assert (~part.whole).sum() == 4  # between the blocks, and where the clock was set back
     assert part.period == pytest.approx(PERIOD)
@@ -255,7 +256,7 @@ def measured(realdata):
     ('panda', 0.02), ('panda', 0.01), ('panda', -0.02), ('ur10', 0.02), ('ur10', -0.02)])
 def test_a_delay_of_a_measured_effort_is_found(measured, robot, seconds):
     def late(log):
-        return log._replace(tau=np.column_stack([
+        return log.replace(tau=np.column_stack([
             np.interp(log.t - seconds, log.t, column) for column in log.tau.T]))
     delay, = (each for each in measured(robot, late) if each.check == 'delay')
     assert delay.value == pytest.approx(seconds - 0.005, abs=0.004)  # sound, it is 5 ms ahead
@@ -263,7 +264,7 @@ def test_a_delay_of_a_measured_effort_is_found(measured, robot, seconds):
 
 @pytest.mark.parametrize('robot', ['panda', 'ur10'])
 def test_a_measured_effort_of_the_opposite_sign_is_found(measured, robot):
-    found = [each for each in measured(robot, lambda log: log._replace(tau=-log.tau))
+    found = [each for each in measured(robot, lambda log: log.replace(tau=-log.tau))
              if 'sign opposite' in each.text]
     assert found
     assert all(each.check == 'unit' for each in found)
@@ -271,5 +272,5 @@ def test_a_measured_effort_of_the_opposite_sign_is_found(measured, robot):
 
 @pytest.mark.parametrize('robot', ['panda', 'ur10'])
 def test_a_measured_effort_in_amperes_is_suspected(measured, robot):
-    found = measured(robot, lambda log: log._replace(tau=log.tau / 13.0))
+    found = measured(robot, lambda log: log.replace(tau=log.tau / 13.0))
     assert 'unit' in {each.check for each in found}

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a person gives for a log, and what a log answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import adaptive_blf_control as door
+
+ARM = door.TwoLinkArm()
+T = np.arange(0.0, 1.0, 1e-3)
+Q = np.column_stack([np.sin(3.0 * T), np.cos(2.0 * T)])
+QD = np.column_stack([3.0 * np.cos(3.0 * T), -2.0 * np.sin(2.0 * T)])
+LOG = {'t': T, 'q': Q, 'qd': QD, 'tau': Q}
+PENDULUM = (
+    '<robot name="r"><link name="base"/><link name="rod"><inertial><mass value="1"/>'
+    '<origin xyz="0 0 -0.2"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
+    '</inertial></link><joint name="pivot" type="continuous"><parent link="base"/>'
+    '<child link="rod"/><axis xyz="0 1 0"/></joint></robot>')
+
+
+def test_the_length_of_a_log_is_the_number_of_its_rows():
+    log = door.read_log(LOG)
+    assert len(log) == len(T)
+    with pytest.raises(door.LogError, match=r'cannot be unpacked: log\.t'):
+        t, q, qd, tau = log
+
+
+def test_a_run_is_a_log_wherever_one_is_wanted():
+    swing = {joint: {'amplitude': 0.4, 'frequency': 3.0} for joint in ARM.joints}
+    run = door.simulate(ARM, 1.0, reference=swing)
+    for use in (lambda log: door.read_log(log).tau, lambda log: door.Identifier(ARM).learn(log),
+                lambda log: door.identify(log, ARM, filter={'time_constant': 0.01}).theta):
+        np.testing.assert_array_equal(use(run), use(run.log()))
+    np.testing.assert_array_equal(run.log().tau, run.measured.torque)
+    with pytest.raises(door.LogError, match='log is of type TwoLinkArm: .*a run of simulate'):
+        door.identify(ARM, ARM)
+
+
+@pytest.mark.parametrize('form', ['csv', 'arrays'])
+def test_columns_without_names_are_the_joints_of_an_arm_in_their_order(tmp_path, form):
+    pytest.importorskip('pinocchio')
+    arm = door.load_arm(PENDULUM)
+    columns = np.column_stack([T, Q[:, 0], QD[:, 0], Q[:, 1]])
+    source = dict(zip(('t', 'q', 'qd', 'tau'), columns.T))
+    if form == 'csv':
+        source = tmp_path / 'log.csv'
+        np.savetxt(source, columns, '%.17g', ',', header='t,q1,qd1,tau1', comments='')
+    log = door.read_log(source)
+    assert (log.joints, log.of_joints(arm.joints).joints) == (('joint1',), ('pivot',))
+    options = {'filter': {'time_constant': 0.01}, 'force': True}
+    np.testing.assert_array_equal(door.identify(log, arm, **options).theta,
+                                  door.identify(source, arm, **options).theta)
+    with pytest.raises(door.LogError, match=r'1 joints have no names .*find a, b: .*joints=\['):
+        log.of_joints(['a', 'b'])
+
+
+def test_a_joint_of_small_letters_is_the_one_of_capitals(tmp_path):
+    path = tmp_path / 'log.csv'
+    np.savetxt(path, np.column_stack([T, Q, QD, Q]), delimiter=',', comments='',
+               header='t,q_Elbow,q_Hip,qd_Elbow,qd_Hip,tau_Elbow,tau_Hip')
+    there = door.read_log(path, joints=['Hip', 'Elbow'])
+    after = door.read_log(path).of_joints(['Hip', 'Elbow'])
+    assert there.joints == after.joints == ('Hip', 'Elbow')
+    np.testing.assert_array_equal(there.q, after.q)
+
+
+def test_the_joints_of_a_saved_run_are_those_of_its_log(tmp_path):
+    run = door.simulate(ARM, 0.05)
+    saved = dict(np.load(run.save(tmp_path / 'run.npz')), q=Q[:51])
+    for stored in (saved['joints'], np.array(['hip', 'knee'])):
+        np.savez(tmp_path / 'other.npz', **{**saved, 'joints': stored})
+        for source in (tmp_path / 'other.npz', {**saved, 'joints': stored}):
+            assert door.read_log(source).joints == tuple(stored)
+            turned = door.read_log(source, joints=stored[::-1].tolist())
+            np.testing.assert_array_equal(turned.q, Q[:51, ::-1])
+            with pytest.raises(door.LogError, match=f"no joint 'a': it has {', '.join(stored)}"):
+                door.read_log(source, joints=['a', 'b'])
+    theta = door.Identifier(ARM).learn(saved)
+    turned = {**saved, **{name: saved[name][:, ::-1] for name in ('q', 'qd', 'tau')},
+              'joints': ARM.joints[::-1]}
+    np.testing.assert_array_equal(door.Identifier(ARM).learn(turned), theta)
+    with pytest.raises(door.LogError, match='of a, b, the arm has joint1, joint2'):
+        door.Identifier(ARM).learn({**saved, 'joints': ['a', 'b']})
+    with pytest.raises(door.LogError, match=r"'joints' is \['a'\]: expected 2 different names"):
+        door.read_log({**saved, 'joints': ['a']})
