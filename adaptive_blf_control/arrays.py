@@ -108,9 +108,10 @@ def checked_count(name: str, value: Any) -> int:
 def dimensions(value: Any) -> int:
     """Return the number of axes of what may become an array; -1 for rows of different lengths."""
     try:
-        return np.ndim(value)
+        axes = np.ndim(value)
     except (TypeError, ValueError):
         return -1
+    return axes if isinstance(axes, int) else -1  # NumPy itself has an ndim that is a function
 
 
 def joint_places(joints: Sequence[str], known: Sequence[str]) -> list[int] | None:

@@ -324,13 +324,21 @@ def test_one_constraint_needs_no_list(given):
     assert len(door.Controller(ARM, constraints=given).constraints.parts) == 3
 
 
+class Demanding:
+    """A plant that asks for more than it is given."""
+
+    def __init__(self, settings, arm, more):
+        """Take three."""
+
+
 @pytest.mark.parametrize(('call', 'message'), [
     (lambda: door.Controller(ARM, constraints=object()),
      "'constraints' is .*a part with name, quantity"),
     (lambda: door.simulate(ARM, 0.01, plant=Foreign()),
      'Foreign has no measure, .*; a class that inherits from Plant has most of them'),
-    (lambda: door.ClosedLoop(Lost, door.Controller(ARM)), 'an object, not the class Lost'),
-    (lambda: door.simulate(ARM, 0.01, plant=Foreign), r'an object, or what can be called with '
+    (lambda: door.ClosedLoop(Lost, door.Controller(ARM)), r'such as Lost\(\), not the class'),
+    (lambda: door.simulate(ARM, 0.01, plant=Foreign), 'Foreign has no measure'),
+    (lambda: door.simulate(ARM, 0.01, plant=Demanding), r'an object, or what can be called with '
      r'DriverSettings, TwoLinkArm \(TypeError'),
 ])
 def test_a_part_of_another_kind_is_refused_with_what_is_needed(call, message):
@@ -353,7 +361,7 @@ class Foreign:
     (lambda: door.load_arm('x', friction=True), r"'friction' is True.*did you mean viscous"),
     (lambda: door.load_arm(), r"'urdf' is missing: expected load_arm\(urdf, joints="),
     (lambda: door.load_arm('x', viscous=0.1), r'True or False: whether it is learned'),
-    (lambda: door.SumOfSinusoids(), r"'offset' is missing.*Centres, shape \(n,\) \[rad\]"),
+    (lambda: door.SumOfSinusoids(), r"'amplitude' is missing.*Shape \(n, terms\) \[rad\]"),
     (lambda: door.simulate(), r"'scenario' is missing"),
     (lambda: door.Controller(), r"'arm' is missing"),
     (lambda: door.read_bag(), r"'path' is missing"),

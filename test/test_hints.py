@@ -24,16 +24,6 @@ PENDULUM = (
     '<child link="rod"/><axis xyz="0 1 0"/></joint></robot>')
 
 
-class NoArguments(door.Plant):
-    """A plant that is made of nothing."""
-
-    def __init__(self):
-        self.q = self.qd = self.torque = np.zeros(2)
-
-    def advance(self, dt):
-        pass
-
-
 class Halves(door.Constraint):
     """A constraint that was only begun."""
 
@@ -220,7 +210,6 @@ def test_a_setting_that_is_set_is_told_what_changes_it():
     (lambda: door.simulate(ARM, 0.01, law=lambda sample: 0.0), 'with answer; .*inherits from Law'),
     (lambda: door.simulate(ARM, 0.01, constraints=[lambda state: 0.0]), 'from Constraint'),
     (lambda: door.simulate(ARM, 0.01, plant={'payload': 2}), r'payload=2\.0, or as arm_driver='),
-    (lambda: door.simulate(ARM, 0.01, plant=NoArguments), r'give the object, NoArguments\(\)'),
     (lambda: door.simulate(ARM, 0.01, constraints=[Halves()]), 'no name, .*bodies, bounded$'),
     (lambda: door.simulate(ARM, 0.01, constraints=[Answerless()]), 'bounded.* is None: .*Bounded'),
     (lambda: door.simulate('two_link', 0.01, friction={'coulomb': True}), 'true_parameters sets'),

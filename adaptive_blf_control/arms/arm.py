@@ -10,6 +10,13 @@ from typing import Any, Protocol, TYPE_CHECKING
 import numpy as np
 
 from adaptive_blf_control.arms import integrator
+from adaptive_blf_control.arrays import (
+    are_vectors,
+    checked_array,
+    checked_count,
+    checked_number,
+    dimensions,
+)
 from adaptive_blf_control.compiled import uncompiled
 from adaptive_blf_control.errors import ArmError, ParameterError, shown, without_attribute
 
@@ -38,15 +45,27 @@ class ForwardDynamics(Protocol):
 
     def advance(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
                 substeps: int = 1) -> tuple[np.ndarray, np.ndarray]:
-        """Integrate over ``dt`` [s] under a held torque with RK4 sub-steps; return new (q, q̇)."""
-        q, qd = np.array(q, dtype=float), np.array(qd, dtype=float)
-        uncompiled(integrator.move)(self, q, qd, tau, dt, substeps)
+        """Integrate over ``dt`` [s] under a held torque with RK4 sub-steps; return new (q, q̇).
+
+        ``acceleration`` is called with arrays, whatever is given here.
+
+        Raises:
+            ParameterError: An array is not of shape (n,), or a number cannot be used.
+        """
+        if not are_vectors(np.shape(q), q, qd, tau):
+            q = checked_array('q', q, (-1,) if dimensions(q) else (1,))
+            qd, tau = (checked_array(name, value, q.shape)
+                       for name, value in (('qd', qd), ('tau', tau)))
+        q, qd = q.copy(), qd.copy()
+        uncompiled(integrator.move)(self, q, qd, tau, checked_number('dt', dt),
+                                    checked_count('substeps', substeps))
         return q, qd
 
 
 def _acceleration(arm: ForwardDynamics, q: np.ndarray, qd: np.ndarray,
                   tau: np.ndarray) -> np.ndarray:
-    return arm.acceleration(q, qd, tau)
+    name = f'{type(arm).__name__}.acceleration'
+    return checked_array(name, arm.acceleration(q, qd, tau), q.shape)
 
 
 integrator.acceleration.register(ForwardDynamics, _acceleration)
@@ -198,7 +217,7 @@ def checked_arm(name: str, arm: Any) -> Arm:
     """
     if isinstance(arm, type) or not all(hasattr(arm, each) for each in REQUIRED):
         lacks = [each for each in REQUIRED if not hasattr(arm, each)]
-        said = (f'not the class {arm.__name__}' if isinstance(arm, type) else
+        said = (f'{arm.__name__}(...), not the class' if isinstance(arm, type) else
                 f'{type(arm).__name__} has no {", ".join(lacks)}')
         raise ParameterError(name, arm, f'a part with {", ".join(REQUIRED)}, such as '
                              'TwoLinkArm(), load_arm(urdf) or an object of a class that inherits '

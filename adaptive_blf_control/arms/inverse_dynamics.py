@@ -23,23 +23,23 @@ def inverse_dynamics(arm: Arm, theta: Any, q: Any, qd: Any, qdd: Any) -> np.ndar
     Args:
         arm: The arm.
         theta: Parameters, shape (m,).
-        q: Positions, shape (n,) or (N, n) [rad].
+        q: Positions, shape (n,) or (N, n) [rad]; of one joint also (N,), or a number.
         qd: Velocities, likewise [rad/s].
         qdd: Accelerations, likewise [rad/s²].
 
     Returns:
-        Torques, shape (n,) or (N, n) like ``q``.
+        Torques, of the shape of ``q``.
 
     Raises:
         ParameterError: an array has another shape.
     """
     arm = checked_arm('arm', arm)
     theta = checked_array('theta', theta, (arm.m,), arm.parameters)
-    shape = (arm.n,) if dimensions(q) == 1 else (-1, arm.n)
+    axes, one = dimensions(q), arm.n == 1
+    shape = (arm.n,) if axes == (0 if one else 1) else (-1, arm.n)
     q = checked_array('q', q, shape, arm.joints)
     qd = checked_array('qd', qd, q.shape, arm.joints)
     qdd = checked_array('qdd', qdd, q.shape, arm.joints)
-    if q.ndim == 1:
-        return np.asarray(arm.X(q, qd, qd, qdd) @ theta)
-    return np.array([arm.X(position, velocity, velocity, acceleration) @ theta
-                     for position, velocity, acceleration in zip(q, qd, qdd)]).reshape(-1, arm.n)
+    rows = [arm.X(*row) @ theta for row in zip(*(
+        each.reshape(-1, arm.n) for each in (q, qd, qd, qdd)))]
+    return np.array(rows, dtype=float).reshape(q.shape[:axes])

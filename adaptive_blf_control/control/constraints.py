@@ -180,6 +180,12 @@ class Constraints:
         self.names = tuple(MarginName(body, part.name, part.unit)
                            for part in self.parts for body in part.bodies)
 
+    def __repr__(self) -> str:
+        """Name each constraint with its bodies."""
+        return '<Constraints: ' + '; '.join(
+            f'{part.name}: {part.quantity} [{part.unit}] of {", ".join(part.bodies)}'
+            for part in self.parts) + '>'
+
     def margins(self, state: MotionState) -> np.ndarray:
         """Return the distances to the nearer bounds in a sample, shape (K,).
 

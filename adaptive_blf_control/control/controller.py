@@ -152,6 +152,9 @@ class Controller(Guided, settings=ControllerSettings,
                               ('save', 'to_yaml', 'dump'),
                               'settings.values() has all that it was made with by name; what is '
                               'learned is in the Identifier'),
+                          **dict.fromkeys(
+                              ('margin_names', 'margins_names', 'names', 'constraint_names'),
+                              'constraints.names has them, in the order of margins(output)'),
                           'theta': 'update is given it: the theta of an Identifier',
                           'gains': 'settings has them, retune(k2=...) changes them',
                           'set_reference': 'retune(t, q, reference=...) changes it'}):
@@ -285,7 +288,7 @@ class Controller(Guided, settings=ControllerSettings,
         if begun is None or t >= begun.duration:
             return _Sets(safety, performance, reference, GrowingBounds(performance))
         check_inside(safety.lower, safety.upper, begun.start, joints,
-                     'start position outside the safety set')
+                     'start position outside the safety set', SafetyConstraint.recovery)
         return _Sets(safety, performance, reference,
                      GrowingBounds(performance, safety, begun.start, begun.duration))
 
@@ -556,7 +559,12 @@ class Controller(Guided, settings=ControllerSettings,
 
     @checked_call
     def margins(self, output: ControlOutput) -> np.ndarray:
-        """Return the margins of all constraints at a sample, shape (K,), see `Constraints`."""
+        """Return the margins of all constraints at a sample, shape (K,).
+
+        A margin is the distance to the nearer bound, negative outside. ``constraints.names`` has
+        body, constraint and unit of each: ``dict(zip(map(str, controller.constraints.names),
+        controller.margins(output)))``.
+        """
         return self.constraints.margins(output.state)
 
     @checked_call

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from adaptive_blf_control.arrays import checked_array, checked_number, dimensions
-from adaptive_blf_control.calls import checked_call
+from adaptive_blf_control.calls import checked_call, without_argument
 from adaptive_blf_control.compiled import cos_sin, jit, uncompiled
 from adaptive_blf_control.control.harmonics import extremes
 from adaptive_blf_control.errors import ParameterError, with_hints
@@ -145,24 +145,37 @@ class SumOfSinusoids(_Trajectory):
     """y_d,i(t) = offset_i + Σ_k amplitude_ik sin(frequency_ik t + phase_ik)."""
 
     @checked_call
-    def __init__(self, offset: Any, amplitude: Any, frequency: Any, phase: Any = 0.0) -> None:
+    def __init__(self, offset: Any = None, amplitude: Any = None, frequency: Any = None,
+                 phase: Any = 0.0) -> None:
         """Take the sinusoids of n joints, ``terms`` of them for each.
 
         Args:
-            offset: Centres, shape (n,) [rad].
-            amplitude: Shape (n, terms) [rad]; (n,) for one sinusoid each.
+            offset: Centres, shape (n,) [rad]; zeros where None.
+            amplitude: Shape (n, terms) [rad]; (n,) for one sinusoid each. Of one joint also a
+                number, and with its offset (terms,).
             frequency: Shape of the amplitude [rad/s]; one number for all.
             phase: Shape of the amplitude [rad]; one number for all.
 
         Raises:
-            ParameterError: the shapes differ.
+            ParameterError: the shapes differ, or amplitude or frequency is missing.
         """
-        self._offset = checked_array('reference.offset', offset, (-1,))
-        shape = (len(self._offset), 1 if dimensions(amplitude) == 1 else -1)
-        self._amplitude = checked_array('reference.amplitude', amplitude, shape)
+        for name, value in (('amplitude', amplitude), ('frequency', frequency)):
+            if value is None:
+                raise without_argument(SumOfSinusoids.__init__, name)
+        if offset is not None:
+            offset = checked_array('reference.offset', offset, (-1,) if dimensions(offset) else
+                                   (1,))
+        joints, axes = -1 if offset is None else len(offset), dimensions(amplitude)
+        if axes < 2 and (joints == 1 or axes == 0):  # of one joint
+            amplitude = [amplitude] if axes else [[amplitude]]
+        self._amplitude = checked_array('reference.amplitude', amplitude,
+                                        (joints, 1 if dimensions(amplitude) == 1 else -1)).copy()
+        shape = self._amplitude.shape
+        self._offset = np.zeros(shape[0]) if offset is None else offset.copy()
         self._frequency, self._phase = (
-            np.full(self._amplitude.shape, checked_number(name, value))
-            if dimensions(value) == 0 else checked_array(name, value, self._amplitude.shape)
+            np.full(shape, checked_number(name, value)) if dimensions(value) == 0 else
+            checked_array(name, [value] if shape[0] == 1 and dimensions(value) == 1 else value,
+                          shape).copy()
             for name, value in (('reference.frequency', frequency), ('reference.phase', phase)))
 
     def __repr__(self) -> str:

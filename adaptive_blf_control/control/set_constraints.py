@@ -26,12 +26,19 @@ class SafetyConstraint:
 
     name, quantity, unit = 'safety', 'position', 'rad'
     whole_runs = True
-    recovery = 'move the arm back by hand, or widen controller.safety'
+    recovery = ('move the arm back by hand (start= of a Controller and initial_position= of '
+                'simulate say where it begins), or widen controller.safety')
 
     def __init__(self, joints: tuple[str, ...], interval: JointInterval) -> None:
         """Take the names of the joints and the set."""
         self.bodies = joints
         self._interval = interval
+
+    def __repr__(self) -> str:
+        """Show the bounds of each joint."""
+        ends = zip(self.bodies, self._interval.lower, self._interval.upper)
+        return '<SafetyConstraint: ' + ', '.join(
+            f'{joint} {lower:.5g} to {upper:.5g} rad' for joint, lower, upper in ends) + '>'
 
     def bounded(self, state: MotionState) -> Bounded:
         """Return the positions with the bounds of the set."""
@@ -50,6 +57,10 @@ class PerformanceConstraint:
     def __init__(self, joints: tuple[str, ...]) -> None:
         """Take the names of the joints."""
         self.bodies = joints
+
+    def __repr__(self) -> str:
+        """Name the joints."""
+        return f'<PerformanceConstraint: errors of {", ".join(self.bodies)}>'
 
     def bounded(self, state: MotionState) -> Bounded:
         """Return the errors with the bounds in use."""

@@ -68,13 +68,13 @@ def check_performance_inside_safety(safety: JointInterval, performance: JointInt
 
 
 def check_inside(lower: np.ndarray, upper: np.ndarray, value: np.ndarray,
-                 joints: tuple[str, ...], what: str) -> None:
+                 joints: tuple[str, ...], what: str, recovery: str = '') -> None:
     """Raise SetViolation for the first joint whose value is not strictly between its bounds."""
     for i, joint in enumerate(joints):
         if not value[i] > lower[i]:
-            raise SetViolation(joint, float(value[i]), float(lower[i]), what)
+            raise SetViolation(joint, float(value[i]), float(lower[i]), what, recovery=recovery)
         if not value[i] < upper[i]:
-            raise SetViolation(joint, float(value[i]), float(upper[i]), what)
+            raise SetViolation(joint, float(value[i]), float(upper[i]), what, recovery=recovery)
 
 
 def check_no_further_out(lower: np.ndarray, upper: np.ndarray, value: np.ndarray,

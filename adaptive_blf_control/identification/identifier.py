@@ -298,7 +298,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         Where q̈ is not measured, ``identify(log, arm).prediction`` compares filtered torques.
 
         Args:
-            q: Positions, shape (n,) or (N, n) [rad].
+            q: Positions, shape (n,) or (N, n) [rad]; of one joint also (N,), or a number.
             qd: Velocities, likewise [rad/s].
             qdd: Accelerations, likewise [rad/s²].
 

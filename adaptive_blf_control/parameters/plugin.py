@@ -87,7 +87,8 @@ def made(parameter: str, value: object, given: Any, names: Sequence[str], *argum
     Args:
         parameter: Name of the parameter or argument, for messages.
         value: Its value, likewise.
-        given: The part, or what is called with ``arguments`` and returns it.
+        given: The part, or what is called with ``arguments``, or with nothing where it takes
+            none, and returns it.
         names: What its protocol asks for.
         arguments: See ``given``.
         base: See `require`.
@@ -99,6 +100,8 @@ def made(parameter: str, value: object, given: Any, names: Sequence[str], *argum
     if callable(given) and (isinstance(given, type)
                             or not all(hasattr(given, name) for name in names)):
         try:
+            if _takes_nothing(given, arguments):
+                arguments = ()
             _check_call(given, arguments)
             part = given(*arguments)
         except BlfError:
@@ -107,8 +110,7 @@ def made(parameter: str, value: object, given: Any, names: Sequence[str], *argum
             kinds = ', '.join(type(argument).__name__ for argument in arguments)
             raise ParameterError(parameter, value, 'an object, or what can be called with '
                                  f'{kinds} ({type(error).__name__}: {error}) and returns one, '
-                                 f'with {", ".join(names)}{_inherited(base)}'
-                                 + _alone(given)) from error
+                                 f'with {", ".join(names)}{_inherited(base)}') from error
     require(parameter, value, part, names, base)
     return part
 
@@ -125,9 +127,9 @@ def require(parameter: str, value: object, part: object, names: Sequence[str],
         base: Class of the package that has most of them, for who inherits from it.
     """
     missing = [name for name in names if _lacks(part, name)]
-    if missing and isinstance(part, type):
+    if isinstance(part, type):
         raise ParameterError(parameter, value, f'a part with {", ".join(names)}: '
-                             f'an object, not the class {part.__name__}')
+                             f'an object such as {part.__name__}(), not the class')
     if missing:
         raise ParameterError(parameter, value, f'a part with {", ".join(names)}: '
                              f'{type(part).__name__} has no {", ".join(missing)}'
@@ -135,15 +137,22 @@ def require(parameter: str, value: object, part: object, names: Sequence[str],
                                  each.__name__ for each in type(part).__mro__] else base))
 
 
-def _alone(given: Callable[..., Any]) -> str:
-    """Return what is said of a class that is called with nothing."""
+def _takes_nothing(given: Callable[..., Any], arguments: tuple[Any, ...]) -> bool:
+    """Return whether a call has to be one without arguments, as of a class with no constructor."""
+    if isinstance(given, type) and not any(
+            getattr(vars(each).get(name), '__module__', 'typing') != 'typing'  # of protocols
+            for each in given.__mro__ if each is not object for name in ('__init__', '__new__')):
+        return True
     try:
-        _check_call(given, ())
-        inspect.signature(given)
+        _check_call(given, arguments)
+        return False
+    except TypeError:
+        pass
+    try:
+        inspect.signature(given).bind()
+        return True
     except (TypeError, ValueError):
-        return ''
-    name = getattr(given, '__name__', 'it')
-    return f'; {name} takes no arguments: give the object, {name}()'
+        return False
 
 
 def to_be_written(method: Method) -> Method:
