@@ -28,10 +28,11 @@ from adaptive_blf_control.identification.consistent_model import (
 from adaptive_blf_control.identification.estimate_file import write_estimate
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.settings import FilterSettings, IdentifierSettings
-from adaptive_blf_control.identification.uncertainty import distance_to_go, Uncertainty
+from adaptive_blf_control.identification.uncertainty import Uncertainty
 from adaptive_blf_control.runs.finding import Finding, listed
 from adaptive_blf_control.runs.learned import Learned
 from adaptive_blf_control.runs.log_checks import checks_of
+from adaptive_blf_control.runs.log_notes import notes_on
 from adaptive_blf_control.runs.log_options import LogOptions, name_of, several
 from adaptive_blf_control.runs.log_pass import (
     Given,
@@ -52,7 +53,6 @@ __all__ = ['Identification', 'identify']
 
 _DRAWN = ('matplotlib draws arrays: plt.plot(result.prediction.t, result.prediction.measured); '
           '`python -m adaptive_blf_control identify LOG --html page.html` draws all of it')
-_ARRIVED = 1e-3  # of the largest recorded torque, which is nothing to speak of
 _NOT_THERE = {
     'load': 'Identifier(arm, initial_estimate=path) starts from what save(path) wrote',
     **dict.fromkeys(('weakly', 'determined_weakly', 'weak'),
@@ -219,8 +219,9 @@ class Identification(Learned, instead=_NOT_THERE):
         return target
 
     def __repr__(self) -> str:
-        """Show the figures as a table."""
-        return table(self.figures, self.source)
+        """Show what is to be heeded, and the figures as a table."""
+        return '\n'.join([*(f'note: {text}' for text in self.notes),
+                          table(self.figures, self.source)])
 
 
 @checked_call
@@ -299,8 +300,8 @@ def _judged(identifier: Identifier, sections: Sequence[Section], result: LogPass
         consistent = _consistent(identifier, arm, judged)
     seconds = time.perf_counter() - begin
     figures = figures_of(sections, identifier, result)
-    notes = (*reader.notes, *_on_its_way(identifier))
     figures |= model_figures(identifier, result, consistent, seconds)
+    notes = (*reader.notes, *notes_on(identifier, sections, judged, figures))
     figures |= {'source': source, 'checks': checks_of(reader.findings),
                 'notes': list(notes),
                 'verdicts': listed(reader.findings, arm.joints)}
@@ -308,20 +309,6 @@ def _judged(identifier: Identifier, sections: Sequence[Section], result: LogPass
     return Identification(identifier, figures, result.prediction, judged, source,
                           '; '.join(problems) or None, tuple(reader.findings),
                           notes, consistent, result.growth)
-
-
-def _on_its_way(identifier: Identifier) -> tuple[str, ...]:
-    """Return a note where θ̂ is far from what the recorded pairs say: intervals hold for that."""
-    stack = identifier.stack
-    if not stack.count:
-        return ()
-    away, residual = distance_to_go(stack.regressors[:stack.count], stack.torques[:stack.count],
-                                    identifier.theta)
-    if away <= max(residual, _ARRIVED * float(np.abs(stack.torques[:stack.count]).max())):
-        return ()
-    return (f'θ̂ has not converged: on the recorded pairs its torques differ by {away:.3g} N·m '
-            f'(RMS) from those of their least squares, which leaves {residual:.3g} N·m. Standard '
-            'deviations and intervals hold for that fit. A larger gamma, kt or kh moves θ̂ faster',)
 
 
 def _consistent(identifier: Identifier, arm: InertialArm, judged: Uncertainty) -> ConsistentModel:
