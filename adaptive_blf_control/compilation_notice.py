@@ -5,16 +5,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import sys
+import threading
 import time
 from types import TracebackType
 from typing import TextIO
 
-from adaptive_blf_control.compiled import before_each_compilation, before_own_compilations
+from adaptive_blf_control.compiled import around_own_compilations, before_each_compilation
 
 __all__ = ['CompilationNotice', 'announce_compilation']
 
 BEGIN = 'compiling for this machine, which is done once and can take minutes'
 PERIOD = 20.0  # s between two lines where a line cannot be replaced
+QUIET = 2.0  # s without compiling after which what follows is told by itself
+LONG = 2.0  # s after which more of it is worth a line
+LOOK = 0.5  # s between two looks while a function is compiled
 _told = False
 
 
@@ -26,37 +30,85 @@ def announce_compilation() -> None:
     global _told
     if not _told:
         _told = True
-        before_own_compilations(_Announcer())
+        announcer = _Announcer()
+        around_own_compilations(announcer.begin, announcer.end)
 
 
 class _Lines:
-    """Writes a line with the first function that is compiled, and one now and then after it."""
+    """Writes a line with the first function that is compiled, and one now and then after it.
+
+    Where something is compiled again later, that is told from its own begin, once it takes long.
+    """
 
     def __init__(self, clock: Callable[[], float]) -> None:
-        self._clock, self._begin, self._last, self._functions = clock, 0.0, 0.0, 0
+        self._clock, self._functions, self._more = clock, 0, False
+        self._begin = self._last = self._end = 0.0
 
     def next(self) -> str:
         """Count a function; return the line that is due, '' for none."""
         now = self._clock()
+        if self._functions and self._end and now - self._end > QUIET:
+            self._functions, self._more = 0, True
         self._functions += 1
-        if self._functions == 1:
-            self._begin = self._last = now
-            return f'{BEGIN}\n'
-        if now - self._last < PERIOD:
+        self._end = 0.0
+        if self._functions > 1:
+            return self._line(now)
+        self._begin = self._last = now
+        return '' if self._more else f'{BEGIN}\n'
+
+    def due(self) -> str:
+        """Return the line that is due while a function is compiled, '' for none."""
+        return self._line(self._clock())
+
+    def end(self) -> None:
+        """Note that nothing is compiled from now on."""
+        self._end = self._clock()
+
+    def _line(self, now: float) -> str:
+        first = self._more and self._last == self._begin
+        if now - self._last < (LONG if first else PERIOD):
             return ''
         self._last = now
-        return f'compiling: {self._functions} functions so far, {now - self._begin:.0f} s\n'
+        return (f'compiling{" more" * self._more}: {self._functions} functions so far, '
+                f'{now - self._begin:.0f} s\n')
 
 
 class _Announcer:
-    """Writes the lines of a program that has no notice of its own."""
+    """Writes the lines of a program that has no notice of its own.
 
-    def __init__(self) -> None:
-        self._lines = _Lines(time.monotonic)
+    A function can take a minute: a thread looks meanwhile whether a line is due.
+    """
 
-    def __call__(self) -> None:
-        if not CompilationNotice.active:
-            sys.stderr.write(self._lines.next())
+    def __init__(self, clock: Callable[[], float] = time.monotonic, look: float = LOOK) -> None:
+        self._lines, self._look, self._depth = _Lines(clock), look, 0
+        self._lock, self._done = threading.Lock(), threading.Event()
+
+    def begin(self) -> None:
+        """Say what is due before a function is compiled."""
+        with self._lock:
+            self._depth += 1
+            if self._depth == 1:
+                self._done = threading.Event()
+                threading.Thread(target=self._watch, args=(self._done,), daemon=True).start()
+            self._say(self._lines.next())
+
+    def end(self) -> None:
+        """Take note of a function that has been compiled, or could not be."""
+        with self._lock:
+            self._depth -= 1
+            if self._depth == 0:
+                self._done.set()
+                self._lines.end()
+
+    def _watch(self, done: threading.Event) -> None:
+        while not done.wait(self._look):
+            with self._lock:
+                if not done.is_set():
+                    self._say(self._lines.due())
+
+    def _say(self, text: str) -> None:
+        if text and not CompilationNotice.active:
+            sys.stderr.write(text)
             sys.stderr.flush()
 
 

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 import io
+import itertools
 import subprocess
 import sys
 
@@ -13,7 +15,9 @@ from adaptive_blf_control.compilation_notice import (
     _Announcer,  # private: a process has one, and cannot take it back
     BEGIN,
     CompilationNotice,
+    LONG,
     PERIOD,
+    QUIET,
 )
 from patience import PATIENCE
 
@@ -104,9 +108,52 @@ def test_a_program_is_told_once_that_the_package_compiles(module, said, tmp_path
 
 
 def test_a_command_with_a_notice_of_its_own_says_nothing_twice(capsys):
-    announce = _Announcer()
-    with CompilationNotice(io.StringIO()):
-        announce()
-    assert capsys.readouterr().err == ''
-    announce()
-    assert 'compiling' in capsys.readouterr().err
+    for inside in (True, False):
+        announcer = _Announcer(clock=lambda: 5.0)
+        with CompilationNotice(io.StringIO()) if inside else nullcontext():
+            announcer.begin()
+            announcer.end()
+        assert ('compiling' in capsys.readouterr().err) is not inside
+
+
+def clock_at(*times):
+    """Return a clock that is read at these times."""
+    left = iter(times)
+    return lambda: next(left)
+
+
+def test_a_second_compilation_is_told_from_its_own_begin(capsys):
+    first, later = 5.0, 500.0
+    announcer = _Announcer(clock_at(first, first + 1.0, later, later + 1.0, later + LONG + 1.0,
+                                    later + LONG + 2.0), look=PATIENCE)
+    announcer.begin()
+    announcer.end()
+    assert capsys.readouterr().err == f'{BEGIN}\n'
+    announcer.begin()
+    announcer.begin()
+    assert capsys.readouterr().err == ''  # it may be over in a moment
+    announcer.begin()
+    assert capsys.readouterr().err == (
+        f'compiling more: 3 functions so far, {LONG + 1.0:.0f} s\n')
+    for _ in range(3):
+        announcer.end()
+
+
+def test_compilations_in_a_row_are_told_as_one(capsys):
+    announcer = _Announcer(clock_at(5.0, 6.0, 6.0 + 0.5 * QUIET, 8.0), look=PATIENCE)
+    for _ in range(2):
+        announcer.begin()
+        announcer.end()
+    assert capsys.readouterr().err == f'{BEGIN}\n'
+
+
+def test_one_function_that_takes_long_is_told_meanwhile(capsys):
+    times = itertools.count(0.0, PERIOD)
+    announcer = _Announcer(lambda: next(times), look=1e-3)
+    announcer.begin()
+    said = ''
+    while said.count('\n') < 3:  # the time limit of a test ends what never comes
+        said += capsys.readouterr().err
+    announcer.end()
+    assert said.startswith(f'{BEGIN}\ncompiling: 1 functions so far, 20 s\n')
+    assert said.splitlines()[2] == 'compiling: 1 functions so far, 40 s'

@@ -12,7 +12,7 @@ from adaptive_blf_control.compiled.library import COMPILED
 if COMPILED:
     from adaptive_blf_control.compiled.library import numba_event
 
-__all__ = ['before_each_compilation', 'before_own_compilations']
+__all__ = ['around_own_compilations', 'before_each_compilation']
 
 
 def before_each_compilation(call: Callable[[], None]) -> AbstractContextManager[None]:
@@ -23,21 +23,31 @@ def before_each_compilation(call: Callable[[], None]) -> AbstractContextManager[
     return nullcontext() if not COMPILED else _listening(call)
 
 
-def before_own_compilations(call: Callable[[], None]) -> None:
-    """Have ``call`` called before each function of this package that is compiled from now on."""
+def around_own_compilations(begin: Callable[[], None], end: Callable[[], None]) -> None:
+    """Have calls made around each compilation of a function of this package from now on.
+
+    Args:
+        begin: Called before it.
+        end: Called after it, also where it fails.
+    """
     if not COMPILED:
         return
 
     class Listener(numba_event.Listener):  # type: ignore[misc]
         def on_start(self, event: Any) -> None:
-            function = getattr(event.data.get('dispatcher'), 'py_func', None)
-            if str(getattr(function, '__module__', '')).startswith('adaptive_blf_control.'):
-                call()
+            if _is_own(event):
+                begin()
 
-        def on_end(self, event: object) -> None:
-            pass
+        def on_end(self, event: Any) -> None:
+            if _is_own(event):
+                end()
 
     numba_event.register('numba:compile', Listener())
+
+
+def _is_own(event: Any) -> bool:
+    function = getattr(event.data.get('dispatcher'), 'py_func', None)
+    return str(getattr(function, '__module__', '')).startswith('adaptive_blf_control.')
 
 
 @contextmanager
