@@ -192,13 +192,17 @@ def close_names(name: str, known: Iterable[str]) -> list[str]:
         known: Dotted names, which may begin with the name of a node, as ``name`` may.
     """
     known = list(known)
+    groups = sorted({other.rpartition('.')[0] for other in known} - {''})
     typed = name.replace('__', '.').lower()
-    scores = {other: _likeness(typed, other.lower()) for other in known}
+    scores = {other: _likeness(typed, other.lower()) for other in (*known, *groups)}
     best = max(scores.values(), default=0.0)
     alike = [other for other, score in scores.items() if score >= max(_CLOSE, best - 0.05)]
-    groups = {other.rpartition('.')[0] for other in known} - {''}
     same = [each for written in (name, name.rpartition('.')[2])
-            for each in same_meaning(written, [*known, *sorted(groups)])]
+            for each in same_meaning(written, [*known, *groups])]
+    beside = typed.rpartition('.')[0]  # a group that may be misspelt
+    near = [each for each in same if beside and _likeness(
+        beside, each.rpartition('.')[0].lower()) >= _CLOSE]
+    same = [*near, *([] if near else same)]
     return list(dict.fromkeys([*same, *sorted(alike, key=lambda other: -scores[other])]))[:3]
 
 

@@ -211,3 +211,71 @@ def test_a_start_outside_the_safety_set_names_what_gives_it(smooth_start):
                  lambda: door.simulate(ARM, 0.01, initial_position=[4.0, 0.0], **settings)):
         with pytest.raises(door.SetViolation, match='start=.*initial_position=.*widen'):
             call()
+
+
+THREE = door.ThreeLinkArm()
+EPOCHS = door.simulate(THREE, 0.01, schedule=[(0.002, 'payload', 1.0), (0.005, 'payload', 2.0)]
+                       ).plant.truth(THREE.parameters)
+
+
+@pytest.mark.parametrize('given', [
+    [(0.005, 'payload', 2.0), (0.002, 'payload', 1.0)],
+    {'time': [0.002, 0.005], 'parameter': ['payload', 'payload'], 'value': [1, 2]},
+    '{time: [0.002, 0.005], parameter: [payload, payload], value: [1.0, 2.0]}',
+    ['{time: 0.005, parameter: payload, value: 2.0}', '[0.002, payload, 1.0]']])
+def test_a_schedule_is_given_as_changes_as_columns_or_as_yaml(given):
+    epochs = door.simulate(THREE, 0.01, schedule=given).plant.truth(THREE.parameters)
+    assert [t for t, _ in EPOCHS] == [t for t, _ in epochs] == [0.0, 0.002, 0.005]
+    for (_, first), (_, second) in zip(EPOCHS, epochs):
+        np.testing.assert_array_equal(first, second)
+
+
+def test_one_change_needs_no_list_and_none_changes_nothing():
+    one = door.simulate(THREE, 0.01, schedule=(0.002, 'payload', 1.0))
+    assert [t for t, _ in one.plant.truth(THREE.parameters)] == [0.0, 0.002]
+    none = door.simulate(THREE, 0.01, schedule=[])
+    assert [t for t, _ in none.plant.truth(THREE.parameters)] == [0.0]
+
+
+@pytest.mark.parametrize(('given', 'message'), [
+    ('payload=2.0', r"'schedule' is 'payload=2\.0': expected changes such as \[\(5\.0, 'payload'"),
+    ({'time': [0.005]}, "'schedule' is .*as columns of the same length"),
+    ({'times': [0.005]}, r"'schedule\.times' is .*did you mean schedule\.time\?"),
+    ([(1.0, 'payload', 'heavy')], "'schedule' is .*expected changes"),
+    ([(1.0, 'paylod', 2.0)], "schedule.parameter' is 'paylod': expected one of p1, .*payload")])
+def test_a_schedule_that_cannot_be_used_says_what_one_is(given, message):
+    with pytest.raises(door.ParameterError, match=message):
+        door.simulate(THREE, 0.01, schedule=given)
+
+
+@pytest.mark.parametrize(('changes', 'meant'), [
+    ({'schedul': [(5.0, 'payload', 1.0)]}, 'schedule'),
+    ({'schedul': {'time': [1.0]}}, r'arm_driver\.schedule\.time'),
+    ({'saftey': (-1.0, 1.0)}, r'controller\.safety'), ({'histry': 3}, r'identifier\.history'),
+    ({'excitaton': {'window': 1.0}}, r'identifier\.excitation\.window')])
+def test_a_misspelt_group_is_told_the_one_that_is_meant(changes, meant):
+    with pytest.raises(door.UnknownParameter, match=rf'did you mean {meant}\b'):
+        door.simulate(ARM, 0.01, **changes)
+
+
+def test_the_settings_of_a_real_robot_are_those_of_identify():
+    t = np.arange(0.0, 3.0, 1e-3)
+    q = np.column_stack([np.sin(3.0 * t), np.cos(2.0 * t)])
+    qd = np.column_stack([3.0 * np.cos(3.0 * t), -2.0 * np.sin(2.0 * t)])
+    taken = door.identify({'t': t, 'q': q, 'qd': qd, 'tau': q}, ARM, kh=50.0).settings.values()
+    stated = door.IdentifierSettings.real_robot(kh=50.0).resolved(joints=2, parameters=5).values()
+    assert {name: taken[name] for name in stated} == stated
+    assert door.IdentifierSettings.real_robot() != door.IdentifierSettings()
+    with pytest.raises(door.UnknownParameter, match=r'did you mean kh\?'):
+        door.IdentifierSettings.real_robot(khh=50.0)
+
+
+def test_settings_of_one_arm_fit_another_where_they_are_the_defaults():
+    identifier = door.Identifier(THREE, door.Identifier(ARM).settings)
+    assert identifier.theta.shape == (11,)
+    controller = door.Controller(THREE, door.Controller(ARM).settings)
+    assert controller.settings.k1.tolist() == [40.0] * 3
+    with pytest.raises(door.ParameterError, match=r"k2' is \[1\.0, 2\.0\]: .*length 1 or 3"):
+        door.Controller(THREE, door.Controller(ARM, k2=[1.0, 2.0]).settings)
+    with pytest.raises(door.ParameterError, match="'safety' is .*bounds for each of joint1, .*3"):
+        door.Controller(THREE, safety=door.Controller(ARM).safety)

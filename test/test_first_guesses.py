@@ -28,7 +28,7 @@ LOG = {'t': T, 'q': Q, 'qd': QD, 'tau': Q}
     (lambda: door.simulate(ARM, 1e-3, contoller={'k2': 5.0}),
      r"'contoller\.k2'.*did you mean controller\.k2\?"),
     (lambda: door.identify(LOG, arm=ARM, colums={}), r"'colums' is {}.*did you mean columns\?"),
-    (lambda: door.identify(LOG, arm=ARM, histroy={'size': 9}), r"'histroy'.*history\.size"),
+    (lambda: door.identify(LOG, arm=ARM, histroy={'size': 9}), r"'histroy'.*mean history\?"),
     (lambda: door.read_log(LOG, degree=True), r"'degree' is True.*did you mean degrees\?"),
     (lambda: door.read_log(LOG, columns='t'), r"'columns' is 't'.*a mapping"),
     (lambda: door.read_log(LOG, columns={'time': 't'}), r"'columns' is 'time'.*t, q, qd or tau"),

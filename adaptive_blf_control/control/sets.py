@@ -53,6 +53,10 @@ def check_performance_inside_safety(safety: JointInterval, performance: JointInt
         ParameterError: the performance set does not contain zero error.
         SetViolation: names the first joint whose 𝒫̄ exceeds 𝒮̄, with both numbers.
     """
+    for each, word in ((safety, 'safety'), (performance, 'performance')):
+        if each.lower.shape != (len(joints),):
+            raise ParameterError(word, [each.lower.tolist(), each.upper.tolist()],
+                                 f'bounds for each of {", ".join(joints)}')
     if not (np.all(performance.lower < 0.0) and np.all(performance.upper > 0.0)):
         raise ParameterError('performance', [performance.lower.tolist(),
                                              performance.upper.tolist()],

@@ -141,7 +141,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
 
     The defaults are for a simulation, whose filters follow fast and whose friction is viscous.
     The log of a real robot needs slower filters, a larger history and an arm with its friction,
-    see `REAL_ROBOT` of ``runs.subject``, which `identify` takes.
+    see ``IdentifierSettings.real_robot()``, which `identify` takes.
     """
 
     @checked_call
@@ -456,7 +456,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         """Take a whole log, one sample after the other, as :meth:`update` does.
 
         The usual settings are those of a simulation. The log of a real robot is learned from, and
-        checked before, by `identify`, whose settings are `REAL_ROBOT` of ``runs.subject``.
+        checked before, by `identify`, whose settings are ``IdentifierSettings.real_robot()``.
 
         Args:
             t: Times, shape (N,) [s]; or, alone, a log that has all four: a mapping with arrays

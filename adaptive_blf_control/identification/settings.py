@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -148,10 +149,26 @@ class PayloadSettings(Settings, where='identifier.payload'):
         0.25, 'The load is judged and published this often.', 's', 0.02, 60.0)
 
 
+REAL_ROBOT: dict[str, Any] = {
+    'update_law': 'concurrent',
+    'kt': 1.0,
+    'kh': 1000.0,
+    'filter': {'time_constant': 0.1, 'settle': 5.0},
+    'history': {'size': 1000, 'epsilon': 0.05},
+    'change': {'window': 0.0},
+    'excitation': {'window': 0.0},
+}
+"""Settings for the log of a real robot; ``docs/benchmarks.md`` tells why."""
+
+
 @listed
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class IdentifierSettings(Settings, where='identifier'):
-    """Gains of the update law (37), the filters, the history and the monitors."""
+    """Gains of the update law (37), the filters, the history and the monitors.
+
+    The defaults are for a simulation in which the controller adapts; ``real_robot()`` returns
+    those for the log of a real robot, which `identify` takes.
+    """
 
     initial_estimate: np.ndarray | str = parameter(
         [0.0], 'theta_hat at the start: values, those of the nominal arm, or those that an '
@@ -177,3 +194,18 @@ class IdentifierSettings(Settings, where='identifier'):
     history: HistorySettings = group(HistorySettings)
     change: ChangeSettings = group(ChangeSettings)
     excitation: ExcitationSettings = group(ExcitationSettings)
+
+    @classmethod
+    def real_robot(cls, **changes: Any) -> IdentifierSettings:
+        """Return the settings for the log of a real robot: those of `identify`.
+
+        The friction of a real robot belongs to its arm: ``load_arm(urdf, joints, viscous=True,
+        coulomb=True, offset=True, square_root=True, rotor_inertia=True)``.
+
+        Args:
+            changes: Other values by name: ``kh=100.0, history={'size': 200}``.
+
+        Raises:
+            ParameterError: a name is not known, or a value cannot be used.
+        """
+        return cls().replace(**REAL_ROBOT).replace(**changes)

@@ -281,6 +281,9 @@ class Settings(metaclass=TypeWithHints):
     def resolved(self: _Self, **sizes: int) -> _Self:
         """Return a copy whose arrays have their full length, e.g. ``joints=7, parameters=50``.
 
+        Where all elements are the default they are as many as are needed: they may be left from
+        another arm.
+
         Raises:
             ParameterError: an array has neither one element nor that many.
         """
@@ -291,6 +294,8 @@ class Settings(metaclass=TypeWithHints):
                 full[item.name] = value.resolved(**sizes)
             elif isinstance(value, np.ndarray):
                 row = _declared(type(self))[item.name]
+                if value.size != sizes.get(str(row.length), value.size) and _is_usual(row, value):
+                    value = value[:1]
                 problem = value_problem(row, value.tolist(), sizes)
                 if problem:
                     raise ParameterError(row.name, value.tolist(), problem)
@@ -367,6 +372,13 @@ def _declared(cls: type[Settings]) -> dict[str, Parameter]:
             for item in dataclasses.fields(cls) if _DECLARATION in item.metadata}
     type.__setattr__(cls, '_declared', rows)
     return rows
+
+
+def _is_usual(row: Parameter, value: np.ndarray) -> bool:
+    """Return whether all elements of an array are its default, which is one for all."""
+    usual = row.default
+    return isinstance(usual, list) and len(usual) == 1 and bool(
+        value.size and (value == usual).all())
 
 
 def _default(group_field: dataclasses.Field[Any]) -> Settings:

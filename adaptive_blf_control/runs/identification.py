@@ -263,7 +263,7 @@ def identify(log: Log, urdf: UrdfSource | None = None,
         force: Whether to learn even from a log that the checks refuse.
         options: How the log is read, as one object; what is also given by keyword takes
             precedence.
-        settings: Those of the identifier; `REAL_ROBOT`'s where None.
+        settings: Those of the identifier; ``IdentifierSettings.real_robot()`` where None.
         progress: Called now and then with the number of samples done and that of all.
         changes: Settings by name, e.g. ``kh=100.0, history={'size': 200}``.
 

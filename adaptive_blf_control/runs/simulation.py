@@ -39,6 +39,7 @@ from adaptive_blf_control.simulation.abilities import contacts_of, unexpressed_b
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop, Trace
 from adaptive_blf_control.simulation.plant import Plant
 from adaptive_blf_control.simulation.sample import Sample
+from adaptive_blf_control.simulation.schedule import schedule_columns
 from adaptive_blf_control.simulation.sensors import Sensor
 
 __all__ = ['Simulation', 'duration_of', 'simulate']
@@ -224,7 +225,7 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
              law: Law | type[Law] | str | None = None,
              update_law: UpdateLaw | type[UpdateLaw] | str | None = None,
              constraints: OwnConstraints = (),
-             reference: Reference | Mapping[str, Any] | None = None,
+             reference: Reference | Mapping[str, Any] | None = None, schedule: Any = None,
              observer: Callable[[Sample], None] | None = None,
              bag: str | os.PathLike[str] | None = None, **changes: Any) -> Simulation:
     """Run a scenario in lockstep without ROS: the same objects that run in the nodes.
@@ -244,6 +245,11 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
             `Controller`.
         reference: What is to be followed: a `Reference`, or sinusoids by joint, such as
             ``{'joint1': {'amplitude': 0.5, 'frequency': 1.0}}``.
+        schedule: What changes of the true arm while it runs, ``(t, parameter, value)`` or a list
+            of them: ``[(5.0, 'payload', 2.0), (8.0, 'payload', 0.0)]`` takes up 2 kg at 5 s and
+            lays them down at 8 s. A parameter is one of ``arm.parameters``, ``'payload'`` [kg], or
+            what ``simulation/targets.py`` lists, such as forces on links. Also by columns, as the
+            parameter ``schedule`` has it, or as a text in YAML.
         observer: Called with every sample; where all parts are ours, after each block of samples.
         bag: Folder that the run is written to as a bag, which must not exist.
         changes: Parameters of ``controller``, ``identifier`` and ``arm_driver``, by name or as
@@ -267,6 +273,8 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
         raise ParameterError('plant', plant, "a plant, a class of plants, or a name such as "
                              "'mujoco'; parameters of the simulated arm are given by name, "
                              'payload=2.0, or as arm_driver={...}')
+    if schedule is not None:
+        changes['arm_driver.schedule'] = schedule_columns(schedule)
     if isinstance(plant, str):
         changes['arm_driver.plant'], plant = plant, None
     if isinstance(sensor, str):

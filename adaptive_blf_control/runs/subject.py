@@ -16,7 +16,10 @@ from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.configuration.parameter_file import flattened, node_settings
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
-from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.identification.settings import (
+    IdentifierSettings,
+    REAL_ROBOT as OF_REAL_ROBOT,
+)
 
 __all__ = ['REAL_ROBOT', 'Subject', 'joints_of', 'real_robot_settings', 'subject_of',
            'with_masses']
@@ -25,13 +28,7 @@ REAL_ROBOT: dict[str, Any] = {
     'arm': 'urdf',
     'friction': {'viscous': True, 'coulomb': True, 'offset': True, 'square_root': True,
                  'rotor_inertia': True},
-    'update_law': 'concurrent',
-    'kt': 1.0,
-    'kh': 1000.0,
-    'filter': {'time_constant': 0.1, 'settle': 5.0},
-    'history': {'size': 1000, 'epsilon': 0.05},
-    'change': {'window': 0.0},
-    'excitation': {'window': 0.0},
+    **OF_REAL_ROBOT,
 }
 """The identifier's parameters where no ``--config`` is given; ``docs/benchmarks.md`` tells why."""
 
