@@ -279,3 +279,49 @@ def test_settings_of_one_arm_fit_another_where_they_are_the_defaults():
         door.Controller(THREE, door.Controller(ARM, k2=[1.0, 2.0]).settings)
     with pytest.raises(door.ParameterError, match="'safety' is .*bounds for each of joint1, .*3"):
         door.Controller(THREE, safety=door.Controller(ARM).safety)
+
+
+class Swinging(door.Reference):
+    """A reference whose points hold lists, or numbers."""
+
+    def __init__(self, form):
+        """Take what makes a list or a number of a number."""
+        self.form = form
+
+    def at(self, t):
+        """Evaluate."""
+        return door.ReferencePoint(*map(self.form, (
+            0.1 * np.sin(t), 0.1 * np.cos(t), -0.1 * np.sin(t))))
+
+    def range(self):
+        """Return the range."""
+        return self.form(-0.1), self.form(0.1)
+
+
+@pytest.mark.parametrize('form', [lambda number: [number], float])
+def test_a_reference_of_a_users_own_may_answer_with_lists_or_numbers(form):
+    given = {'start': [0.05], 'reference': Swinging(form)}
+    arrays = {'start': [0.05], 'reference': Swinging(lambda number: np.array([number]))}
+    first, second = door.Controller(WHEEL, **given), door.Controller(WHEEL, **arrays)
+    for t in (0.0, 0.3, 7.0):
+        np.testing.assert_array_equal(first.update(t, 0.05, 0.0, WHEEL.nominal).torque,
+                                      second.update(t, 0.05, 0.0, WHEEL.nominal).torque)
+    np.testing.assert_array_equal(*(door.simulate(
+        WHEEL, 0.1, reference=each['reference']).q for each in (given, arrays)))
+    first.retune(7.0, [0.05], reference=Swinging(form))
+    with pytest.raises(door.ParameterError, match=r"'reference\.position' is .*one for each of"):
+        door.Controller(ARM, reference=Swinging(form))
+
+
+def test_a_constraint_of_a_users_own_may_answer_with_lists():
+    class Listed(Slow):
+        """The same in lists."""
+
+        def bounded(self, state):
+            """Return lists."""
+            return door.Bounded(list(state.qd), [-2.0, -2.0], [2.0, 2.0])
+
+    for kind in (Slow, Listed):
+        controller = door.Controller(ARM, constraints=kind)
+        state = controller.state(0.0, np.zeros(2), np.array([0.5, 0.0]))
+        assert controller.constraints.margins(state)[-2:].tolist() == [1.5, 2.0]

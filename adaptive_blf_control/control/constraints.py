@@ -65,7 +65,8 @@ class Bounded(NamedTuple):
 
     def margin(self) -> np.ndarray:
         """Return the distance to the nearer bound; negative outside, NaN where not known."""
-        return np.minimum(self.value - self.lower, self.upper - self.value)
+        return np.minimum(np.subtract(self.value, self.lower),
+                          np.subtract(self.upper, self.value))
 
 
 class Constraint(Protocol):

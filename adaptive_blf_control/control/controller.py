@@ -22,7 +22,12 @@ from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.constraints import Constraint, Constraints, MotionState
-from adaptive_blf_control.control.given_parts import given_part, Group, is_group
+from adaptive_blf_control.control.given_parts import (
+    given_part,
+    Group,
+    is_group,
+    reference_in_arrays,
+)
 from adaptive_blf_control.control.law import limited_answer, unwound_term
 from adaptive_blf_control.control.laws.ablf import AblfLaw
 from adaptive_blf_control.control.laws.choice import checked_law, make_law, retuned_law
@@ -227,8 +232,7 @@ class Controller(Guided, settings=ControllerSettings,
         for name, value in groups.items():
             if value is not None and name not in changes:
                 parts[name] = given_part(name, value)
-        follow: Reference = parts['reference']
-        _check_reference(follow, arm)
+        follow = reference_in_arrays(parts['reference'], arm.joints)
         if start is not None:
             start = checked_array('start', start, (arm.n,), arm.joints)
             if settings.reference.smooth_start > 0.0:
@@ -403,7 +407,9 @@ class Controller(Guided, settings=ControllerSettings,
                                               changes)
         for name, value in groups.items():
             if value is not None and name not in changes:
-                given_part(name, value)
+                part = given_part(name, value)
+                groups[name] = (reference_in_arrays(part, self.arm.joints)
+                                if name == 'reference' else part)
         made = controller_parts(wanted, joints)._asdict() if wanted and changes else {}
         for name in groups:
             if any(given.partition('.')[0] == name for given in changes):
@@ -596,11 +602,3 @@ def _with_safety(settings: ControllerSettings, safety: JointInterval) -> Control
     if settings.safety_filter == 'none':
         return settings
     return settings.replace(safety={'lower': safety.lower, 'upper': safety.upper})
-
-
-def _check_reference(reference: Reference, arm: Arm) -> None:
-    point = reference.at(0.0)
-    if not isinstance(point, ReferencePoint):
-        raise ParameterError('reference.at(0.0)', point, 'a ReferencePoint')
-    for name, value in (*point._asdict().items(), *zip(('lower', 'upper'), reference.range())):
-        checked_array(f'reference.{name}', value, (arm.n,), arm.joints)

@@ -6,11 +6,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from adaptive_blf_control.arrays import are_vectors, checked_array
+from adaptive_blf_control.control.reference import Reference, ReferencePoint
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.parameters.table import bounds_of
 
-__all__ = ['Group', 'given_part', 'is_group']
+__all__ = ['Group', 'given_part', 'is_group', 'reference_in_arrays']
 
 Group = Mapping[str, Any] | Settings | tuple[float, float]
 """The settings of a set or of the reference; a pair for the bounds of a set."""
@@ -40,3 +44,51 @@ def given_part(name: str, value: Any) -> Any:
     if not all(hasattr(value, each) for each in _ASKED[name]):
         raise ParameterError(name, value, _WAYS[name])
     return value
+
+
+def reference_in_arrays(reference: Reference, joints: tuple[str, ...]) -> Reference:
+    """Return a reference whose points are arrays: itself, where they are.
+
+    Args:
+        reference: One of a user's own may have lists, or numbers of one joint.
+        joints: Names of the joints.
+
+    Raises:
+        ParameterError: it answers with something else than points for these joints.
+    """
+    values = [*_points(reference, 0.0, joints), *_range(reference, joints)]
+    as_given = [*reference.at(0.0), *reference.range()]
+    return reference if are_vectors((len(joints),), *as_given) else _InArrays(
+        reference, joints, np.array(values[3:]))
+
+
+class _InArrays:
+    """A reference of a user's own whose points hold lists or numbers."""
+
+    def __init__(self, reference: Reference, joints: tuple[str, ...], ends: np.ndarray) -> None:
+        self._reference, self._joints, self._ends = reference, joints, ends
+
+    def __repr__(self) -> str:
+        """Show the reference as it was given."""
+        return repr(self._reference)
+
+    def at(self, t: float) -> ReferencePoint:
+        """Evaluate at ``t`` [s]."""
+        return _points(self._reference, t, self._joints)
+
+    def range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the range that is never left."""
+        return self._ends[0].copy(), self._ends[1].copy()
+
+
+def _points(reference: Reference, t: float, joints: tuple[str, ...]) -> ReferencePoint:
+    point = reference.at(t)
+    if not isinstance(point, ReferencePoint):
+        raise ParameterError(f'reference.at({t})', point, 'a ReferencePoint')
+    return ReferencePoint(*(checked_array(f'reference.{name}', value, (len(joints),), joints)
+                            for name, value in point._asdict().items()))
+
+
+def _range(reference: Reference, joints: tuple[str, ...]) -> list[np.ndarray]:
+    return [checked_array(f'reference.{name}', value, (len(joints),), joints)
+            for name, value in zip(('lower', 'upper'), reference.range())]
