@@ -65,8 +65,8 @@ class Bounded(NamedTuple):
 
     def margin(self) -> np.ndarray:
         """Return the distance to the nearer bound; negative outside, NaN where not known."""
-        return np.minimum(np.subtract(self.value, self.lower),
-                          np.subtract(self.upper, self.value))
+        value, lower, upper = map(np.asarray, self)
+        return np.minimum(value - lower, upper - value)
 
 
 class Constraint(Protocol):
