@@ -19,7 +19,7 @@ from adaptive_blf_control.compilation_notice import (
     PERIOD,
     QUIET,
 )
-from patience import PATIENCE
+from patience import PATIENCE, wait_until
 
 numba = pytest.importorskip('numba')
 
@@ -151,9 +151,14 @@ def test_one_function_that_takes_long_is_told_meanwhile(capsys):
     times = itertools.count(0.0, PERIOD)
     announcer = _Announcer(lambda: next(times), look=1e-3)
     announcer.begin()
-    said = ''
-    while said.count('\n') < 3:  # the time limit of a test ends what never comes
-        said += capsys.readouterr().err
+    parts: list[str] = []
+
+    def told_twice() -> bool:
+        parts.append(capsys.readouterr().err)
+        return ''.join(parts).count('\n') >= 3
+
+    wait_until(told_twice, 'two lines while one function is compiled')
     announcer.end()
+    said = ''.join(parts)
     assert said.startswith(f'{BEGIN}\ncompiling: 1 functions so far, 20 s\n')
     assert said.splitlines()[2] == 'compiling: 1 functions so far, 40 s'
