@@ -275,6 +275,8 @@ def test_settings_of_one_arm_fit_another_where_they_are_the_defaults():
     assert identifier.theta.shape == (11,)
     controller = door.Controller(THREE, door.Controller(ARM).settings)
     assert controller.settings.k1.tolist() == [40.0] * 3
+    with pytest.raises(door.ParameterError, match=r"gamma' is \[1\.0, 1\.0\]: .*length 1 or 11"):
+        door.Identifier(THREE, gamma=[1.0, 1.0])  # stated here, not left from another arm
     with pytest.raises(door.ParameterError, match=r"k2' is \[1\.0, 2\.0\]: .*length 1 or 3"):
         door.Controller(THREE, door.Controller(ARM, k2=[1.0, 2.0]).settings)
     with pytest.raises(door.ParameterError, match="'safety' is .*bounds for each of joint1, .*3"):

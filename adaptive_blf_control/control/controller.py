@@ -225,7 +225,7 @@ class Controller(Guided, settings=ControllerSettings,
         if isinstance(law, str):
             changes['law'] = law
         try:
-            settings = ControllerSettings.taken(settings, changes)
+            settings = ControllerSettings.taken(settings, changes, of_any_arm=True)
         except UnknownParameter as error:  # may also be meant for an argument
             raise error.beside(('settings', 'start', 'velocity')) from None
         parts: dict[str, Any] = controller_parts(settings, arm.joints)._asdict()

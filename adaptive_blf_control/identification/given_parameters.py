@@ -27,7 +27,7 @@ def given_parameters(name: str, value: np.ndarray | str, arm: Arm) -> np.ndarray
 
     Args:
         name: The parameter that gives it, for messages.
-        value: One element for all, or m, zeros as many as there are; ``nominal``; or a file that
+        value: One element for all, or m; ``nominal``; or a file that
             :func:`~adaptive_blf_control.identification.estimate_file.write_estimate` wrote.
         arm: The arm.
 
@@ -35,8 +35,6 @@ def given_parameters(name: str, value: np.ndarray | str, arm: Arm) -> np.ndarray
         ParameterError: the value has neither one element nor m, or the file cannot be used.
     """
     if not isinstance(value, str):
-        if not value.any():  # of any length: they may be left from another arm
-            return np.zeros(arm.m)
         if value.size not in (1, arm.m):
             raise ParameterError(name, value.tolist(), f'a list of length 1 or {arm.m} (one for '
                                  'each of the parameters)')

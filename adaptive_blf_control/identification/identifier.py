@@ -181,7 +181,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
                                                     changes['initial_estimate'], arm)
         given, names = named({'update_law': update_law, 'state_filter': state_filter,
                               'history_stack': history_stack, 'change_monitor': change_monitor})
-        settings = IdentifierSettings.taken(settings, {**changes, **names})
+        settings = IdentifierSettings.taken(settings, {**changes, **names}, of_any_arm=True)
         settings = settings.replace(initial_estimate=given_parameters(
             'identifier.initial_estimate', settings.initial_estimate, arm))
         self._settings = settings.resolved(joints=arm.n, parameters=arm.m)

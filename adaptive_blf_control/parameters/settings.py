@@ -198,8 +198,14 @@ class Settings(metaclass=TypeWithHints):
 
     @classmethod
     def taken(cls: type[_Self], settings: _Self | Mapping[str, Any] | None,
-              changes: Mapping[str, Any]) -> _Self:
+              changes: Mapping[str, Any], of_any_arm: bool = False) -> _Self:
         """Return the settings that a constructor is given: the defaults where None, changed.
+
+        Args:
+            settings: What is given.
+            changes: Values by name in place of theirs.
+            of_any_arm: Whether they may have been resolved for another arm, so that one element
+                of what is the default stands for all.
 
         Raises:
             ParameterError: they are of another kind, or a change cannot be made.
@@ -214,7 +220,7 @@ class Settings(metaclass=TypeWithHints):
                                  'simulate(file, 0.001) has the controller and the identifier of '
                                  'a parameter file')
         try:
-            return settings.replace(**changes)
+            return (settings._of_any_arm() if of_any_arm else settings).replace(**changes)
         except UnknownParameter as error:  # may also be meant for the argument
             raise error.beside(['settings']) from None
 
@@ -281,9 +287,6 @@ class Settings(metaclass=TypeWithHints):
     def resolved(self: _Self, **sizes: int) -> _Self:
         """Return a copy whose arrays have their full length, e.g. ``joints=7, parameters=50``.
 
-        Where all elements are the default they are as many as are needed: they may be left from
-        another arm.
-
         Raises:
             ParameterError: an array has neither one element nor that many.
         """
@@ -294,8 +297,6 @@ class Settings(metaclass=TypeWithHints):
                 full[item.name] = value.resolved(**sizes)
             elif isinstance(value, np.ndarray):
                 row = _declared(type(self))[item.name]
-                if value.size != sizes.get(str(row.length), value.size) and _is_usual(row, value):
-                    value = value[:1]
                 problem = value_problem(row, value.tolist(), sizes)
                 if problem:
                     raise ParameterError(row.name, value.tolist(), problem)
@@ -303,6 +304,22 @@ class Settings(metaclass=TypeWithHints):
                 full[item.name] = value if value.size == length else broadcast(value, length)
         longer = {name: value for name, value in full.items() if value is not getattr(self, name)}
         return dataclasses.replace(self, **longer) if longer else self
+
+    def _of_any_arm(self: _Self) -> _Self:
+        """Return a copy in which one element stands for all, where all are the default.
+
+        Settings of an arm with as many joints or parameters then fit another one.
+        """
+        short: dict[str, Any] = {}
+        for item in dataclasses.fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, Settings):
+                short[item.name] = value._of_any_arm()
+            elif isinstance(value, np.ndarray) and value.size > 1 and _is_usual(
+                    _declared(type(self))[item.name], value):
+                short[item.name] = value[:1]
+        other = {name: value for name, value in short.items() if value is not getattr(self, name)}
+        return dataclasses.replace(self, **other) if other else self
 
     def __eq__(self, other: object) -> bool:
         """Whether ``other`` is of the same class with the same values."""

@@ -39,7 +39,7 @@ def test_what_is_returned_can_be_changed_without_a_trace() -> None:
 
 
 @pytest.mark.parametrize(('value', 'expected'), [
-    (np.ones(3), 'a list of length 1 or 5'), ('nowhere.yaml', 'a readable file')])
+    (np.zeros(3), 'a list of length 1 or 5'), ('nowhere.yaml', 'a readable file')])
 def test_what_cannot_be_used_is_refused_by_name(value, expected) -> None:
     with pytest.raises(ParameterError, match=f'controller.known_parameters.*{expected}'):
         given_parameters('controller.known_parameters', value, ARM)
