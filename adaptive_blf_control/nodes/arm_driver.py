@@ -13,6 +13,7 @@ releases them; deactivated, the torque goes to zero over ``ramp_time``, then the
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 import time
 from typing import Any
 
@@ -33,12 +34,14 @@ from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, ROBOT_DESCRIPTION
 from adaptive_blf_control.nodes.arm_lockstep import ArmLockstep, SteppedDriver
 from adaptive_blf_control.runtime.heard_topic import HeardTopic
+from adaptive_blf_control.runtime.rclpy_internals import overrides_of
 from adaptive_blf_control.runtime.robot_description import arm_of, is_topic
 from adaptive_blf_control.runtime.round_trip import RoundTrips
 from adaptive_blf_control.runtime.status_report import Status
 from adaptive_blf_control.simulation.abilities import HasContacts
 from adaptive_blf_control.simulation.command_gate import CommandGate
 from adaptive_blf_control.simulation.drives import Drives
+from adaptive_blf_control.simulation.encoder_check import encoder_warning
 from adaptive_blf_control.simulation.plant import Plant, Retunable, SimulatedArm
 from adaptive_blf_control.simulation.settings import PlantSettings
 from adaptive_blf_control.simulation.state_grid import StateGrid
@@ -89,6 +92,7 @@ class ArmDriver(SteppedDriver):
         if isinstance(plant, SimulatedArm):
             plant.trial(plant.torque, 1e-3)  # compile before the clock runs
         self.drives = Drives(plant, settings, settings.ramp_time)
+        self._warn_of_unused(overrides_of(self))
         self.grid = StateGrid(settings.rate)
         self.commands = CommandGate(self.arm.joints)
         self._heard = HeardTopic(self, COMMANDS, self.commands.source,
@@ -102,6 +106,11 @@ class ArmDriver(SteppedDriver):
                                                     reliable=True)
         self.stepping = ArmLockstep(self) if self.lockstep else None
         self._ready = True
+
+    def _warn_of_unused(self, given: Iterable[str]) -> None:
+        """Warn of parameters of an encoder that are set while none measures."""
+        if unused := encoder_warning(given, self.plant):
+            self.get_logger().warning(unused)
 
     def _describe(self) -> Publisher | None:
         """Publish the URDF of the arm, unless it came from a topic."""
@@ -143,6 +152,7 @@ class ArmDriver(SteppedDriver):
                 raise ParameterError('arm_driver.plant', settings.plant,
                                      'builtin: another plant cannot be changed while it runs')
             self.plant.retune(settings)
+            self._warn_of_unused(changed)
         self.drives.watchdog, self.drives.ramp_time = settings, settings.ramp_time
         if self.grid.retune(settings.rate):
             self.statistics.restart()

@@ -15,15 +15,12 @@ from adaptive_blf_control.control.arm_limits import limit_warnings
 from adaptive_blf_control.control.reference import full_range
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
-from adaptive_blf_control.simulation.sensors import PerfectSensor
+from adaptive_blf_control.simulation.encoder_check import encoder_warning, unused_of_encoder
 from adaptive_blf_control.tuning.filter_cost import filter_warnings
 from adaptive_blf_control.tuning.loop_check import check_loop, warnings_of_loop
 from adaptive_blf_control.tuning.stated_loop import simulated_delay, stated_delay
 
 __all__ = ['idle_encoder', 'known_theta', 'loop_warnings', 'start_warnings']
-
-_WITHOUT_ENCODER = "is without effect: only arm_driver.sensors.model 'encoder' looks at it"
-_OF_ENCODER = ('sensors.encoder_counts', 'sensors.gear_ratio', 'sensors.velocity_time_constant')
 
 
 def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
@@ -39,8 +36,8 @@ def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
     too_few = rank_warning(loop.identifier.settings, loop.arm.n, loop.arm.m)
     if too_few:
         yield too_few
-    if idle := idle_encoder(data, loop):
-        yield f'arm_driver.{idle[0]} {_WITHOUT_ENCODER}'
+    if unused := encoder_warning(given_values(data, 'arm_driver'), loop.plant):
+        yield unused
     yield from limit_warnings(loop.arm, loop.controller.settings)
     lower, upper = full_range(loop.controller.reference)
     if np.array_equal(lower, upper):
@@ -60,10 +57,7 @@ def idle_encoder(data: Mapping[str, Any], loop: ClosedLoop) -> list[str]:
         data: The parameter file's data.
         loop: Built from it.
     """
-    sensor = getattr(loop.plant, 'sensor', None)
-    if not isinstance(getattr(sensor, 'sensor', sensor), PerfectSensor):
-        return []
-    return [name for name in given_values(data, 'arm_driver') if name in _OF_ENCODER]
+    return unused_of_encoder(given_values(data, 'arm_driver'), loop.plant)
 
 
 def known_theta(arm: Arm, estimate: np.ndarray) -> np.ndarray | None:

@@ -170,7 +170,7 @@ def test_computed_torque_with_the_true_parameters_gives_the_wanted_acceleration(
 
 
 @pytest.mark.parametrize(('law', 'message'), [
-    ('magic', r"'controller\.law' is 'magic'.*ablf, pd, computed_torque, slotine_li, module:name"),
+    ('magic', rf"'controller\.law' is 'magic'.*{', '.join(LAWS)}, module:name"),
     ('no_such_module:Law', 'ModuleNotFoundError'),
     ('foreign_law:Nobody', 'AttributeError')])
 def test_a_law_that_is_not_there_is_named(stranger, law, message):

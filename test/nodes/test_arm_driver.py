@@ -585,3 +585,21 @@ def test_states_reach_best_effort_and_reliable_subscribers(graph, wait_until) ->
     peer.create_subscription(JointState, 'joint_states', best_effort.append, sensor_data)
     graph.run(driver)
     wait_until(lambda: reliable and best_effort)
+
+
+def test_parameters_of_an_encoder_are_a_warning_where_none_measures(graph, capfd) -> None:
+    said = ("arm_driver.sensors.{} is without effect: only arm_driver.sensors.model 'encoder' "
+            'looks at it')
+    driver = graph.make(ArmDriver, sensors__encoder_counts=4096, sensors__torque_noise=0.1)
+    log = capfd.readouterr().err
+    assert '[WARN]' in log
+    assert said.format('encoder_counts') in log
+    assert driver.set_parameters([Parameter('sensors.gear_ratio', value=50.0)])[0].successful
+    assert said.format('gear_ratio') in capfd.readouterr().err
+
+
+def test_parameters_of_an_encoder_that_measures_are_no_warning(graph, capfd) -> None:
+    driver = graph.make(ArmDriver, sensors__model='encoder', sensors__encoder_counts=4096)
+    assert driver.set_parameters([Parameter('sensors.gear_ratio', value=50.0)])[0].successful
+    graph.make(ArmDriver, sensors__torque_noise=0.1)  # which any sensor has
+    assert 'without effect' not in capfd.readouterr().err
