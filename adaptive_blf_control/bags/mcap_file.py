@@ -19,7 +19,7 @@ import yaml
 
 from adaptive_blf_control.bags.compression import unpack_bounded
 from adaptive_blf_control.bags.metadata import BagMetadata, parse_metadata, parse_qos
-from adaptive_blf_control.bags.storage import Channel
+from adaptive_blf_control.bags.storage import Channel, StoredFile
 from adaptive_blf_control.bounded_yaml import load_yaml_text
 from adaptive_blf_control.errors import BagError
 
@@ -71,7 +71,7 @@ class ChannelDetails(NamedTuple):
     metadata: Mapping[str, str]
 
 
-class McapFile:
+class McapFile(StoredFile):
     """One MCAP file; see `StorageFile`.
 
     Attributes:
@@ -79,18 +79,9 @@ class McapFile:
     """
 
     def __init__(self, path: Path, unpacked: IO[bytes] | None = None) -> None:
-        """Store the path; nothing is read before the first pass.
-
-        Args:
-            path: The file.
-            unpacked: Temporary file with its content where it is compressed as a whole.
-        """
-        self.path = path
-        self._unpacked = unpacked  # its end is the end of the temporary file
-        self._content = path if unpacked is None else Path(unpacked.name)
-        self.channels: dict[int, Channel] = {}
+        """See `StoredFile`."""
+        super().__init__(path, unpacked)
         self.details: dict[int, ChannelDetails] = {}
-        self.problem: str | None = None
         self._schemas: dict[int, _Schema] = {}
         self._channel_records: dict[bytes, bytes] = {}
         self._channel_changes = 0

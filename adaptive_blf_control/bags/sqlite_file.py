@@ -5,11 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from pathlib import Path
 import sqlite3
-from typing import Any, IO
+from typing import Any
 
-from adaptive_blf_control.bags.storage import Channel
+from adaptive_blf_control.bags.storage import Channel, StoredFile
 from adaptive_blf_control.errors import BagError
 
 __all__ = ['MAGIC', 'SqliteFile']
@@ -17,21 +16,8 @@ __all__ = ['MAGIC', 'SqliteFile']
 MAGIC = b'SQLite format 3\0'
 
 
-class SqliteFile:
+class SqliteFile(StoredFile):
     """One .db3 file; see `StorageFile`."""
-
-    def __init__(self, path: Path, unpacked: IO[bytes] | None = None) -> None:
-        """Store the path; nothing is read before the first pass.
-
-        Args:
-            path: The file.
-            unpacked: Temporary file with its content where it is compressed as a whole.
-        """
-        self.path = path
-        self._unpacked = unpacked  # its end is the end of the temporary file
-        self._content = path if unpacked is None else Path(unpacked.name)
-        self.channels: dict[int, Channel] = {}
-        self.problem: str | None = None
 
     def custom_data(self) -> dict[str, str]:
         """Return an empty mapping: a .db3 file has its custom data in metadata.yaml."""

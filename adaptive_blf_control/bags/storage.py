@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, IO, NamedTuple, Protocol
 
-__all__ = ['BagMessage', 'Channel', 'StorageFile']
+__all__ = ['BagMessage', 'Channel', 'StorageFile', 'StoredFile']
 
 
 class Channel(NamedTuple):
@@ -50,3 +50,20 @@ class StorageFile(Protocol):
 
     def offered_qos(self) -> Mapping[str, Sequence[Mapping[str, Any]]]:
         """Return the QoS profiles of each topic's publishers, after one pass."""
+
+
+class StoredFile:
+    """Where the content of a file of a bag is, which may be compressed; base of both readers."""
+
+    def __init__(self, path: Path, unpacked: IO[bytes] | None = None) -> None:
+        """Store the path; nothing is read before the first pass.
+
+        Args:
+            path: The file.
+            unpacked: Temporary file with its content where it is compressed as a whole.
+        """
+        self.path = path
+        self._unpacked = unpacked  # its end is the end of the temporary file
+        self._content = path if unpacked is None else Path(unpacked.name)
+        self.channels: dict[int, Channel] = {}
+        self.problem: str | None = None

@@ -131,11 +131,18 @@ def _processes(options: argparse.Namespace) -> None:
               flush=True)
 
 
-def _measured(options: argparse.Namespace) -> None:
+def _has_logs(options: argparse.Namespace) -> bool:
+    """Say what is done with the measured logs; return whether they are there."""
     if options.logs is None or not options.logs.is_dir():
         print(f'Skipped: the folder of measured logs does not exist (--logs {options.logs}).')
-        return
+        return False
     print('Learned on the first half, tested on the second: RMSE of the filtered torque [N·m].\n')
+    return True
+
+
+def _measured(options: argparse.Namespace) -> None:
+    if not _has_logs(options):
+        return
     print('| robot | ours, joint by joint | mean | batch (given), mean | ratio | rank of '
           'columns | insertions | us per sample |')
     print('|---|---|---|---|---|---|---|---|')
@@ -155,10 +162,8 @@ def _measured(options: argparse.Namespace) -> None:
 
 
 def _models(options: argparse.Namespace) -> None:
-    if options.logs is None or not options.logs.is_dir():
-        print(f'Skipped: the folder of measured logs does not exist (--logs {options.logs}).')
+    if not _has_logs(options):
         return
-    print('Learned on the first half, tested on the second: RMSE of the filtered torque [N·m].\n')
     print('| robot | M > 0, θ̂ | M > 0, consistent | θ̂, mean | consistent, mean | ratio | '
           'found in [ms] | 95 % intervals held | worst joint | MuJoCo on the URDF less '
           'Pinocchio [N·m] | with the inertias of the file |')

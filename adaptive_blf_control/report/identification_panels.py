@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from adaptive_blf_control.bags.row_store import row_blocks
-from adaptive_blf_control.report.panels import BAG_COLOURS, Curve, INK, Panel, Section
+from adaptive_blf_control.report.curves import BAG_COLOURS, Curve, INK, Panel, Section
 from adaptive_blf_control.runs.identification import Identification
 from adaptive_blf_control.runs.log_pass import Prediction
 from adaptive_blf_control.runs.thinning import thin

@@ -11,7 +11,8 @@ from typing import Any
 from adaptive_blf_control.configuration.node_settings import TABLES
 from adaptive_blf_control.parameters.table import per_joint
 from adaptive_blf_control.report.animation import animate
-from adaptive_blf_control.report.panels import BAG_COLOURS, Section, sections, time_span
+from adaptive_blf_control.report.curves import BAG_COLOURS, Section
+from adaptive_blf_control.report.panels import sections, time_span
 from adaptive_blf_control.report.plotly_figures import animation_figure, animation_frames
 from adaptive_blf_control.report.shell import card, document, Plots, section_html
 from adaptive_blf_control.runs.lyapunov import GuaranteeOverTime

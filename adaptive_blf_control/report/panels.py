@@ -1,112 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is plotted, independent of any plotting library: sections of panels of curves."""
+"""What is plotted of bags: sections of panels of curves."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import cycle, islice
 
 import numpy as np
 
+from adaptive_blf_control.report.curves import (
+    BAG_COLOURS,
+    Band,
+    Curve,
+    held,
+    histogram,
+    histogram_edges,
+    INK,
+    Panel,
+    Section,
+    zoomed,
+)
 from adaptive_blf_control.runs.lyapunov import GuaranteeOverTime, true_over_time
 from adaptive_blf_control.runs.margins import least_per_body
 from adaptive_blf_control.runs.recording import Recording, Series
 from adaptive_blf_control.runs.thinning import POINTS, thin
 from adaptive_blf_control.runs.timing import command_delays_ms, intervals_ms
 
-__all__ = ['BAG_COLOURS', 'Band', 'Curve', 'INK', 'Panel', 'Section', 'sections', 'time_span']
+__all__ = ['sections', 'time_span']
 
-# Okabe and Ito's colours, which colour-blind people tell apart, then darker ones.
-BAG_COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#7F3C8D',
-               '#6B4C1E', '#3A6B35', '#A31621', '#4B4E6D', '#B8A600')
-INK = '#222222'
-BINS = 60
 SPANS = 100  # shaded intervals, the longest ones
 BUDGET = 300_000  # points on a page, so that many bags of many parameters stay below 10 MB
-DECADES = 15  # below are rounding errors
-
-
-@dataclass(frozen=True)
-class Curve:
-    """One line; ``x`` and ``y`` have shape (N,). ``step`` holds each value up to the next.
-
-    Curves of one ``group`` are switched on and off together in the legend.
-    """
-
-    x: np.ndarray
-    y: np.ndarray
-    label: str
-    colour: str
-    bag: int
-    dash: str = 'solid'
-    width: float = 1.6
-    step: bool = False
-    fill: bool = False
-    legend: bool = True
-    group: str = ''
-
-
-@dataclass(frozen=True)
-class Band:
-    """A shaded range of y, from ``lower`` to ``upper``."""
-
-    lower: float
-    upper: float
-    label: str
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One plot.
-
-    Attributes:
-        key: File name and HTML id.
-        title: Title.
-        x_label: Label of x with its unit.
-        y_label: Label of y with its unit.
-        curves: Lines.
-        bands: Shaded ranges.
-        log_y: Logarithmic y axis.
-        zoom: y-range of the curves alone, where the bands are far wider; else None.
-        time: x is the time of the run.
-        filters: Names of curves that a menu shows alone.
-        spans: Intervals of time in which something acts from outside [s].
-    """
-
-    key: str
-    title: str
-    y_label: str
-    curves: tuple[Curve, ...]
-    x_label: str = 'time [s]'
-    bands: tuple[Band, ...] = ()
-    log_y: bool = False
-    zoom: tuple[float, float] | None = None
-    time: bool = True
-    filters: tuple[str, ...] = ()
-    spans: tuple[tuple[float, float], ...] = ()
-
-    def log_range(self) -> tuple[float, float]:
-        """Return the y-range of a logarithmic axis: at most ``DECADES`` below the largest."""
-        values = np.concatenate([curve.y for curve in self.curves] or [np.ones(1)])
-        values = values[np.isfinite(values) & (values > 0.0)]
-        if values.size == 0:
-            return 0.1, 10.0
-        high = float(values.max())
-        low = max(float(values.min()), high * 10.0 ** -DECADES)
-        room = max((high / low) ** 0.05, 1.2)
-        return low / room, high * room
-
-
-@dataclass(frozen=True)
-class Section:
-    """Panels under one heading; ``columns`` of them side by side."""
-
-    key: str
-    title: str
-    note: str
-    panels: tuple[Panel, ...]
-    columns: int = 2
 
 
 def time_span(recordings: Sequence[Recording]) -> tuple[float, float]:
@@ -222,7 +146,7 @@ class _Maker:
             if r.performance is not None:
                 bands[Band(float(r.performance.lower[i]), float(r.performance.upper[i]),
                            'set (8)')] = None
-        zoom = _zoom(curves, tuple(bands))
+        zoom = zoomed(curves, tuple(bands))
         for b, r, i in self._with(joint):
             guaranteed = self.guarantees[b]
             if guaranteed is not None and r.e1 is not None:
@@ -262,7 +186,7 @@ class _Maker:
                   if r.run is not None and r.run.torques is not None}
         bands = tuple(Band(-limit, limit, 'torque_limit') for limit in sorted(limits))
         return Panel(f'torque_{joint}', joint, 'τ [N·m]', tuple(curves), bands=bands,
-                     zoom=_zoom(curves, bands))
+                     zoom=zoomed(curves, bands))
 
     def external(self, joint: str) -> Panel:
         curves: list[Curve] = []
@@ -298,7 +222,7 @@ class _Maker:
                 tone = self._tone(b, names.index(name))
                 curves.append(self._curve(r.theta_hat, j, self._label(b, name), tone, b))
                 if truth is not None:
-                    curves.append(replace(_held(
+                    curves.append(replace(held(
                         r.theta_hat.t, truth[:, j], self._label(b, f'{name} true'), tone, b),
                         legend=False, group=self._label(b, name)))
         return (Panel('estimates', 'θ̂ and θ*', 'θ̂ [SI units of each parameter]', tuple(curves),
@@ -406,7 +330,7 @@ class _Maker:
             if guaranteed is not None:
                 curves.append(Curve(*thin(guaranteed.t, guaranteed.v), self._label(b, 'V (57)'),
                                     self.colours[b], b, width=2.0))
-                curves.append(_held(guaranteed.t, guaranteed.bound, self._label(b, 'bound V(0)'),
+                curves.append(held(guaranteed.t, guaranteed.bound, self._label(b, 'bound V(0)'),
                                     INK if self.one else self.colours[b], b))
         return (Panel('lyapunov', 'V', 'V', tuple(curves), log_y=True),) if curves else ()
 
@@ -419,49 +343,9 @@ class _Maker:
             found = [(b, values(r)) for b, r in enumerate(self.recordings)]
             found = [(b, v) for b, v in found if v.size and (key == 'intervals' or v.max() > 0)]
             if found:
-                edges = _edges([v for _, v in found])
-                curves = [_histogram(v, edges, self._label(b, 'samples'), self.colours[b], b)
+                edges = histogram_edges([v for _, v in found])
+                curves = [histogram(v, edges, self._label(b, 'samples'), self.colours[b], b)
                           for b, v in found]
                 panels.append(Panel(key, title, 'samples', tuple(curves), x_label=x_label,
                                     log_y=True, time=False))
         return tuple(panels)
-
-
-def _held(t: np.ndarray, y: np.ndarray, label: str, colour: str, bag: int) -> Curve:
-    """A dashed line that is constant between changes: only the changes are kept."""
-    change = np.flatnonzero(np.diff(y) != 0.0) + 1
-    keep = np.unique(np.concatenate([[0], change, [t.size - 1]]))
-    return Curve(t[keep], y[keep], label, colour, bag, 'dash', 1.0, step=True)
-
-
-def _zoom(curves: Sequence[Curve], bands: Sequence[Band]) -> tuple[float, float] | None:
-    """Return the y-range of curves alone where the bands are far wider, else None."""
-    alone = _range(curves)
-    wide = max((band.upper - band.lower for band in bands), default=0.0)
-    return alone if alone and alone[1] - alone[0] < 0.5 * wide else None
-
-
-def _range(curves: Sequence[Curve]) -> tuple[float, float] | None:
-    """Return the y-range of curves with a little room, or None without a finite value."""
-    values = np.concatenate([c.y for c in curves]) if curves else np.zeros(0)
-    values = values[np.isfinite(values)]
-    if values.size == 0:
-        return None
-    low, high = float(values.min()), float(values.max())
-    room = 0.06 * (high - low) or 1e-6
-    return low - room, high + room
-
-
-def _edges(values: Sequence[np.ndarray]) -> np.ndarray:
-    low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
-    if high - low < 1e-3 * max(abs(high), 1e-3):  # all alike, as offline: one bar of some width
-        low, high = low - 0.05 * max(abs(low), 1e-3), high + 0.05 * max(abs(high), 1e-3)
-    return np.linspace(low, high, BINS + 1)
-
-
-def _histogram(values: np.ndarray, edges: np.ndarray, label: str, colour: str,
-               bag: int) -> Curve:
-    counts, _ = np.histogram(values, edges)
-    # Empty bins stay at a tenth of a sample, so that a logarithmic axis has a floor.
-    y = np.maximum(np.append(counts, counts[-1]).astype(float), 0.1)
-    return Curve(edges, y, label, colour, bag, step=True, fill=True, width=1.0)

@@ -11,7 +11,7 @@ import numpy as np
 
 from adaptive_blf_control.errors import MissingExtra
 from adaptive_blf_control.report.animation import Animation
-from adaptive_blf_control.report.panels import Curve, INK, Panel
+from adaptive_blf_control.report.curves import Curve, INK, Panel
 
 __all__ = ['animation_figure', 'animation_frames', 'panel_figure', 'plotly_js', 'y_axis']
 

@@ -9,7 +9,7 @@ import re
 from typing import Any
 
 from adaptive_blf_control.errors import MissingExtra
-from adaptive_blf_control.report.panels import Panel, Section
+from adaptive_blf_control.report.curves import Panel, Section
 
 __all__ = ['write_png']
 

@@ -10,7 +10,7 @@ import json
 from typing import Any
 
 from adaptive_blf_control import __version__
-from adaptive_blf_control.report.panels import Panel, Section
+from adaptive_blf_control.report.curves import Panel, Section
 from adaptive_blf_control.report.plotly_figures import panel_figure, plotly_js, y_axis
 
 __all__ = ['Plots', 'card', 'document', 'section_html']
