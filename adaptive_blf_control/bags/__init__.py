@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags and measured logs: CDR codecs, rosbag2 writer and reader, without ROS."""
+"""Bags and measured logs: writer and readers of rosbag2 folders, without ROS."""

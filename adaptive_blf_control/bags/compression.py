@@ -31,7 +31,7 @@ def is_packed(start: bytes) -> bool:
 
 
 def unpack_message(data: bytes) -> bytes:
-    """Return the bytes of a compressed message; a message that is none stays as it is.
+    """Return the bytes of a compressed message; one that is not compressed stays as it is.
 
     Raises:
         BagError: the frame is damaged.

@@ -79,9 +79,9 @@ def open_csv(path: Path, stream: TextIO) -> CsvFile:
 
 
 def opened(path: Path) -> TextIO:
-    """Open a file in its encoding, that of its byte order mark or of its zeros, else UTF-8.
+    """Open a file in the encoding that its byte order mark or zero bytes show, else UTF-8.
 
-    Bytes that are not of the encoding are replaced: they are in units, as in ``[°]``.
+    Bytes that are not valid in it are replaced: they occur in units such as ``[°]``.
     """
     with path.open('rb') as stream:
         start = stream.read(64)
@@ -92,7 +92,7 @@ def opened(path: Path) -> TextIO:
 
 
 def is_number(cell: str) -> bool:
-    """Return whether a cell holds a number, maybe with a decimal comma, or stands for none."""
+    """Return whether a cell holds a number, maybe with a decimal comma, or a missing one."""
     text = cell.strip().lower()
     if text in _MISSING:
         return True
@@ -104,7 +104,7 @@ def is_number(cell: str) -> bool:
 
 
 def number_of(cell: str) -> float:
-    """Return the number in a cell, NaN where it stands for none.
+    """Return the number in a cell, NaN where it stands for a missing one.
 
     Raises:
         ValueError: it is neither.

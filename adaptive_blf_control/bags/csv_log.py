@@ -106,9 +106,9 @@ def _numbers(path: Path, header: Sequence[str], row: list[str], places: Sequence
 
 def _time_of(row: list[str], found: Columns, values: list[float], origin: int | None
              ) -> tuple[int | None, float]:
-    """Return the time of a row after ``origin``, which is that of the first row where whole.
+    """Return the time of a row after ``origin``, the time of the first row if that is whole.
 
-    Nanoseconds since 1970 do not fit a double: whole numbers are subtracted as such.
+    Nanoseconds since 1970 do not fit a double, so whole numbers are subtracted as integers.
     """
     if len(found.time) == 2:
         seconds, nanoseconds = values[:2]

@@ -65,7 +65,7 @@ class _Scan(NamedTuple):
         information: Its part of metadata.yaml.
         counts: Number of messages by topic.
         packed: Whether the file or some of its messages are compressed.
-        ends: Times of reception of its first and last message [ns]; of one or none, as many.
+        ends: Times of reception of its first and last message [ns]; fewer where it has fewer.
     """
 
     file: McapFile

@@ -34,7 +34,7 @@ def _no_room(exc: OSError) -> BagError:
 
 
 def new_table(rows: int, width: int, limit: int = LIMIT) -> np.ndarray:
-    """Return a table to be filled, shape (rows, width), beyond ``limit`` bytes as of `RowStore`.
+    """Return a table to be filled, shape (rows, width); beyond ``limit`` bytes it is on disk.
 
     Raises:
         BagError: the disk is full.

@@ -33,7 +33,7 @@ class DataFrame(Protocol):
 
 
 def columns_of(source: Any) -> Mapping[str, Any] | None:
-    """Return the columns of a data frame or a structured array by name; None of anything else."""
+    """Return the columns of a data frame or a structured array by name; None for anything else."""
     if isinstance(source, np.ndarray):
         return {name: source[name] for name in source.dtype.names or ()} or None
     names = getattr(source, 'columns', None)

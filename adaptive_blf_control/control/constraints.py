@@ -120,7 +120,7 @@ class MarginName(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> MarginName | None:
-        """Return what `str` made a text of; None for a text that is not the name of a margin."""
+        """Return the name that has this text as its `str`; None for any other text."""
         found = re.fullmatch(r'(.+)\.([^.]+)_margin(?: \[(.*)\])?', text)
         return None if found is None else cls(found[1], found[2], found[3] or 'rad')
 

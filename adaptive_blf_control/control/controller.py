@@ -257,7 +257,7 @@ class Controller(Guided, settings=ControllerSettings,
                 f'{self.safety.upper.tolist()} rad>')
 
     def __copy__(self) -> Controller:
-        """Return a controller that goes on from here without a trace in this one."""
+        """Return a controller that goes on from here and leaves this one unchanged."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other._memory = Memory(*(array.copy() for array in self._memory))
@@ -354,7 +354,7 @@ class Controller(Guided, settings=ControllerSettings,
     def arrays(self) -> ControllerArrays | None:
         """The controller as `controller_step` takes it; None where it has to be asked itself.
 
-        That is for another law than (38), an arm that only its methods know, or a safety filter.
+        It is None for another law than (38), an arm without arrays, or with a safety filter.
         """
         return self._arrays if self.safety_filter is None else None
 
@@ -471,9 +471,9 @@ class Controller(Guided, settings=ControllerSettings,
         self._memory.torque[:] = torque
 
     def shorten_interval(self, t: float, longest: float) -> None:
-        """Let the torque of the sample at ``t`` [s] change as within ``longest`` [s] at most.
+        """Let the torque at ``t`` [s] change no more than it may within ``longest`` [s].
 
-        For stamps that run ahead of the clock: the limit of the rate is one of real time.
+        For stamps that run ahead of the clock: the rate is limited in real time.
         """
         time = self._memory.time
         time[0] = max(time[0], t - longest)  # NaN stays: max takes its first argument then
@@ -580,7 +580,7 @@ class Controller(Guided, settings=ControllerSettings,
         return barrier(output.e1, output.bound, self._weight) + float(kinetic)
 
     def warm_up(self, theta: np.ndarray) -> None:
-        """Compile all that a motion calls, without a trace in this controller.
+        """Compile all that a motion calls; this controller stays unchanged.
 
         Args:
             theta: Any estimate, shape (m,).

@@ -115,7 +115,7 @@ class Motion:
     def see(self, seen: Mapping[Hashable, Any], gone: frozenset[Hashable] | None) -> None:
         """Tell the safety filter which obstacles move, see `MovingObstacles.update`.
 
-        Between motions nobody needs them: who publishes them goes on doing so.
+        Between motions nobody needs them, and their publisher goes on sending them.
         """
         see = getattr(getattr(self.controller, 'safety_filter', None), 'see', None)
         if see is not None:
@@ -223,7 +223,7 @@ class Motion:
         """Follow a way computed for ``plan``; False where the moment of its start has passed.
 
         Raises:
-            BlfError: the motion, its reference or its sets are others by now.
+            BlfError: the motion, its reference or its sets have changed since.
         """
         present = self.plan(0.0)
         if present is None or any(now is not then for now, then in zip(present[:4], plan[:4])):

@@ -3,8 +3,8 @@
 
 The label of the one dimension is ``NODE#TOKEN STAMP``: the full name of the controller with the
 token of its process, and the stamp of the state that the command answers [ns], 19 digits, 0 where
-it answers none. Drivers that do not know the label, as ros2_controllers' effort group controller,
-do not look at it; a command of a controller that does not know it has none. It is written by
+it answers none. Drivers that do not know the label, such as ros2_controllers' effort group
+controller, ignore it; commands of a controller that does not know it have none. It is written by
 `cdr.Float64MultiArrayCodec`.
 """
 

@@ -41,8 +41,8 @@ class EstimateStream:
     """The estimate after every sample, the figures of the history where they have changed.
 
     Attributes:
-        decimation: The external torque is among every so many samples; 0: never.
-        estimate_decimation: The estimate is among every so many samples.
+        decimation: Samples from one external torque to the next; 0: never.
+        estimate_decimation: Samples from one estimate to the next.
     """
 
     def __init__(self, parameters: Sequence[str], joints: Sequence[str], decimation: int,

@@ -74,7 +74,7 @@ class _ValueReader:
 def joint_kind(type_name: str, encoding: str) -> JointKind | None:
     """Return how joint values of a type and encoding are read; None where they are not.
 
-    A topic without a type is read as JointState, which fails at its first message if it is none.
+    A topic without a type is read as JointState, which fails at its first message if it is not.
     """
     if encoding == 'json' and type_name in (JOINT_STATE, 'sensor_msgs/JointState', ''):
         return _kind_of_values(_decode_json)

@@ -88,7 +88,7 @@ class CommandTopic:
         return self._node.count_publishers(COMMANDS) > 1
 
     def others(self) -> str:
-        """Return that another node sends commands, too, with all names; '' where none does."""
+        """Return a sentence naming all who send commands; '' where no other node does."""
         names = [name or UNNAMED for name in self.senders.names()]
         return (f'another node sends commands, too: {", ".join(sorted(names))}'
                 if self.claimed and len(names) > 1 else '')

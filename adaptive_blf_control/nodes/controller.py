@@ -318,7 +318,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         return output
 
     def spin_data(self, timeout: float = LONGEST_WAIT) -> int:
-        """Wait no longer than until the states count as lost; see :meth:`DataNode.spin_data`."""
+        """Wait until the states count as lost at the latest; see :meth:`DataNode.spin_data`."""
         if self._configured and self.commands.pushes and not self.lockstep and self.heard_at:
             left = self.heard_at + self.settings.state_timeout - time.monotonic()
             timeout = min(timeout, max(left, RAMP_STEP))

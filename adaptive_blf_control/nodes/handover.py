@@ -6,7 +6,7 @@ then the identifier learns from every one. Estimates and adaptation terms go fro
 as arrays, through the same gates as the messages that the nodes exchange in two processes.
 
 Each node takes what is for it under its own lock, so that a request to one of them, e.g. a change
-of the history's size, keeps the other from nothing.
+of the history's size, does not hold up the other.
 """
 
 from __future__ import annotations
@@ -68,9 +68,9 @@ class Handover:
 
 def handed_over_decimation(node: DataNode[ControllerNodeSettings]
                            | DataNode[IdentifierNodeSettings]) -> int:
-    """Return every how many samples a node publishes what it also hands over.
+    """Return the interval, in samples, at which a node publishes what it also hands over.
 
-    In lockstep every one: the driver waits for it.
+    In lockstep it is 1, because the driver waits for each.
     """
     return 1 if node.lockstep else node.settings.composed_decimation
 

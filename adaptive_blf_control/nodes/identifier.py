@@ -129,8 +129,9 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
     def learn(self) -> None:
         """Learn from what the controller of this process has seen since the last time.
 
-        Where a request has the node, what has come waits for the next time: no torque waits for
-        it. A failure ends learning, and not the controller: θ̂ stays, and the diagnostics say so.
+        While a request holds the node, the states are left for the next time, so that no torque
+        waits for it. A failure ends learning, but not the controller: θ̂ stays, and the
+        diagnostics say so.
         """
         if not self.between_samples.acquire(blocking=self.lockstep):
             return

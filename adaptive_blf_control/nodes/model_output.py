@@ -135,7 +135,7 @@ class ModelOutput:
         return path, urdf
 
     def _learn(self) -> _Learned | None:
-        """Return what the present pairs say; computed again only where they are others."""
+        """Return what the present pairs say; computed again only where they have changed."""
         with self._node.between_samples:
             revision = self._identifier.stack.revision
             if self._learned is not None and self._learned.revision == revision:

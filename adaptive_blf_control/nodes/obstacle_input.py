@@ -47,7 +47,7 @@ class ObstacleInput:
 
     def _told(self, markers: tuple[Marker, ...],
               ) -> tuple[dict[Hashable, Obstacles], set[Hashable], bool]:
-        """Return what is there, what is gone, and whether all of before is."""
+        """Return the obstacles there are, those deleted, and whether all earlier ones are."""
         frame = self._node.settings.limits.obstacles.frame
         seen: dict[Hashable, Obstacles] = {}
         gone: set[Hashable] = set()
@@ -72,7 +72,7 @@ def obstacle_of(marker: Marker, frame: str) -> Obstacles:
     """Return the obstacle that a marker shows; a cylinder with round ends.
 
     Raises:
-        BagError: another frame or shape than expected, or numbers that are none.
+        BagError: another frame or shape than expected, or numbers that cannot be used.
     """
     what = f'marker ({marker.ns!r}, {marker.id})'
     if marker.frame.removeprefix('/') != frame:

@@ -204,7 +204,7 @@ class Recorder(DataNode[RecorderSettings]):
         return super().spin_data(timeout)
 
     def wait_to_start(self, timeout: float) -> None:
-        """Record already: what is kept from the first message on disturbs nobody."""
+        """Record already: recording disturbs no other node."""
         self.spin_data(timeout)
         self.idle()
 

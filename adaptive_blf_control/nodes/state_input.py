@@ -58,7 +58,7 @@ class StateInput:
         self._reader = JointStateReader(joints)
 
     def read(self, data: bytes, info: dict[str, int]) -> JointSample | Refusal:
-        """Decode a message, or return why it is none of this arm."""
+        """Decode a message, or return why it is not one of this arm."""
         try:
             stamp, q, qd, torque = self._reader.read(data)
         except BagError as error:

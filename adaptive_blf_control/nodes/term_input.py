@@ -71,8 +71,8 @@ class TermInput:
     def misses(self, before: int, stamp: int) -> bool:
         """Whether the state of ``stamp`` has to wait for the term of the one before it (lockstep).
 
-        Once a later term has arrived, that one will not; nor will it for a state that is sent
-        again, or with which time starts again.
+        That term comes no more once a later one has arrived, nor for a state that is sent again
+        or at which time starts again.
 
         Args:
             before: Stamp of the state before [ns]; 0 if there was none.

@@ -63,7 +63,7 @@ class TrajectoryInput:
                 self.receive(read_trajectory(data))
             except BagError as error:
                 self._node.faults.drop('unusable trajectory', str(error))
-            except Exception as error:  # one bad message takes the topic away from nobody
+            except Exception as error:  # the topic goes on after a bad message
                 self._node.faults.drop('failed trajectory', f'{type(error).__name__}: {error}')
 
     def receive(self, message: JointTrajectory | Trajectory) -> None:

@@ -37,7 +37,9 @@ __all__ = ['DataNode']
 
 DELIVERY_TIMEOUT = 0.3  # s for the last messages at the end
 DRAIN_TIMEOUT = 5.0  # s
-EMPTY_PASSES = 20  # of rclpy's executor, which has other work than data, that mean: all is taken
+# Passes of rclpy's executor without data, in a row, after which all data have been taken: a single
+# one may have served something else.
+EMPTY_PASSES = 20
 # Python's default of 5 ms would let a thread that answers a request delay a control cycle.
 SWITCH_INTERVAL = 2e-5  # s
 
@@ -179,7 +181,7 @@ class DataNode(Node, Generic[NodeSettings]):
 
     def take_the_rest(self) -> None:
         """Handle all that has arrived, for at most DRAIN_TIMEOUT: the senders may not stop."""
-        # The executor serves one message at a time, and in between what is none.
+        # The executor serves one message at a time, and other things in between.
         least, needed = (LARGEST_BATCH, 1) if self.topics.direct else (1, EMPTY_PASSES)
         give_up, empty = time.monotonic() + DRAIN_TIMEOUT, 0
         while empty < needed and time.monotonic() < give_up:
@@ -199,7 +201,7 @@ class DataNode(Node, Generic[NodeSettings]):
         self.begin(in_a_thread=self.topics.direct)
         sys.setswitchinterval(SWITCH_INTERVAL)
         gc.collect()
-        gc.freeze()  # nothing made so far will be collected: no pauses for it
+        gc.freeze()  # what is made so far stays: collecting it costs no pauses
         try:
             self._unless_ros_ends(self.loop)
         finally:
@@ -208,7 +210,7 @@ class DataNode(Node, Generic[NodeSettings]):
 
     def begin(self, *, in_a_thread: bool) -> None:
         """Report once a second from now on, and answer requests ``in_a_thread`` or in the loop."""
-        if not self.lockstep:  # there it belongs to the samples, so that runs can be compared
+        if not self.lockstep:  # there reports go with the samples, and runs compare
             self._diagnostics.begin()
         if in_a_thread:
             self._requests.start()

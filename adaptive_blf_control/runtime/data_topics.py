@@ -29,10 +29,11 @@ from adaptive_blf_control.runtime.message_class import message_class
 
 __all__ = ['QUEUE_DEPTH', 'DataTopics']
 
-# DDS history depth. Fast DDS goes through what a publisher keeps for reliable readers when it is
-# told every 3 s what has arrived, and what is published meanwhile waits: so no more than needed.
+# DDS history depth. Every 3 s reliable readers confirm what has arrived; Fast DDS then goes
+# through all that the publisher keeps, and new messages wait meanwhile. So it keeps no more than
+# needed.
 QUEUE_DEPTH = 100
-QUEUE_DEPTH_LOCKSTEP = 1000  # the recorder is not waited for, and nothing is late there
+QUEUE_DEPTH_LOCKSTEP = 1000  # no step waits for the recorder, which has to keep up
 
 
 class _Input(NamedTuple):
@@ -88,7 +89,7 @@ class DataTopics:
 
     @property
     def leaving(self) -> int:
-        """How many subscriptions are ended and not given back yet."""
+        """How many subscriptions have ended and still wait to be destroyed."""
         return len(self._leaving)
 
     def publisher(self, message_type: type, topic: str, *, latched: bool = False) -> Publisher:
@@ -141,7 +142,7 @@ class DataTopics:
     def subscribe_all(self, message_type: type, topic: str, handle: Batch, *, wake: bool = True,
                       newest_only: bool = False, reliable: bool = False, latched: bool = False,
                       depth: int = QUEUE_DEPTH) -> Subscription:
-        """Subscribe to raw CDR that ``handle`` gets at once as far as it has arrived.
+        """Subscribe to raw CDR; ``handle`` gets all messages that have arrived, in one call.
 
         The other arguments are those of :meth:`subscribe`; ``newest_only`` only counts here.
         """

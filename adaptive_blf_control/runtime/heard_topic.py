@@ -16,7 +16,7 @@ from adaptive_blf_control.runtime.endpoints import Endpoints, UNNAMED
 
 __all__ = ['HeardTopic', 'new_label']
 
-RECENT = 3.0  # s for which a refused publisher is spoken of
+RECENT = 3.0  # s for which the diagnostics name a refused publisher
 
 
 def new_label(name: str) -> str:

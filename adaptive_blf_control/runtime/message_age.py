@@ -14,7 +14,7 @@ class MessageAge:
     """Ages of the messages of one topic, against the one that took least time so far."""
 
     def __init__(self) -> None:
-        """Take the first message for a new one."""
+        """Start without messages."""
         self._least = math.inf
         self._last_ns = 0
 

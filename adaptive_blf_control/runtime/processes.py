@@ -90,7 +90,7 @@ class Processes:
             for name, command in commands.items()}
 
     def _alone(self, command: Sequence[str]) -> Sequence[str]:
-        """Return the command of a process that nobody else of its kind can be beside."""
+        """Return the command of a process that is the only one of its kind in the domain."""
         return command
 
     def _environment(self, output: Path) -> dict[str, str]:

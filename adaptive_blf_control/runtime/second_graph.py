@@ -22,7 +22,7 @@ from adaptive_blf_control.runtime.status_report import PERIOD
 __all__ = ['joined_early', 'refuse_beside_another']
 
 DIAGNOSTICS = '/diagnostics'
-TIMEOUT = 4.0 * PERIOD  # s in which a node that lives speaks
+TIMEOUT = 4.0 * PERIOD  # s within which a running node publishes its diagnostics
 POLL_PERIOD = 0.01  # s
 # Kinds of which one at a time may speak on a topic, whatever its name. Two controllers may be
 # there, one of them inactive: they are told apart where one is activated.
@@ -67,7 +67,7 @@ def refuse_beside_another(node: DataNode) -> None:
 
 
 def _has_company(node: DataNode) -> bool:
-    """Look for another until discovery has had its time; most nodes have compiled that long."""
+    """Look for another until discovery has had its time, which making a node mostly takes."""
     give_up = node.joined_at + node.settings.discovery_time
     while not _may_have_company(node):
         if time.monotonic() >= give_up or not node.up:
