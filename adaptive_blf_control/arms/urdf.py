@@ -34,6 +34,7 @@ from adaptive_blf_control.arms.urdf_model import (
     reduced_model,
     with_gravity,
 )
+from adaptive_blf_control.arms.urdf_nominal import nominal_friction, nominal_rotor
 from adaptive_blf_control.arms.urdf_source import read_urdf, UrdfSource
 from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors, dimensions
 from adaptive_blf_control.calls import checked_call
@@ -141,9 +142,9 @@ class UrdfArm(ClosedArm, instead={
         self._order = JointOrder(self.model, self.joints)
         self._data = self.model.createData()
         self._set_limits()
-        self.rotor = _nominal_rotor(rotor, rotor_inertia, self.n)
+        self.rotor = nominal_rotor(rotor, rotor_inertia, self.n)
         self._set_base_parameters(rotor_inertia)
-        nominal = _nominal_friction(
+        nominal = nominal_friction(
             {'viscous': (friction_viscous, viscous), 'coulomb': (friction_coulomb, coulomb),
              'offset': (friction_offset, offset),
              'square_root': (friction_square_root, square_root)}, self.model, self._order.rows)
@@ -377,32 +378,6 @@ class UrdfArm(ClosedArm, instead={
             raise ArmError(f'theta has the shape {theta.shape}: expected {self.m} finite '
                            f'parameters ({self.base_count} base parameters and friction)')
         return theta
-
-
-def _nominal_friction(choice: dict[str, tuple[bool, Any]], model: Any,
-                      rows: np.ndarray) -> dict[str, object]:
-    dry = getattr(model, 'upperDryFrictionLimit', None)  # named so from Pinocchio 4 on
-    from_urdf = {'viscous': model.damping[rows], 'offset': 0.0, 'square_root': 0.0,
-                 'coulomb': (model.friction if dry is None else dry)[rows]}
-    nominal: dict[str, object] = {}
-    for kind, (enabled, value) in choice.items():
-        if isinstance(value, (bool, np.bool_)):
-            raise ParameterError(kind, value, f'nominal coefficients; friction_{kind}=True says '
-                                 'that it is learned')
-        if enabled:
-            nominal[kind] = from_urdf[kind] if value is None else value
-        elif value is not None:
-            raise ParameterError(kind, value, f'None where friction_{kind} is off')
-    return nominal
-
-
-def _nominal_rotor(given: Any, learned: bool, n: int) -> np.ndarray:
-    if not learned and given is not None:
-        raise ParameterError('rotor', given, 'None where rotor_inertia is off')
-    value = finite_array('rotor', 0.0 if given is None else given, n)
-    if value.min() < 0.0:
-        raise ParameterError('rotor', given, 'inertias that are not negative')
-    return value
 
 
 def _limit(value: np.ndarray) -> np.ndarray:
