@@ -113,7 +113,7 @@ def _joined(sections: list[np.ndarray]) -> np.ndarray:
 
 
 def epoch_unit(first: float) -> str | None:
-    """Return the unit of a time since 1970 by its size; None where it is none."""
+    """Return the unit of a time since 1970 by its size; None where no unit fits."""
     for unit, per_second in UNITS.items():
         if 5e8 < first / per_second < 5e9:  # years 1985 to 2128
             return unit

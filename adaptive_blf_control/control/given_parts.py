@@ -38,7 +38,7 @@ def is_group(name: str, value: Any) -> bool:
 
 
 def given_part(name: str, value: Any) -> Any:
-    """Return a set or reference that is given as an object; ParameterError where it is none."""
+    """Return a set or reference that is given as an object; ParameterError for any other."""
     if isinstance(value, type):
         raise ParameterError(name, value, f'{_WAYS[name]}: {value.__name__}(...), not the class')
     if not all(hasattr(value, each) for each in _ASKED[name]):

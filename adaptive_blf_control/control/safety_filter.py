@@ -76,7 +76,7 @@ class SafetyFilter(Protocol):
 
 
 def complaint_of(safety_filter: SafetyFilter | None) -> str:
-    """Return what is wrong with the last sample, '' where nothing is or nobody says it."""
+    """Return what is wrong with the last sample; '' where nothing is or it does not say."""
     complaint: str = getattr(safety_filter, 'complaint', '')
     return complaint
 

@@ -23,7 +23,7 @@ __all__ = ['JointStateReader']
 _COUNT = struct.Struct('<I')
 _DOUBLE = np.dtype('<f8')
 _FRAME_OFFSET = HEADER_SIZE + STAMP.size
-# There is one layout per publisher of the topic; more than this many are a fault.
+# Layouts kept. A topic has one for each publisher; more than this many show a fault.
 _MAX_LAYOUTS = 8
 
 

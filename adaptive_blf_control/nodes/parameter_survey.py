@@ -36,7 +36,7 @@ class ParameterSurvey:
     """
 
     def __init__(self, node: Node, answered: Callable[[str, dict[str, Any]], None]) -> None:
-        """Ask nobody yet.
+        """Prepare; no node is asked yet.
 
         Args:
             node: Which asks.
