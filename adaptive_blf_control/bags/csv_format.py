@@ -74,8 +74,19 @@ def open_csv(path: Path, stream: TextIO) -> CsvFile:
         header = ()
         if comments:
             header = tuple(_cells(comments[-1:], _separator(comments[-1], line))[0])
+    elif (units := _units(following, separator, len(header))) is not None:
+        header, rest = tuple(f'{cell.strip()} [{unit}]' if unit else cell
+                             for cell, unit in zip(header, units)), []
     lines = chain(rest, enumerate(stream, number + 2))
     return CsvFile(tuple(cell.strip() for cell in header), _rows(lines, separator))
+
+
+def _units(line: str, separator: str, count: int) -> list[str] | None:
+    """Return the units below a header of so many cells; None where the line holds none."""
+    cells = [cell.strip().strip('[]()') for cell in _cells([line], separator)[0]]
+    told = [cell for cell in cells if cell]
+    wrong = len(cells) != count or not told or any(map(is_number, told))
+    return None if wrong else cells
 
 
 def opened(path: Path) -> TextIO:

@@ -36,7 +36,8 @@ def log_clock(clock: np.ndarray, usable: np.ndarray, per_second: float) -> LogCl
 
     A few stamps far ahead of or behind both neighbours are left out. Where a clock is set back
     the log goes on one median period later, and filters have to restart. Any other row that
-    does not come after the rows before it is left out.
+    does not come after the rows before it is left out; after more than a few of them filters
+    have to restart, too, since the arm has moved on meanwhile.
 
     Args:
         clock: Times of the rows, shape (N,), integers or floats.
@@ -54,15 +55,23 @@ def log_clock(clock: np.ndarray, usable: np.ndarray, per_second: float) -> LogCl
     notes = [f'{wild.sum()} stamps far from their neighbours are left out, the first in row '
              f'{rows[wild.argmax()] + 1}'] if wild.any() else []
     edges = [0, *starts, t.size]
+    behind: list[tuple[int, int]] = []
     for begin, end in zip(edges, edges[1:]):
-        good[begin:end] &= _rising(t[begin:end], good[begin:end])
+        rising = _rising(t[begin:end], good[begin:end])
+        behind += _long_runs(good[begin:end] & ~rising, begin)
+        good[begin:end] &= rising
     keep[rows[~good]] = False
     for start in starts:
         notes.append(f'the clock goes back by {t[:start].max() - t[start]:.4g} s in row '
                      f'{rows[start] + 1}: the filters restart there')
+    for begin, end in behind:
+        notes.append(f'the clock goes back by {t[:begin].max() - t[begin]:.4g} s in row '
+                     f'{rows[begin] + 1}: the {end - begin} rows up to the time before are left '
+                     'out, and the filters restart')
+    kept = np.concatenate([[0], np.cumsum(good)])
+    breaks = sorted({int(kept[row]) for row in (*starts, *(end for _, end in behind))})
     t = _joined([t[begin:end][good[begin:end]] for begin, end in zip(edges, edges[1:])])
-    breaks = np.cumsum([good[begin:end].sum() for begin, end in zip(edges, edges[1:])])[:-1]
-    return LogClock(keep, t, tuple(int(row) for row in breaks if 0 < row < t.size), tuple(notes))
+    return LogClock(keep, t, tuple(row for row in breaks if 0 < row < t.size), tuple(notes))
 
 
 def _wild_and_starts(t: np.ndarray) -> tuple[np.ndarray, list[int]]:
@@ -96,6 +105,14 @@ def _rising(t: np.ndarray, good: np.ndarray) -> np.ndarray:
         return good  # as nearly always; a long log has no memory to waste
     latest = np.maximum.accumulate(np.where(good, t, -np.inf))
     return good & np.concatenate(([True], t[1:] > latest[:-1]))
+
+
+def _long_runs(left_out: np.ndarray, first: int) -> list[tuple[int, int]]:
+    """Return begin and end of more than `FEW` rows in a row, counted from ``first`` on."""
+    if not left_out.any():
+        return []
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], left_out, [0]]))).reshape(-1, 2)
+    return [(int(first + begin), int(first + end)) for begin, end in edges if end - begin > FEW]
 
 
 def _joined(sections: list[np.ndarray]) -> np.ndarray:

@@ -17,7 +17,7 @@ KINDS = {'q': 'position', 'qd': 'velocity', 'tau': 'effort'}
 _WORDS = {
     'q': r'joint_?pos(?:itions?)?|positions?|pos|angles?|theta|q|jp',
     'qd': r'joint_?vel(?:ocit(?:y|ies))?|velocit(?:y|ies)|vel|speeds?|omega|q_?dot|qd|dq|jv',
-    'tau': r'joint_?(?:efforts?|torques?)|efforts?|eff|torques?|trq|tau|moments?',
+    'tau': r'joint_?(?:efforts?|torques?)|efforts?|eff|torques?|trq|tau(?:_?j)?|moments?',
     'current': r'currents?|curr?',
 }
 _KIND = '|'.join(f'(?P<{name}>{words})' for name, words in _WORDS.items())
@@ -28,6 +28,8 @@ _FORMS = tuple(re.compile(form.replace('KIND', f'(?:{_KIND})')) for form in (
 # What was asked for, not what was measured.
 _NOT_MEASURED = re.compile(r'(?:^|[/._ ])(?:target|desired|des|reference|ref|command(?:ed)?|cmd|'
                            r'setpoint|goal|error|err)(?:$|[/._ \[])')
+# Of what was measured, at the end of a name: q1_meas.
+_MEASURED = re.compile(r'[_. ](?:meas(?:ured)?|actual|act|msr)$')
 _GENERIC = re.compile(r'joint_?states?|joints?|states?|actual|measured|feedback|data')
 _UNIT_NAMES = {'s': 's', 'sec': 's', 'secs': 's', 'seconds': 's', 'ms': 'ms', 'msec': 'ms',
                'msecs': 'ms', 'millis': 'ms', 'milliseconds': 'ms', 'us': 'us', 'µs': 'us',
@@ -145,7 +147,7 @@ def _recognised(names: Sequence[str]) -> tuple[_Found, list[str]]:
 
 
 def _kind_and_joint(name: str) -> tuple[str, str] | None:
-    name = _without_unit(name)[0]
+    name = _MEASURED.sub('', _without_unit(name)[0])
     for form in _FORMS:
         match = form.fullmatch(name)
         if match is None:
@@ -188,7 +190,8 @@ def _chosen_time(header: Sequence[str], column: str) -> tuple[tuple[int, ...], s
     if unit and _UNIT_NAMES.get(unit.lower()) not in UNITS:
         raise LogError(f'{argument("columns")} has the unit {unit!r} of time: expected s, ms, us '
                        'or ns')
-    return (_index(header, plain),), _UNIT_NAMES.get(unit.lower())
+    index = _index(header, plain)
+    return (index,), _UNIT_NAMES.get(unit.lower()) or _time([header[index].lower()])[1]
 
 
 def _chosen(found: _Found, header: Sequence[str], kind: str, column: str) -> _Found:
@@ -202,7 +205,8 @@ def _chosen(found: _Found, header: Sequence[str], kind: str, column: str) -> _Fo
     numbers = re.fullmatch(r'(\d+)(?:\.\.(\d+))?', column)
     if '*' in column:
         form = re.compile('(.+)'.join(map(re.escape, column.split('*', 1))))
-        hits = {match[1]: i for i, name in enumerate(header) if (match := form.fullmatch(name))}
+        hits = {match[1]: i for i, name in enumerate(header)
+                if (match := form.fullmatch(_without_unit(name)[0]) or form.fullmatch(name))}
         chosen = {(kind, _id(joint)): index for joint, index in hits.items()}
     elif numbers and column not in header:
         first, last = int(numbers[1]), int(numbers[2] or numbers[1])
@@ -225,6 +229,9 @@ def _index(header: Sequence[str], column: str) -> int:
         return list(header).index(column)
     if column.isdecimal() and 1 <= int(column) <= len(header):
         return int(column) - 1
+    plain = [_without_unit(name)[0] for name in header]
+    if plain.count(column) == 1:
+        return plain.index(column)
     raise LogError(f'{argument("columns")} has the column {column!r}: expected one of '
                    f'{", ".join(header) or "1.."}')
 

@@ -47,6 +47,8 @@ def open_file(path: Path) -> McapFile | SqliteFile:
         raise BagError(f'{path} is an empty file: expected a bag')
     if start.startswith(GIT_LFS_POINTER):
         raise BagError(f'{path} is a Git LFS pointer, not the file: fetch it with "git lfs pull"')
+    if start.startswith(b'\x1f\x8b'):
+        raise BagError(f'{path} is packed with gzip: unpack it with "gunzip"')
     what = 'a ROS 1 bag' if start.startswith(b'#ROSBAG') else f'first bytes {start[:8]!r}'
     raise BagError(f'{path} is not a ROS 2 bag ({what}): expected a rosbag2 folder, an .mcap or '
                    'a .db3 file')

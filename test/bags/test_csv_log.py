@@ -70,7 +70,9 @@ def test_bytes_that_are_not_utf8_stay_out_of_the_way(tmp_path):
     '%time,field.position0,field.position1,field.velocity0,field.velocity1,field.effort0,'
     'field.effort1',
     'T,Position 1 (rad),Position 2 (rad),Velocity 1,Velocity 2,Torque 1,Torque 2',
-    'elapsed_time,actual_q_0,actual_q_1,actual_qd_0,actual_qd_1,actual_torque_0,actual_torque_1'])
+    'elapsed_time,actual_q_0,actual_q_1,actual_qd_0,actual_qd_1,actual_torque_0,actual_torque_1',
+    'time,q_1,q_2,dq_1,dq_2,tau_J_1,tau_J_2',
+    'time,q1_meas,q2_meas,qd1_meas,qd2_meas,tau1_measured,tau2_measured'])
 def test_numbered_headers_of_other_programs(tmp_path, header):
     log = read(tmp_path, text(header), joints=JOINTS)
     assert log.joints == JOINTS
@@ -169,6 +171,20 @@ def test_degrees_in_the_header_are_converted(tmp_path):
     log = read(tmp_path, text(header, columns=(np.rad2deg(Q), np.rad2deg(QD), TAU)))
     check(log)
     assert 'q is converted from degrees, as its columns say' in log.notes
+
+
+@pytest.mark.parametrize('columns', [None, 't=t,qd=qd*', 't=1,q1=q1'])
+def test_units_in_a_line_of_their_own_are_heeded(tmp_path, columns):
+    units = '\n(ms),deg,deg,[rad/s],[rad/s],N m,'
+    content = text(PLAIN + units, t=1e3 * T, columns=(np.rad2deg(Q), QD, TAU))
+    log = read(tmp_path, content, columns=columns and given_columns(columns))
+    check(log)
+    assert log.notes == ('q is converted from degrees, as its columns say',)
+
+
+def test_a_line_that_is_only_partly_numbers_is_not_taken_for_units(tmp_path):
+    with pytest.raises(LogError, match="row 2, column 't': 'ms' is not a number"):
+        read(tmp_path, text(PLAIN + '\nms,1.0,1.0,0.0,0.0,0.0,0.0'))
 
 
 def test_a_last_line_that_is_cut_is_left_out_with_a_note(tmp_path):

@@ -67,6 +67,17 @@ def test_a_small_step_back_costs_the_rows_up_to_the_time_before():
     assert result.breaks == ()
 
 
+def test_after_many_rows_that_a_small_step_back_costs_the_filters_restart():
+    """The arm has moved on in 0.2 s: what follows is not the next row of what was before."""
+    stamps = STAMPS.copy()
+    stamps[40:] -= 20 * PERIOD
+    result = clock(stamps)
+    check(result, [*range(40, 60)], [*range(40), *range(40, 80)])
+    assert result.breaks == (40,)
+    assert result.notes == ('the clock goes back by 0.19 s in row 41: the 20 rows up to the time '
+                            'before are left out, and the filters restart',)
+
+
 def test_a_message_out_of_order_a_repeated_one_and_an_unusable_one_are_left_out():
     stamps = STAMPS.copy()
     stamps[[20, 21]] = stamps[[21, 20]]

@@ -79,7 +79,8 @@ def test_metadata_says_that_a_pause_between_two_files_is_one(tmp_path):
 
 
 @pytest.mark.parametrize(('content', 'words'), [
-    (b'', 'empty file'), (b'#ROSBAG V2.0', 'ROS 1 bag'), (b'hello', 'not a ROS 2 bag'),
+    (b'', 'empty file'), (b'\x1f\x8b\x08\x00', 'gzip: unpack it with "gunzip"'),
+    (b'#ROSBAG V2.0', 'ROS 1 bag'), (b'hello', 'not a ROS 2 bag'),
     (b'version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n', 'git lfs pull')])
 def test_a_file_that_is_no_bag_is_named_with_what_it_is(tmp_path, content, words):
     path = tmp_path / 'x_0.mcap'
