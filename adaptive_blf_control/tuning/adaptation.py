@@ -79,8 +79,10 @@ def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarra
 
     Mass, first moments and inertia of every link are off by a quarter of m, m l and m l², with l
     its distance from the joint axis or its radius of gyration, whichever is larger; a base
-    parameter sums what is lumped into it. Rotors count where their inertia is learned: a
-    stated one is off by a quarter, another by ROTOR times the torque limit. A viscous
+    parameter sums what is lumped into it. What the URDF leaves at zero, as all of a link without
+    an inertial, is as uncertain as the smallest value of its kind that it states. Rotors count
+    where their inertia is learned: a stated one is off by a quarter, another by ROTOR times the
+    torque limit. A viscous
     friction that the URDF does not have is at most half of the damping: what noise makes of it in
     a joint that needs next to no torque must not drive that joint.
 
@@ -97,6 +99,8 @@ def parameter_deviation(arm: UrdfArm, speed: np.ndarray, torque_limit: np.ndarra
     inertia = 0.5 * arm.inertial[:, [4, 6, 9]].sum(axis=1, keepdims=True)
     first = np.maximum(np.linalg.norm(moment, axis=1, keepdims=True), np.sqrt(mass * inertia))
     sizes = np.hstack([mass, np.repeat(first, 3, axis=1), np.repeat(inertia, 6, axis=1)])
+    stated = np.min(sizes, axis=0, where=sizes > 0.0, initial=np.inf)
+    sizes = np.where((sizes > 0.0) | np.isinf(stated), sizes, stated)
     links, part = (1.0, 1.0) if from_zero else (LINKS, FRICTION)
     base = arm.base_from_standard ** 2 @ (links * sizes.reshape(arm.n * PER_BODY)) ** 2
     rotor = np.where(arm.rotor > 0.0, links * arm.rotor, ROTOR * torque_limit)

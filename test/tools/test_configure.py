@@ -47,6 +47,24 @@ def test_the_file_states_the_loop_and_sensors_that_were_stated(panda: Path) -> N
     assert identifier.initial_estimate == controller.initial_estimate == 'nominal'
 
 
+def test_a_link_without_an_inertial_is_learned_as_slowly_as_the_lightest(tmp_path: Path) -> None:
+    """As in a wrist whose axes meet: the links between have none."""
+    pytest.importorskip('pinocchio')
+    link = ('<link name="{0}">{3}</link><joint name="j{0}" type="revolute"><parent link="{1}"/>'
+            '<child link="{0}"/><origin xyz="0.3 0 0"/><axis xyz="{2}"/>'
+            '<limit lower="-2" upper="2" effort="50" velocity="3"/></joint>')
+    inertial = ('<inertial><origin xyz="0.1 0 0"/><mass value="2"/><inertia ixx="0.01" ixy="0" '
+                'ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial>')
+    urdf = tmp_path / 'wrist.urdf'
+    urdf.write_text('<robot name="r"><link name="0"/>' + ''.join(
+        link.format(i + 1, i, axis, inertial if i != 1 else '')
+        for i, axis in enumerate(('0 0 1', '0 1 0', '0 0 1'))) + '</robot>')
+    path = tmp_path / 'wrist.yaml'
+    assert main([str(urdf), '-o', str(path)]) == 0
+    gamma = np.array(node_settings(load_yaml(path), IdentifierNodeSettings).gamma)
+    assert (gamma > 0.0).all()
+
+
 def test_a_configured_arm_keeps_its_sets_late_and_noisy_with_a_urdf_that_is_a_fifth_off(
         panda: Path) -> None:
     data = load_yaml(panda)
