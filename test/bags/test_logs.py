@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.bags.logs import read_log
+from adaptive_blf_control.bags.row_store import BLOCK_ROWS
 from adaptive_blf_control.bags.writer import BagWriter
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.messages.cdr import encode_int32, JointStateCodec
@@ -110,6 +111,26 @@ def test_bag_errors_name_bag_joint_and_count(tmp_path):
             writer.write('/joint_states', codec.encode(i, [1.0], [2.0]), i)
     with pytest.raises(LogError, match="no effort for joint 'a'"):
         read_log(tmp_path / 'free')
+
+
+@pytest.mark.parametrize(('field', 'words'), [
+    (0, 'no position for joint'), (1, 'no velocity for joint'), (2, 'no effort for joint')])
+def test_a_joint_without_a_number_in_any_message_is_named(tmp_path, field, words):
+    """Though the other joint has one in each, and this one has other values."""
+    table = numbers(5)
+    table[:, 2 * field + 1] = np.nan
+    path = write_bag(tmp_path / 'run', [(i, i, row) for i, row in enumerate(table)])
+    with pytest.raises(LogError, match=f"{words} 'b' in any message"):
+        read_log(path)
+
+
+def test_a_joint_whose_numbers_begin_late_has_some(tmp_path):
+    """After more rows than are looked at together."""
+    table = numbers(BLOCK_ROWS + 9)
+    table[:BLOCK_ROWS + 4, 5] = np.nan
+    rows = [(10**6 * i, i, row) for i, row in enumerate(table)]
+    log = read_log(write_bag(tmp_path / 'run', rows))
+    np.testing.assert_array_equal(log.tau, table[BLOCK_ROWS + 4:, 4:])
 
 
 def test_truncated_bag_is_told(tmp_path):

@@ -51,7 +51,7 @@ def test_every_mutant_of_ours_fits_the_sources_and_its_tests(run_mutants) -> Non
     assert len(mutants) >= 60
     rooms = {mutant.file.partition('/')[0] for mutant in mutants}
     assert rooms >= {'arms', 'bags', 'configuration', 'control', 'identification', 'limits',
-                     'messages', 'nodes', 'runtime', 'simulation'}
+                     'messages', 'nodes', 'runs', 'runtime', 'simulation'}
 
 
 @pytest.mark.parametrize(('changes', 'words'), [

@@ -14,7 +14,7 @@ from adaptive_blf_control.bags.logs import read_log
 from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.identification.settings import IdentifierSettings
-from adaptive_blf_control.runs.finding import even, excerpt, listed, REFUSED, WARNING
+from adaptive_blf_control.runs.finding import even, excerpt, Finding, listed, REFUSED, WARNING
 from adaptive_blf_control.runs.log_checks import check_log, refuse
 from adaptive_blf_control.runs.subject import REAL_ROBOT
 
@@ -99,6 +99,20 @@ def test_velocity_unit_is_named_with_the_option_that_helps(sound, arm):
     assert "filter={'state_order': 4}" in finding.hint
     with pytest.raises(LogError, match=r"^x.csv: joint 'elbow': the velocity is 57.*force=True"):
         refuse([finding], 'x.csv')
+
+
+def test_a_warning_refuses_nothing():
+    warning = Finding('delay', None, WARNING, 0.02, 'the effort is late')
+    refuse([warning], 'x.csv')
+    with pytest.raises(LogError, match='^x.csv: no joint moves; force=True'):
+        refuse([warning, Finding('motion', None, REFUSED, 0.0, 'no joint moves')], 'x.csv')
+
+
+def test_what_is_refused_is_not_judged_by_a_model(sound, arm):
+    """Who has to undo degrees first is not sent after a delay."""
+    late = sound._replace(tau=np.roll(sound.tau, 20, axis=0))
+    assert [each[0] for each in found(late, arm)] == ['delay']
+    assert [each[0] for each in found(with_joint(late, 'qd', np.rad2deg), arm)] == ['velocity']
 
 
 def test_velocities_that_were_not_read_are_not_judged(sound, arm):
