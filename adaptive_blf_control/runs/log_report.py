@@ -90,7 +90,8 @@ def table(figures: dict[str, Any], source: str) -> str:
         '',
         f'history stack   rank {figures["history_rank"]} of {figures["columns"]}'
         + ('' if full else ' (the motion does not determine every parameter)')
-        + f', σ_min {figures["history_sigma_min"]:.3g}, {figures["insertions"]} pairs taken, '
+        + f', σ_min {figures["history_sigma_min"]:.3g}{_condition(figures)}, '
+        f'{figures["insertions"]} pairs taken, '
         f'{figures["history_count"]} of {figures["history_size"]} slots filled',
         f'speed           {median:.0f} us per sample (median; mean '
         f'{figures["us_per_sample_mean"]:.0f}, p99 {figures["us_per_sample_p99"]:.0f}): '
@@ -106,6 +107,12 @@ def table(figures: dict[str, Any], source: str) -> str:
         ('output', 'theta_hat'), ('model_output', 'consistent'), ('urdf_output', 'URDF'))
         if name in figures]
     return '\n'.join(lines)
+
+
+def _condition(figures: dict[str, Any]) -> str:
+    """Return the condition of the recorded regressors, '' where none were judged."""
+    condition = figures.get('condition')
+    return '' if condition is None else f', condition {condition:.3g}'
 
 
 def _verdicts(verdicts: dict[str, str]) -> list[str]:

@@ -183,7 +183,7 @@ def test_table_names_joints_rank_speed_and_output(capsys, files):
     assert main(files) == 0
     text = capsys.readouterr().out
     for words in ('shoulder', 'elbow', 'mean', 'batch least squares', 'rank 8 of 8',
-                  'us per sample', 'learned from 0.25 .. 3.00 s', files[-1]):
+                  'condition ', 'us per sample', 'learned from 0.25 .. 3.00 s', files[-1]):
         assert words in text
 
 
