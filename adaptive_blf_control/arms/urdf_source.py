@@ -141,9 +141,12 @@ def urdf_joints(xml: str) -> tuple[UrdfJoint, ...]:
     """List the joints of a URDF in document order.
 
     Raises:
-        ArmError: If the text is not XML, not a URDF, or its joints do not hang together.
+        ArmError: If the text is not XML, not a URDF, or its joints do not hang together; or a
+            joint or a mass is stated as none can be.
     """
     root = _root(xml)
+    for body in root.findall('link'):
+        _check_mass(body)
     links = {link.get('name') for link in root.findall('link')}
     joints: list[UrdfJoint] = []
     for element in root.findall('joint'):
@@ -189,8 +192,25 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
     axis = element.find('axis')
     if axis is not None and kind in (*SINGLE_DOF, 'planar'):
         _check_axis(name, axis.get('xyz', '1 0 0'))
+    if kind in ('revolute', 'prismatic') and element.find('limit') is None:
+        raise ArmError(f'joint {name!r} is {kind} and has no <limit>: expected one with lower, '
+                       'upper, effort and velocity')
     mimic = element.find('mimic')
     return UrdfJoint(name, kind, None if mimic is None else mimic.get('joint', ''))
+
+
+def _check_mass(link: ElementTree.Element) -> None:
+    mass = link.find('inertial/mass')
+    if mass is None:
+        return  # as of a frame
+    text = mass.get('value', '')
+    try:
+        good = 0.0 <= float(text) < math.inf
+    except ValueError:
+        good = False
+    if not good:
+        raise ArmError(f'link {link.get("name")!r} has the mass {text!r}: expected a number that '
+                       'is not negative')
 
 
 def _check_axis(joint: str, text: str) -> None:

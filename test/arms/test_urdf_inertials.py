@@ -8,6 +8,7 @@ import pytest
 
 from adaptive_blf_control.arms.urdf_inertials import with_inertials
 from adaptive_blf_control.arms.urdf_source import urdf_joints
+from adaptive_blf_control.errors import ArmError
 
 MASS = '<inertial><mass value="{}"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>' \
        '</inertial>'
@@ -30,7 +31,7 @@ def robot(**inside: str) -> str:
 @pytest.mark.parametrize(('inside', 'filled'), [
     ({}, ('a', 'b')), ({'a': MASS.format(2)}, ('b',)), ({'b': MASS.format(2)}, ()),
     ({'tip': MASS.format(2)}, ()), ({'base': MASS.format(2)}, ('a', 'b')),
-    ({'a': MASS.format(0), 'b': MASS.format(0)}, ('a', 'b')), ({'b': MASS.format('heavy')}, ())])
+    ({'a': MASS.format(0), 'b': MASS.format(0)}, ('a', 'b'))])
 def test_a_mass_is_given_where_a_joint_moves_none(inside, filled):
     xml = robot(**inside)
     text, links = with_inertials(xml, None)
@@ -39,6 +40,11 @@ def test_a_mass_is_given_where_a_joint_moves_none(inside, filled):
     assert (text == xml) == (not filled)
     assert text.count('<!-- bare -->') == xml.count('<!-- bare -->')
     assert urdf_joints(text) == urdf_joints(xml)
+
+
+def test_a_mass_that_is_no_number_is_none_to_be_replaced():
+    with pytest.raises(ArmError, match="link 'b' has the mass 'heavy'"):
+        with_inertials(robot(b=MASS.format('heavy')), None)
 
 
 def test_only_the_joints_of_the_arm_are_looked_at():

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
 import sys
 
 import numpy as np
@@ -23,7 +24,7 @@ INERTIAL = ('<inertial><origin xyz="0.1 0 0"/><mass value="{mass}"/><inertia ixx
             'ixz="0" iyy="0.02" iyz="0" izz="0.03"/></inertial>')
 
 
-def link(name: str, mass: float | None = 1.0) -> str:
+def link(name: str, mass: float | str | None = 1.0) -> str:
     return f'<link name="{name}">{"" if mass is None else INERTIAL.format(mass=mass)}</link>'
 
 
@@ -88,6 +89,10 @@ def test_source_that_cannot_be_found_is_named(source: str, message: str) -> None
     (robot(link('base'), joint('j', 'base', 'ghost')), "child link 'ghost'"),
     *((GOOD.replace('xyz="0 1 0"', f'xyz="{x}"'), f"joint 'ja' has the axis '{x}'")
       for x in ('0 0 0', '0 1', 'x 0 1', 'nan 0 1')),
+    *((robot(link('base'), link('a', mass), joint('j', 'base', 'a')),
+       f"link 'a' has the mass '{mass}'") for mass in (-1.0, 'heavy', 'nan', 'inf', '')),
+    *((robot(link('base'), link('a'), re.sub('<limit[^>]*>', '', joint('j', 'base', 'a', kind))),
+       f"joint 'j' is {kind} and has no <limit>") for kind in ('revolute', 'prismatic')),
     (robot(link('base'), link('a'), '<joint name="j" type="fixed"><child link="a"/></joint>'),
      'parent link None'),
     (robot(link('base'), link('a'), joint('j', 'base', 'a', 'ball')), "type 'ball'"),
@@ -96,6 +101,12 @@ def test_source_that_cannot_be_found_is_named(source: str, message: str) -> None
 def test_malformed_urdf_is_explained(xml: str, message: str) -> None:
     with pytest.raises(ArmError, match=message):
         urdf_joints(xml)
+
+
+def test_a_massless_link_and_a_turntable_without_limits_are_none_the_worse() -> None:
+    turns = re.sub('<limit[^>]*>', '', joint('j', 'base', 'a', 'continuous'))
+    assert urdf_joints(robot(link('base', None), link('a', 0.0), turns)) == (
+        UrdfJoint('j', 'continuous', None),)
 
 
 def test_joints_are_selected_in_the_order_asked_for() -> None:
