@@ -70,11 +70,7 @@ def _behind(link: str | None, children: Mapping[str | None, Sequence[str | None]
 def _has_mass(text: UrdfText, link: int) -> bool:
     masses = [mass for inertial in text.children(link, 'inertial')
               for mass in text.children(inertial, 'mass')]
-    try:
-        return any(float(text.elements[mass].attributes.get('value', '')) > 0.0
-                   for mass in masses)
-    except ValueError:
-        return True  # what is wrong with it, Pinocchio says
+    return any(float(text.elements[mass].attributes['value']) > 0.0 for mass in masses)
 
 
 def _fill(text: UrdfText, link: int) -> None:

@@ -200,17 +200,15 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
 
 
 def _check_mass(link: ElementTree.Element) -> None:
-    mass = link.find('inertial/mass')
-    if mass is None:
-        return  # as of a frame
-    text = mass.get('value', '')
-    try:
-        good = 0.0 <= float(text) < math.inf
-    except ValueError:
-        good = False
-    if not good:
-        raise ArmError(f'link {link.get("name")!r} has the mass {text!r}: expected a number that '
-                       'is not negative')
+    for mass in link.findall('inertial/mass'):
+        text = mass.get('value', '')
+        try:
+            good = 0.0 <= float(text) < math.inf
+        except ValueError:
+            good = False
+        if not good:
+            raise ArmError(f'link {link.get("name")!r} has the mass {text!r}: expected a number '
+                           'that is not negative')
 
 
 def _check_axis(joint: str, text: str) -> None:

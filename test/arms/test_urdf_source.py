@@ -91,6 +91,9 @@ def test_source_that_cannot_be_found_is_named(source: str, message: str) -> None
       for x in ('0 0 0', '0 1', 'x 0 1', 'nan 0 1')),
     *((robot(link('base'), link('a', mass), joint('j', 'base', 'a')),
        f"link 'a' has the mass '{mass}'") for mass in (-1.0, 'heavy', 'nan', 'inf', '')),
+    (robot('<link name="a"><inertial><mass value="0"/></inertial><inertial><mass/></inertial>'
+           '</link>'),
+     "link 'a' has the mass ''"),
     *((robot(link('base'), link('a'), re.sub('<limit[^>]*>', '', joint('j', 'base', 'a', kind))),
        f"joint 'j' is {kind} and has no <limit>") for kind in ('revolute', 'prismatic')),
     (robot(link('base'), link('a'), '<joint name="j" type="fixed"><child link="a"/></joint>'),
