@@ -21,6 +21,7 @@ from adaptive_blf_control.bags.metadata import (
     dump_yaml,
     EMPTY_START,
     FileInformation,
+    METADATA_NAME,
     save_metadata,
     TopicMetadata,
 )
@@ -213,7 +214,26 @@ class BagWriter:
                 if not self._broken:
                     raise BagError(f'{self.path}: cannot be closed: {exc}') from exc
 
+    def discard(self) -> None:
+        """End the bag and remove it: what this writer has made, and nothing that others put there.
+
+        A bag that was renamed meanwhile stays, and what the system does not let go.
+        """
+        self._closed = True
+        try:
+            self._check_in_place()
+            with suppress(OSError):  # what its buffer holds is not wanted
+                self._stream.close()
+            for file in (self.file, self.path / METADATA_NAME):
+                file.unlink(missing_ok=True)
+            for folder in self._made:
+                folder.rmdir()
+        except OSError:  # the first folder that has something else in it, for one
+            return
+
     def _make_file(self) -> BinaryIO:
+        folders = (self.path, *self.path.parents)
+        self._made = [folder for folder in folders if not folder.exists()]
         try:
             self.path.mkdir(parents=True)
             return self.file.open('xb')

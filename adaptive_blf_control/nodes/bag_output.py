@@ -103,6 +103,10 @@ class BagOutput:
             except BagError as error:
                 self._fail(str(error))
 
+    def discard(self) -> None:
+        """Remove the bag, as if it had not been begun."""
+        self.bag.discard()
+
     def _write_parameters(self) -> None:
         if self._parameters_changed:
             self._parameters_changed = False

@@ -208,6 +208,10 @@ class Recorder(DataNode[RecorderSettings]):
         self.spin_data(timeout)
         self.idle()
 
+    def withdraw(self) -> None:
+        """Leave no bag: another recorder has the same messages, or this one is asked for again."""
+        self.output.discard()
+
     def idle(self) -> None:
         """Flush, and look for topics and publishers that were not known yet."""
         self._write_dated(time.time_ns())

@@ -126,6 +126,9 @@ class DataNode(Node, Generic[NodeSettings]):
         """Let ``timeout`` [s] pass before :meth:`run`; a node that need not wait may work."""
         time.sleep(timeout)
 
+    def withdraw(self) -> None:
+        """Undo what was begun, because the node is not to run; called in place of :meth:`run`."""
+
     def idle(self) -> None:
         """Do what has to be done between messages: watchdogs. Called after every wait."""
 

@@ -156,6 +156,8 @@ def _check_alone_and_complete(runnable: Runnable, args: list[str]) -> None:
         for node in runnable.nodes:
             refuse_beside_another(node)
     except BlfError:
+        for node in runnable.nodes:
+            node.withdraw()
         runnable.destroy_node()
         raise
 

@@ -373,3 +373,33 @@ def test_a_long_recording_does_not_grow_and_has_the_index_of_every_chunk(tmp_pat
         (START + i, len(TOPICS)) for i in range(chunks)]
     assert ranks == [encode_int32(i) for i in range(chunks)]
     assert sorted(path.name for path in writer.path.iterdir()) == ['long_0.mcap', 'metadata.yaml']
+
+
+def test_a_discarded_bag_leaves_nothing_that_it_made_and_all_that_was_there(tmp_path):
+    (tmp_path / 'mine').mkdir()
+    writer = BagWriter(tmp_path / 'mine' / 'a' / 'b' / 'bag')
+    for topic, type_name in TOPICS.items():
+        writer.add_topic(topic, type_name)
+    for topic, data, now in messages(100):
+        writer.write(topic, data, now)
+    writer.flush()
+    writer.discard()
+    assert [path.name for path in tmp_path.rglob('*')] == ['mine']
+    with pytest.raises(BagError, match='is closed'):
+        writer.write('/rank', encode_int32(1), START)
+    writer.close()  # as a program does that closes whatever it has opened
+    assert [path.name for path in tmp_path.rglob('*')] == ['mine']
+
+
+def test_a_discarded_bag_leaves_what_others_put_beside_it_and_a_bag_that_was_renamed(tmp_path):
+    writer = BagWriter(tmp_path / 'bag')
+    (tmp_path / 'bag' / 'notes.txt').write_text('mine')
+    writer.discard()
+    assert [path.name for path in tmp_path.rglob('*')] == ['bag', 'notes.txt']
+    renamed = BagWriter(tmp_path / 'before')
+    (tmp_path / 'before').rename(tmp_path / 'after')
+    other = BagWriter(tmp_path / 'before')
+    renamed.discard()
+    assert (tmp_path / 'after' / 'before_0.mcap').exists()
+    assert other.file.exists()
+    other.close()

@@ -155,12 +155,16 @@ def test_a_second_graph_does_not_start_beside_the_first(
     diagnostics = graph.peer().listen(DiagnosticArray, '/diagnostics')
     graph.run(first)
     wait_until(lambda: diagnostics, 'a sign of the first')
-    own = ('-p', f"bag:={processes.folder / 'second'}") if kind == 'recorder' else ()
+    bag = processes.folder / 'made' / 'second'
+    own = ('-p', f'bag:={bag}') if kind == 'recorder' else ()
     second = processes.start(kind, '--ros-args', '-r', f'__node:={name}', '-p',
                              'discovery_time:=60.0', *own)
     assert second.wait() == 2
     assert f'/{kind} is running already' in second.text
     assert 'Traceback' not in second.text
+    assert not bag.parent.exists()  # a recorder that is refused leaves no folder that it made
+    if kind == 'recorder':
+        assert first.output.bag.file.exists()
 
 
 def test_of_a_parameter_that_is_given_twice_the_last_value_counts(
@@ -182,6 +186,12 @@ def test_a_parameter_that_reaches_no_node_ends_the_start_with_its_name(processes
     assert "'-p controller:torque_limit'" in given.text
     assert '/left/controller' in given.text
     elsewhere = processes.start('controller', '--ros-args', '-p', 'history.size:=7')
+    recorder = processes.start('recorder', '--ros-args', '-r', '__ns:=/left', '-p',
+                               f'bag:={processes.folder / "bag"}', '-p',
+                               'recorder:flush_period:=0.2')
+    assert recorder.wait() == 2
+    assert "'-p recorder:flush_period'" in recorder.text
+    assert not (processes.folder / 'bag').exists()
     assert elsewhere.wait() == 2
     assert "'-p history.size'" in elsewhere.text
     file = processes.folder / 'left.yaml'
