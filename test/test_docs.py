@@ -8,6 +8,7 @@ from pathlib import Path
 import re
 
 import pytest
+import yaml
 
 from adaptive_blf_control.executables import EXECUTABLES
 from adaptive_blf_control.tools import topics
@@ -115,3 +116,17 @@ def test_readme_names_every_executable(repository: Path) -> None:
     text = (repository / 'README.md').read_text(encoding='utf-8')
     for name in EXECUTABLES:
         assert f'`{name}' in text, name
+
+
+def test_every_message_that_a_page_publishes_by_hand_fits_its_type() -> None:
+    pytest.importorskip('rclpy', reason='no ROS 2 here: no messages')
+    from adaptive_blf_control.runtime.message_class import message_class
+    commands = [found for page in DOCS for found in re.findall(
+        r"ros2 topic pub [^'`\n]* (\w+/msg/\w+) '([^']+)'", page.read_text(encoding='utf-8'))]
+    assert len(commands) >= 2
+    for type_name, text in commands:
+        fields = yaml.safe_load(text)  # as the command line reads it: 1e9 would be a string
+        message = message_class(type_name)(**fields)
+        for name, value in fields.items():
+            assert list(getattr(message, name)) == value
+            assert name == 'name' or all(isinstance(each, float) for each in value)

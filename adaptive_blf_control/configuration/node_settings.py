@@ -171,9 +171,10 @@ class GuaranteeSettings(Settings, where='controller.guarantee'):
     """The guarantee of Theorem 2 that the node publishes."""
 
     mode: str = parameter(
-        'off',
+        'none',
         'bound: publish the guarantee of Theorem 2 at the start, computed from the three bounds '
-        'below, and monitor it; off: neither.', choices=('off', 'bound'), live=True)
+        'below, and monitor it; none: neither. off is its older name; unquoted, YAML and the '
+        'command line read it as false.', choices=('none', 'bound', 'off'), live=True)
     theta_error: float = parameter(
         10.0, 'Bound on the norm of the parameter error at the start.', '', 0.0, live=True)
     smallest_gamma: float = parameter(

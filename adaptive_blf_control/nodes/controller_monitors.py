@@ -104,7 +104,7 @@ class ControllerMonitors:
     def state_guarantee(self, controller: Controller, stamp: int, output: ControlOutput) -> None:
         """Publish what Theorem 2 guarantees from here on, given bounds on the unknown arm."""
         settings = self._node.settings.guarantee
-        if settings.mode == 'off':
+        if settings.mode != 'bound':
             return
         weight = controller.settings.resolved(joints=len(self._joints)).barrier_weight.copy()
         try:

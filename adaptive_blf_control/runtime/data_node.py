@@ -11,8 +11,10 @@ import time
 from typing import Any, Generic
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runtime.channels import LARGEST_BATCH, LONGEST_WAIT
@@ -22,6 +24,7 @@ from adaptive_blf_control.runtime.heard_topic import new_label
 from adaptive_blf_control.runtime.loop_statistics import LoopStatistics
 from adaptive_blf_control.runtime.node_parameters import (
     declare,
+    ill_formed,
     NodeSettings,
     on_change,
     refuse_untyped,
@@ -113,6 +116,13 @@ class DataNode(Node, Generic[NodeSettings]):
                                  direct=direct, lockstep=self.lockstep)
         self._diagnostics = StatusReport(self, self.kind, self.status, self.faults,
                                          self.statistics)
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set all of them or none, as rclpy does; a refusal says what would be accepted."""
+        problem = ill_formed(self, self.kind, parameter_list)
+        if problem is not None:
+            return SetParametersResult(successful=False, reason=str(problem))
+        return super().set_parameters_atomically(parameter_list)
 
     def _retune_between_samples(self, settings: NodeSettings, changed: set[str]) -> None:
         with self.between_samples:

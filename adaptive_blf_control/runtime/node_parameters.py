@@ -33,12 +33,17 @@ from adaptive_blf_control.configuration.section_names import (
     reaches,
     unknown_sections,
 )
-from adaptive_blf_control.errors import BlfError, ParameterError
-from adaptive_blf_control.parameters.table import Parameter, per_joint, validated
+from adaptive_blf_control.errors import BlfError, ParameterError, UnknownParameter
+from adaptive_blf_control.parameters.table import (
+    Parameter,
+    per_joint,
+    validated,
+    value_problem,
+)
 from adaptive_blf_control.runtime.rclpy_internals import overrides_of
 
 __all__ = ['check_all_reached', 'check_files', 'declare', 'descriptor', 'explain_files',
-           'on_change', 'refuse_untyped']
+           'ill_formed', 'on_change', 'refuse_untyped']
 
 NodeSettings = TypeVar('NodeSettings', bound=RuntimeSettings)
 ROS_TYPES = {
@@ -148,6 +153,27 @@ def on_change(node: Node, kind: str, present: Callable[[], NodeSettings],
         return SetParametersResult(successful=True)
 
     node.add_on_set_parameters_callback(changed)
+
+
+def ill_formed(node: Node, kind: str, parameters: Sequence[RosParameter]) -> BlfError | None:
+    """Return what is wrong with the name or the type of one of the parameters, None where nothing.
+
+    For rclpy, which refuses them with neither the names that there are nor the value to write.
+    """
+    table = per_joint(TABLES[kind], node.get_parameter('joints').value if node.has_parameter(
+        'joints') else [])
+    for parameter in parameters:
+        where, value = f'{node.get_name()}.{parameter.name}', _plain(parameter.value)
+        if not node.has_parameter(parameter.name):
+            return UnknownParameter(where, value, table)
+        ours = table.get(parameter.name)
+        if ours is None or ours.read_only or parameter.type_ == RosParameter.Type.NOT_SET:
+            continue
+        if parameter.type_.value != ROS_TYPES[ours.kind]:
+            problem = value_problem(ours, value, {})
+            if problem:
+                return ParameterError(where, value, problem)
+    return None
 
 
 def refuse_untyped(node: Node, kind: str) -> None:

@@ -452,7 +452,7 @@ REFUSED = [  # q beside the reference, the request, what the reason has to hold
     (ERROR, {'on_violation': 'panic'}, ['on_violation', "'panic'", 'continue, stop']),
     (ERROR, {'ramp_time': 6.0}, ['ramp_time', '6.0', '5.0']),
     (ERROR, {'guarantee.mass': [1.0]}, ['guarantee.mass', '[1.0]', 'length 2']),
-    (ERROR, {'state_timeout': 1}, ['Wrong parameter type', 'DOUBLE', 'INTEGER']),
+    (ERROR, {'state_timeout': 1}, ['controller.state_timeout', 'is 1:', 'write 1.0']),
 ]
 
 

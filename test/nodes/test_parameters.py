@@ -283,10 +283,15 @@ def test_gains_may_change_while_the_node_runs(graph) -> None:
     ({'k1': [50.0], 'k2': [1.0, 2.0, 3.0]}, ['k2', 'length 1 or 2']),
     ({'k1': [50.0], 'k2': [float('nan')]}, ['k2', 'NaN']),
     ({'k1': [50.0], 'k2': [float('inf')]}, ['k2', 'inf']),
-    ({'k1': [50.0], 'k2': [30, 30]}, ['Wrong parameter type', 'DOUBLE_ARRAY']),
+    ({'k1': [50.0], 'k2': [30, 30]}, ['controller.k2', '[30, 30]', 'write 30.0']),
+    ({'k1': [50.0], 'k2': 30.0}, ['controller.k2', '30.0', 'a list of doubles']),
+    ({'k1': [50.0], 'state_timeout': 1}, ['controller.state_timeout', 'write 1.0']),
+    ({'k1': [50.0], 'coupling': True}, ['controller.coupling', 'True', 'a string']),
+    ({'k1': [50.0], 'safety.lowr': [-1.0]}, ['controller.safety.lowr', 'no such', 'safety.lower']),
     ({'k1': [50.0], 'model': 'known'}, ['read-only', 'model']),
     ({'k1': [50.0], 'joints': ['a', 'b']}, ['read-only', 'joints']),
-], ids=['range', 'choice', 'length', 'nan', 'inf', 'type', 'read-only', 'read-only joints'])
+], ids=['range', 'choice', 'length', 'nan', 'inf', 'integers', 'no list', 'integer', 'no string',
+        'unknown', 'read-only', 'read-only joints'])
 def test_a_request_with_one_bad_value_changes_nothing(graph, values, words) -> None:
     node = graph.make(ControllerNode)
     before = node.settings.values()
