@@ -50,9 +50,10 @@ class RuntimeSettings(Settings):
     niceness: int = parameter(
         0, 'Nice value of the loop; above 0 it gives way to the nodes that control.', '', 0, 19)
     discovery_time: float = parameter(
-        3.0,
+        4.0,
         'How long after its start a node looks for another one that does the same for this arm, '
-        'before it sends anything; DDS needs up to 1.7 s on one host. 0: it does not look.',
+        'before it sends anything; DDS announces a node every 3 s, where it misses the first '
+        'announcements. 0: it does not look.',
         's', 0.0, 60.0)
     realtime: RealtimeSettings = group(RealtimeSettings)
 
