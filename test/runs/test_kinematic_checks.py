@@ -49,7 +49,7 @@ def moving(rows=6000, period=PERIOD, size=1.0, speed=1.0):
 def with_elbow(log, field, values):
     changed = getattr(log, field).copy()
     changed[:, 1] = values
-    return log._replace(**{field: changed})
+    return log.replace(**{field: changed})
 
 
 def told(check, log, *options):
@@ -74,7 +74,7 @@ def test_standing_still_is_told_from_half_of_the_log_on(part, count):
     stands = int(part * len(log.t))
     q = log.q.copy()
     q[:stands] = q[stands]
-    found = told(motion_findings, log._replace(q=q), ARM)
+    found = told(motion_findings, log.replace(q=q), ARM)
     assert [each[:2] for each in found] == count * [(None, WARNING)]
 
 
@@ -115,14 +115,14 @@ def test_a_velocity_with_much_else_in_it_is_a_warning():
 def test_motion_that_is_too_small_to_tell_is_not_judged(size, resolution):
     """As far as the encoder resolves, and as far as anything does: 0.1 mrad in 50 ms."""
     log = moving(size=size, speed=0.5)
-    log = log._replace(q=resolution * np.round(log.q / resolution), qd=0.0 * log.qd)
+    log = log.replace(q=resolution * np.round(log.q / resolution), qd=0.0 * log.qd)
     assert told(velocity_findings, log, ARM) == []
 
 
 def test_a_coarse_encoder_is_no_fault_of_the_velocity():
     """The steps of 20 mrad are 0.4 rad/s over 50 ms."""
     log = moving(size=0.3)
-    log = log._replace(q=2e-2 * np.round(log.q / 2e-2))
+    log = log.replace(q=2e-2 * np.round(log.q / 2e-2))
     assert told(velocity_findings, log, ARM) == []
 
 
@@ -150,21 +150,21 @@ def test_no_delay_is_looked_for_in_a_moment():
 def test_rows_too_far_apart_to_integrate_are_judged_by_their_sign_only():
     log = moving(period=0.1, speed=8.0)
     assert told(velocity_findings, log, ARM) == []
-    assert 'sign opposite' in told(velocity_findings, moving(period=0.1, speed=2.0)._replace(
+    assert 'sign opposite' in told(velocity_findings, moving(period=0.1, speed=2.0).replace(
         qd=-moving(period=0.1, speed=2.0).qd), ARM)[0][2]
 
 
 def test_positions_that_jump_in_a_gap_are_no_fault_of_the_velocity():
     log = moving()
     gap = np.arange(len(log.t)) // 500
-    assert told(velocity_findings, log._replace(
+    assert told(velocity_findings, log.replace(
         t=log.t + 0.5 * gap, q=log.q + 1.5 * gap[:, None]), ARM) == []
 
 
 def test_a_delay_is_looked_for_in_the_longest_stretch():
     log = moving()
     log = with_elbow(log, 'qd', later(log.qd[:, 1], 15))
-    log = log._replace(t=log.t + np.where(np.arange(len(log.t)) < 40, 0.0, 1.0))
+    log = log.replace(t=log.t + np.where(np.arange(len(log.t)) < 40, 0.0, 1.0))
     assert [each[:2] for each in told(velocity_findings, log, ARM)] == [('elbow', WARNING)]
 
 
@@ -200,7 +200,7 @@ def test_rates_that_are_too_low_for_the_filters(period, constant, level, words):
 
 def test_times_in_another_unit_are_suspected_where_the_rate_is_too_low():
     log = moving()
-    found = told(rate_findings, log._replace(t=1e3 * log.t), FilterSettings())
+    found = told(rate_findings, log.replace(t=1e3 * log.t), FilterSettings())
     assert 'are its times in ms (' in found[0][2]
     assert 't / 1000 are seconds' in found[0][2]
     assert 'are its times' not in told(rate_findings, moving(period=0.1), FilterSettings())[0][2]

@@ -110,7 +110,7 @@ def test_a_warning_refuses_nothing():
 
 def test_what_is_refused_is_not_judged_by_a_model(sound, arm):
     """Who has to undo degrees first is not sent after a delay."""
-    late = sound._replace(tau=np.roll(sound.tau, 20, axis=0))
+    late = sound.replace(tau=np.roll(sound.tau, 20, axis=0))
     assert [each[0] for each in found(late, arm)] == ['delay']
     assert [each[0] for each in found(with_joint(late, 'qd', np.rad2deg), arm)] == ['velocity']
 
