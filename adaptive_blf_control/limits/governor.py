@@ -135,7 +135,12 @@ def _drawn(parts: Handle, coming: Handle, comes: bool, path: ReferencePoint, par
 
 
 class Governor:
-    """Path time and deflection of one motion."""
+    """Path time and deflection of one motion.
+
+    Attributes:
+        pace: Of the path.
+        waits: Whether the path comes to rest, whatever allows it to go on.
+    """
 
     def __init__(self, pace: Pace, parts: FilterParts, period: float) -> None:
         """Take the pace, and the filter with the limits that the reference is to keep.
@@ -150,13 +155,13 @@ class Governor:
         self._deflection: Deflection | None = None
         self._last: _Last | None = None
         self._off = 0.0
-        self._waits = False
+        self.waits = False
         self._coming: Handle | None = None
         self._of: Reference | None = None
         self._beyond = False
 
-    def look(self, scene: Scene, waits: bool) -> None:
-        """Take another scene; ``waits``: come to rest.
+    def look(self, scene: Scene) -> None:
+        """Take another scene.
 
         The reference stops before what stands still, and gives way to what moves (`evading`): a
         stop leaves an arm that an obstacle comes to no way but to stand.
@@ -164,7 +169,6 @@ class Governor:
         still = without_moving(scene)
         self._parts = self._parts._replace(scene=handle(still))
         self._coming = handle(scene) if len(still.pairs) < len(scene.pairs) else None
-        self._waits = waits
         if self._deflection is not None:
             self._deflection.look(self._parts.scene, self._coming)
 
@@ -184,7 +188,7 @@ class Governor:
         wait = 0.0
         if self._deflection is not None:
             wait = self._deflection.awaited(reference.at(pace.time))
-        wait = 1.0 if self._waits else wait
+        wait = 1.0 if self.waits else wait
         pace.advance(t, reference, max(nearness, NEAR + (NEARER - NEAR) * wait))
         path = _paced(reference.at(pace.time), pace)
         point = path

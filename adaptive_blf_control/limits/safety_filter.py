@@ -81,6 +81,7 @@ class LimitsFilter:
                         'stop_clearance', 'path_rate', 'path_off', 'kind')
         self._worst: tuple[np.ndarray, tuple[float, ...]] | None = None
         self._moving = MovingObstacles(0.0, np.inf)
+        self._shown: Scene | None = None
         given = settings.limits.prior
         prior = prior_of(arm, mass_error=given.mass_error, payload=given.payload,
                          friction=given.friction)
@@ -101,6 +102,7 @@ class LimitsFilter:
         self.limits = JointLimits(safety.lower.copy(), safety.upper.copy(),
                                   _speed(self._arm, limits.velocity), braking)
         scene = self._scene = scene_of(self._arm, limits)
+        self._shown = None
         self._margin = limits.obstacles.margin
         self._moving = self._moving.retuned(limits.obstacles.speed, limits.obstacles.timeout)
         self.constraints: tuple[Constraint, ...] = (
@@ -144,17 +146,25 @@ class LimitsFilter:
         """Put the obstacles that move where they are at ``t`` [s]."""
         if self._moving.heard is None:
             return
-        still, scene = self._scene, self._near.scene
+        still, shown = self._scene, self._shown
         obstacles = joined([still.obstacles, self._moving.at(t)])
-        if obstacles.radius.size == scene.obstacles.radius.size:  # who may come close is the same
-            scene = scene._replace(obstacles=obstacles)
-        else:
-            scene = scene_with(still.chain, still.spheres, obstacles,
-                               still.pairs[still.pairs[:, 1] < 0])
-        self._near.scene = scene
+        if shown is None or not _alike(obstacles, shown.obstacles):
+            shown = self._show(scene_with(still.chain, still.spheres, obstacles,
+                                          still.pairs[still.pairs[:, 1] < 0]))
+        else:  # the handles point at these arrays: to make others would take longer than the rest
+            for column, values in zip(shown.obstacles, obstacles):
+                column[...] = values
+        self._near.scene = shown
+        if self.governor is not None:
+            self.governor.waits = self._moving.silent(t)
+
+    def _show(self, scene: Scene) -> Scene:
+        """Show filter and governor a scene whose obstacles this filter, and no other, may move."""
+        self._shown = scene
         self._parts = handle(self._parts.value._replace(scene=handle(scene)))
         if self.governor is not None:
-            self.governor.look(self._wider(scene), waits=self._moving.silent(t))
+            self.governor.look(self._wider(scene))
+        return scene
 
     def retuned(self, settings: ControllerSettings) -> LimitsFilter:
         """Return the filter that goes on with other settings.
@@ -215,7 +225,7 @@ class LimitsFilter:
         """Return a filter that goes on from here without a trace in this one."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
-        other._ahead = copy.deepcopy(self._ahead)
+        other._ahead, other._shown = copy.deepcopy(self._ahead), None
         other.governor = copy.copy(self.governor)
         return other
 
@@ -283,6 +293,12 @@ def check_state(arm: Arm, limits: JointLimits, q: np.ndarray, qd: np.ndarray) ->
                 f'braking that stops {joint} in its safety set {limits.lower[i]:.4g} .. '
                 f'{limits.upper[i]:.4g} rad: from {q[i]:.4g} rad at {qd[i]:.4g} rad/s it stands '
                 f'at {stop[i]:.4g} rad')
+
+
+def _alike(obstacles: Obstacles, others: Obstacles) -> bool:
+    """Return whether as many obstacles are there, and the same ones of them move."""
+    return obstacles.radius.size == others.radius.size and bool(
+        (obstacles.velocity.any(axis=1) == others.velocity.any(axis=1)).all())
 
 
 def _speed(arm: Arm, velocity: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 import sys
 
 import numpy as np
@@ -231,3 +232,19 @@ def test_an_arm_that_may_not_go_on_as_it_wants_goes_on_as_far_as_a_stop_is_free(
     assert controller.safety_filter.counts[1] > 200  # the filter had to act
     assert controller.safety_filter.counts[2] < 100  # and seldom fell back on the stop
     assert controller.path_time(3.0) > 2.0
+
+
+def test_a_copy_of_the_filter_moves_no_obstacle_of_the_filter_it_is_of():
+    _, _, filter_ = made()
+    state = FilterSample(0.0, np.zeros(3), np.zeros(3), np.zeros(3), -LIMIT, LIMIT)
+    for t, x in ((0.0, 1.1), (0.02, 1.08), (0.04, 1.06)):
+        filter_.filtered(state._replace(t=t))
+        filter_.see({'cart': sphere([x, 0.0, 0.4], 0.1)}, frozenset())
+    filter_.filtered(state._replace(t=0.041))
+    trial, before = copy(filter_), filter_.report.clearance
+    trial.filtered(state._replace(t=0.07))  # the sphere goes on at 1 m/s
+    assert trial.report.clearance < before - 0.02
+    filter_.filtered(state._replace(t=0.0411))
+    assert filter_.report.clearance == pytest.approx(before, abs=1e-3)
+    filter_.filtered(state._replace(t=0.07))
+    assert filter_.report.clearance == pytest.approx(trial.report.clearance, abs=1e-12)
