@@ -225,7 +225,7 @@ class LimitsFilter:
         """Return a filter that goes on from here without a trace in this one."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
-        other._ahead, other._shown = copy.deepcopy(self._ahead), None
+        other._ahead = copy.deepcopy(self._ahead)
         other.governor = copy.copy(self.governor)
         return other
 
