@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> None:
     print('| ' + ' | '.join(TITLES) + ' |\n' + '|---' * len(TITLES) + '|')
     seeds = tuple(range(options.limits_seeds))
     for case in cases(options.config, seeds, options.limits_scenes):
-        if options.limits_only in _title(case):
+        if case.seeds and options.limits_only in _title(case):
             print(row(case, list(runs_of(case, options.config, options.limits_seconds,
                                          options.limits_runs))), flush=True)
 

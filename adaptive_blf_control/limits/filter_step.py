@@ -200,9 +200,11 @@ def _chosen(parts: FilterParts, posture: Posture, at: Moment, wanted: np.ndarray
     if not certain:
         kind = SOFTENED
     # Where rows of several obstacles contradict each other the stop that is left keeps all. From
-    # it on the first solution counts: the later ones are linearised where no stop is free.
+    # it on the first solution counts, where errors grow with it: the later ones are linearised
+    # where no stop is free. Where nothing is uncertain they come nearer and nearer to what is.
     if room.found.size and (not free or kind == SOFTENED):
-        return _backed_off(parts, posture, at, first, braked, lower, upper, room)
+        towards = a if parts.exact else first
+        return _backed_off(parts, posture, at, towards, braked, lower, upper, room)
     return Answer(a, kind, error, Stop(at.q.copy(), at.qd.copy(), a))
 
 
