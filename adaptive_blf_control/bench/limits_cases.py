@@ -120,10 +120,15 @@ def cases(config: Path, seeds: tuple[int, ...], scenes: int) -> Iterator[Case]:
                        lambda seed, changes=changes: {  # type: ignore[misc]
                            'arm_driver.sensors.seed': seed, **changes}, seeds=seeds, real=True)
     yield Case('masses 10 % off at random, sphere and table', 'Panda', _BOTH, wrong, seeds=seeds)
-    yield Case('x 1, sphere and table, push of 25 N m for 0.25 s, no delay', 'Panda', _BOTH,
-               always({**_PUSH, 'arm_driver.schedule.parameter': [
-                   f'torque.{_PUSHED["Panda"]}.{axis}' for axis in 'xyzxyz'],
-                   'controller.loop.delay': 0.0, 'arm_driver.actuator.delay': 0.0}))
+    exact: Mapping[str, Any] = {'controller.loop.delay': 0.0, 'arm_driver.actuator.delay': 0.0,
+                                f'{_LIMITS}.period': 0.0}
+    yield Case('x 1, sphere and table, push of 25 N m for 0.25 s, no delay, held for 1 ms',
+               'Panda', _BOTH, always({**_PUSH, **exact, 'arm_driver.schedule.parameter': [
+                   f'torque.{_PUSHED["Panda"]}.{axis}' for axis in 'xyzxyz']}))
+    yield Case('x 2, prior of 30 % and 3 kg, which it carries, no delay, held for 1 ms', 'Panda',
+               _BOTH, always(_FREE, exact, {f'{_LIMITS}.prior.mass_error': 0.3,
+                                            f'{_LIMITS}.prior.payload': 3.0,
+                                            'arm_driver.payload': 3.0}), 2.0, tight=True)
     late = {'arm_driver.actuator.jitter': 0.001}
     for stated, told in (('1 ms', late), ('none', {**late, 'controller.loop.delay': 0.0})):
         yield Case(f'x 1, sphere and table, delay of 1 to 2 ms, {stated} stated', 'Panda', _BOTH,

@@ -52,8 +52,8 @@ class RuntimeSettings(Settings):
     discovery_time: float = parameter(
         4.0,
         'How long after its start a node looks for another one that does the same for this arm, '
-        'before it sends anything; DDS announces a node every 3 s, where it misses the first '
-        'announcements. 0: it does not look.',
+        'before it sends anything; Fast DDS announces a node every 3 s, where the first '
+        'announcements are missed. 0: it does not look.',
         's', 0.0, 60.0)
     realtime: RealtimeSettings = group(RealtimeSettings)
 

@@ -21,7 +21,8 @@ import numpy as np
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['box', 'capsule', 'distance', 'half_space', 'joined', 'Obstacles', 'sphere']
+__all__ = ['box', 'capsule', 'distance', 'frame_along', 'half_space', 'joined', 'Obstacles',
+           'sphere']
 
 EXTENT = 100.0
 """Half-sides of a half-space [m]: beyond the reach of any arm."""
@@ -58,8 +59,8 @@ def _length(name: str, value: float, positive: bool = True) -> float:
     return float(value)
 
 
-def _frame(normal: np.ndarray) -> np.ndarray:
-    """Return a rotation whose third column is ``normal``, a unit vector."""
+def frame_along(normal: np.ndarray) -> np.ndarray:
+    """Return a rotation whose third column is ``normal``, a unit vector, shape (3, 3)."""
     helper = np.eye(3)[np.argmin(np.abs(normal))]
     first = np.cross(helper, normal)
     first /= np.linalg.norm(first)
@@ -86,7 +87,7 @@ def capsule(start: Sequence[float], end: Sequence[float], radius: float,
     length = float(np.linalg.norm(last - first))
     if length == 0.0:
         raise ParameterError('capsule.end', list(end), 'another point than its start')
-    return _one(_frame((last - first) / length), 0.5 * (first + last),
+    return _one(frame_along((last - first) / length), 0.5 * (first + last),
                 np.array([0.0, 0.0, 0.5 * length]), _length('capsule.radius', radius), velocity)
 
 
@@ -108,7 +109,7 @@ def half_space(point: Sequence[float], normal: Sequence[float],
     outward = _vector('half_space.normal', normal)
     if np.linalg.norm(outward) == 0.0:
         raise ParameterError('half_space.normal', list(normal), 'a vector other than zero')
-    axes = _frame(outward / np.linalg.norm(outward))
+    axes = frame_along(outward / np.linalg.norm(outward))
     centre = _vector('half_space.point', point) - EXTENT * axes[:, 2]
     return _one(axes, centre, np.full(3, EXTENT), 0.0, velocity)
 

@@ -12,13 +12,14 @@ from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.control.limit_settings import rows_of
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.limits.link_spheres import sphere_centres
+from adaptive_blf_control.limits.obstacles import frame_along
 from adaptive_blf_control.limits.scene import given_spheres
 from adaptive_blf_control.simulation.mujoco.arm_model import ArmModel
 from adaptive_blf_control.simulation.mujoco.kinematics import check_kinematics
 from adaptive_blf_control.simulation.mujoco.library import load_mujoco
 from adaptive_blf_control.simulation.mujoco.settings import FixtureSettings
 
-__all__ = ['add_fixtures', 'allow_fixtures', 'axes_along', 'FIXTURE', 'LINK_SPHERE']
+__all__ = ['add_fixtures', 'allow_fixtures', 'FIXTURE', 'LINK_SPHERE']
 
 FIXTURE, LINK_SPHERE = 'fixture ', 'link sphere '  # beginnings of the names of their geoms
 _STANDS, _TOUCHES = 4, 8  # bits of MuJoCo's masks; those of `Surroundings` are 1 and 2
@@ -46,9 +47,10 @@ def add_fixtures(spec: Any, settings: FixtureSettings, arm: Arm, bare: ArmModel)
             size, quaternion = row[3:], np.array([1.0, 0.0, 0.0, 0.0])
             if kind == 'half_spaces':
                 normal = np.array(row[3:])
-                if not np.linalg.norm(normal) > 0.0:
+                length = float(np.linalg.norm(normal))
+                if not length > 0.0:
                     raise ParameterError(f'{_WHERE}.{kind}', row, 'a normal that is not zero')
-                mujoco.mju_mat2Quat(quaternion, np.ravel(axes_along(normal)))
+                mujoco.mju_mat2Quat(quaternion, np.ravel(frame_along(normal / length)))
                 size = [0.0, 0.0, 0.1]  # a plane without end
             elif not min(size) > 0.0:
                 raise ParameterError(f'{_WHERE}.{kind}', row, 'sizes > 0 m')
@@ -66,14 +68,6 @@ def allow_fixtures(model: Any) -> None:
             model.geom_contype[geom], model.geom_conaffinity[geom] = _STANDS, _TOUCHES
         elif name.startswith(LINK_SPHERE):
             model.geom_contype[geom], model.geom_conaffinity[geom] = _TOUCHES, _STANDS
-
-
-def axes_along(z: np.ndarray) -> np.ndarray:
-    """Return a rotation matrix whose last column is along z, shape (3, 3)."""
-    z = z / np.linalg.norm(z)
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
 
 
 def _add_spheres(spec: Any, value: np.ndarray, arm: Arm, bare: ArmModel) -> None:

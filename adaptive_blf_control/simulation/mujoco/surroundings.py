@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from adaptive_blf_control.limits.obstacles import frame_along
 from adaptive_blf_control.simulation.mujoco.fixtures import (
     allow_fixtures,
-    axes_along,
     FIXTURE,
     LINK_SPHERE,
 )
@@ -147,5 +147,5 @@ class Surroundings:
         ahead = velocity[3:] / speed if speed > 1e-6 else np.array([0.0, 0.0, -1.0])
         depth = {'plane': 0.0, 'sphere': settings.size[0], 'box': settings.size[2]}
         distance = settings.radius + settings.gap + depth[settings.shape]
-        return data.geom_xpos[sphere] + distance * ahead, axes_along(-ahead)
+        return data.geom_xpos[sphere] + distance * ahead, frame_along(-ahead)
 
