@@ -177,6 +177,10 @@ class Motion:
         """Note that the torque is zero now; the next state begins another motion."""
         self.lost, self.torque = reason, np.zeros(self.arm.n)
 
+    def start_over(self) -> None:
+        """Let the next state begin this motion again: its torques have not reached the arm."""
+        self.controller = None
+
     def end(self) -> None:
         """End the motion; the next one is joined to the reference, wherever it begins."""
         self.controller, self._resumes = None, True

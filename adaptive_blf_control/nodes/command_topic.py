@@ -21,8 +21,14 @@ from adaptive_blf_control.runtime.endpoints import Endpoints, UNNAMED
 
 __all__ = ['CommandTopic', 'GIVE_WAY']
 
+UNHEARD = 0.02  # s of a motion after which its torques have to be confirmed
+UNHEARD_LONGEST = 1.0  # s; a listener that was killed is shown for longer, and confirms nothing
 GIVE_WAY = 3.0  # s after a claim in which discovery may still show another controller
 DELIVERY_TIMEOUT = Duration(seconds=0.1)  # for the zero torque: sent is not delivered yet
+AT_ONCE, CONFIRMATION = Duration(), Duration(seconds=0.015)  # DDS confirms after 5 ms
+# s of commands that DDS keeps. It asks for a confirmation of each once that many have been sent,
+# and confirms within that time, so that one that was lost on the way can still be sent again.
+HISTORY = 0.01
 
 
 class CommandTopic:
@@ -31,6 +37,7 @@ class CommandTopic:
     Attributes:
         claimed_at: When it was claimed, monotonic [s].
         pushes: Whether a torque was sent after the last final zero.
+        confirmed: Whether torques of this motion have reached all who are shown as listeners.
         senders: Who publishes commands.
         listeners: Who subscribes to them.
     """
@@ -43,6 +50,10 @@ class CommandTopic:
         self._codec = Float64MultiArrayCodec(n, node.label)
         self._n = n
         self._publisher: Publisher | None = None
+        self.confirmed = False
+        self._first_at = self._begun_at = 0.0
+        self._sent = 0
+        self._depth = max(round(HISTORY * node.settings.loop.rate), 1)
         self.senders = Endpoints(partial(node.get_publishers_info_by_topic, COMMANDS))
         self.listeners = Endpoints(partial(node.get_subscriptions_info_by_topic, COMMANDS))
 
@@ -58,7 +69,7 @@ class CommandTopic:
             names = ', '.join(self.senders.wait_for_names(node.stop)) or UNNAMED
             raise BlfError(f'{node.resolve_topic_name(COMMANDS)}: {names} sends commands already: '
                            f'one controller at a time')
-        self._publisher = node.topics.publisher(Float64MultiArray, COMMANDS)
+        self._publisher = node.topics.publisher(Float64MultiArray, COMMANDS, depth=self._depth)
         self.claimed_at = time.monotonic()
 
     def release(self) -> None:
@@ -81,6 +92,24 @@ class CommandTopic:
         """Whether a torque that is sent now reaches an arm."""
         return (self._publisher is not None and self._publisher.get_subscription_count() > 0
                 and self.someone_drives())
+
+    def unheard(self) -> bool:
+        """Whether the torques of UNHEARD s may have reached no arm, so that it fell behind.
+
+        DDS may show a listener that does not hear yet. One that hears confirms it (reliable
+        delivery); a best-effort listener confirms nothing and is taken to hear. Asked before each
+        torque, True once for each UNHEARD s, and no longer than UNHEARD_LONGEST in all.
+        """
+        if self._publisher is None or self.confirmed or not self.pushes or self._node.lockstep:
+            return False
+        now = time.monotonic()
+        late = now - self._begun_at >= UNHEARD and self._sent > self._depth
+        self.confirmed = (self._publisher.wait_for_all_acked(CONFIRMATION if late else AT_ONCE)
+                          or now - self._first_at >= UNHEARD_LONGEST)
+        if self.confirmed or not late:
+            return False
+        self._begun_at = time.monotonic()
+        return True
 
     @property
     def shared(self) -> bool:
@@ -108,7 +137,10 @@ class CommandTopic:
     def send(self, torque: np.ndarray, stamp: int = 0) -> None:
         """Send a torque, shape (n,) [N·m], that answers the state of ``stamp`` [ns]; 0: none."""
         if self._publisher is not None:
-            self.pushes = True
+            if not self.pushes:
+                self.pushes, self.confirmed, self._sent = True, False, 0
+                self._first_at = self._begun_at = time.monotonic()
+            self._sent += 1
             self._publisher.publish(self._codec.encode(torque, stamp))
 
     def send_zero(self) -> None:

@@ -255,6 +255,9 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if not self._ready(stamp, q, qd):
             self.topics.later(partial(self.on_state, sample))
             return True
+        if self.motion.controller is not None and self.commands.unheard():
+            self.faults.report('unheard', 'nobody confirms the torques: the motion begins again')
+            self.motion.start_over()
         begins = self.motion.controller is None
         controller = self.motion.controller or self._begin(stamp, q, qd)
         self.heard_at = time.monotonic()

@@ -92,15 +92,17 @@ class DataTopics:
         """How many subscriptions have ended and still wait to be destroyed."""
         return len(self._leaving)
 
-    def publisher(self, message_type: type, topic: str, *, latched: bool = False) -> Publisher:
+    def publisher(self, message_type: type, topic: str, *, latched: bool = False,
+                  depth: int = QUEUE_DEPTH) -> Publisher:
         """Return a reliable publisher; ``publish(bytes)`` sends CDR as it is.
 
         Args:
             message_type: Type of the topic.
             topic: Name of the topic.
             latched: Give the last message to late subscribers (transient local).
+            depth: History depth; not in lockstep, where nothing may be lost.
         """
-        qos = QoSProfile(depth=QUEUE_DEPTH_LOCKSTEP if self._lockstep else QUEUE_DEPTH)
+        qos = QoSProfile(depth=QUEUE_DEPTH_LOCKSTEP if self._lockstep else depth)
         if latched:
             qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         publisher = self._node.create_publisher(message_type, topic, qos)

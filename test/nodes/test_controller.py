@@ -3,8 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import inspect
+import itertools
 import math
+import signal
+import subprocess
+import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -129,6 +134,29 @@ class _Rig:
         assert all(a is b or a == b for a, b in zip(before, after))
 
 
+_LISTENER = """
+import rclpy
+from std_msgs.msg import Float64MultiArray
+rclpy.init(domain_id={domain})
+node = rclpy.create_node('arm')
+node.create_subscription(Float64MultiArray, '{topic}', lambda _: None, 1)
+print('listens', flush=True)
+rclpy.spin(node)
+"""
+
+
+@pytest.fixture
+def deaf_listener(graph) -> Iterator[subprocess.Popen[str]]:
+    """Return a process that DDS shows as a listener of commands, stopped before the first."""
+    code = _LISTENER.format(domain=graph.context.get_domain_id(), topic=COMMANDS)
+    with subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE,
+                          stderr=subprocess.DEVNULL, text=True) as listener:
+        assert listener.stdout is not None
+        assert listener.stdout.readline() == 'listens\n'
+        yield listener
+        listener.kill()
+
+
 @pytest.fixture
 def rig(graph, wait_until):
     """Return ``rig(**parameters)``."""
@@ -152,6 +180,47 @@ def test_the_torque_is_that_of_the_law_for_the_state_and_the_time_since_the_star
     assert tuple(term.name) == PARAMETERS
     np.testing.assert_allclose(term.position, expected.adaptation_term, rtol=1e-9)
     assert term.header.stamp == _state(250.0).header.stamp
+
+
+def test_a_motion_whose_torques_nobody_confirms_begins_again_where_the_arm_has_come_to(
+        rig, wait_until, deaf_listener) -> None:
+    rig = rig(reference__smooth_start=1.0, state_timeout=1.0)
+    commands, fallen = rig.node.commands, np.add(Q, [-0.1, 0.05])
+    wait_until(lambda: '/arm' in commands.listeners.names(), what='the listener')
+    deaf_listener.send_signal(signal.SIGSTOP)
+    rig.answer(_state(0.0))
+    errors = []
+
+    def begins_again() -> bool:
+        rig.answer(_state(len(errors) + 1.0, fallen))
+        errors.append(np.abs(rig.node.output.e1).max())
+        return errors[-1] < 0.01
+
+    wait_until(begins_again, what='another beginning')
+    assert errors[0] > 0.09 or len(errors) == 1
+    assert 'nobody confirms the torques' in rig.node.faults.last
+    deaf_listener.send_signal(signal.SIGCONT)
+    wait_until(lambda: not commands.unheard() and commands.confirmed, what='the confirmation')
+    rig.answer(_state(len(errors) + 2.0, Q))
+    assert np.abs(rig.node.output.e1).max() > 0.09
+
+
+def test_a_listener_that_was_killed_holds_no_motion_up_for_long(
+        rig, wait_until, deaf_listener) -> None:
+    rig = rig(reference__smooth_start=1.0, state_timeout=1.0)
+    commands = rig.node.commands
+    wait_until(lambda: '/arm' in commands.listeners.names(), what='the listener')
+    deaf_listener.kill()
+    states = itertools.count()
+
+    def goes_on() -> bool:
+        rig.answer(_state(next(states)))
+        return commands.confirmed
+
+    wait_until(goes_on, what='a motion that stays')
+    assert '/arm' in commands.listeners.names()  # still shown: that is not what ended it
+    rig.answer(_state(next(states), np.add(Q, [-0.1, 0.05])))
+    assert np.abs(rig.node.output.e1).max() > 0.09
 
 
 def test_what_the_user_sees_is_reference_errors_and_margins_by_name(rig, wait_until) -> None:

@@ -399,7 +399,7 @@ LOOP = {  # calm enough for a machine that is busy with other things
     'reference.smooth_start': 1.0, 'reference.resume_time': 1.0,
     'reference.joint1.amplitude': [0.7], 'reference.joint1.frequency': [1.5],
     'reference.joint2.amplitude': [1.0], 'reference.joint2.frequency': [2.0],
-    'rate': 200.0, 'true_model': 'given', 'true_parameters': TRUTH,
+    'rate': 200.0, 'loop.rate': 200.0, 'true_model': 'given', 'true_parameters': TRUTH,
     'command_timeout': 0.1, 'state_timeout': 5.0, 'wait_for_identifier': False,
     'kt': 30.0, 'kh': 30.0, 'history.size': 7,
     'estimate_period': 0.2, 'resume_within': 60.0,
