@@ -48,7 +48,8 @@ class SourceGate:
         self._what = what
 
     def refuse(self, source: bytes, number: int | None, now: float, timeout: float,
-               alone: Callable[[], bool]) -> Refusal | None:
+               alone: Callable[[], bool],
+               listening_since: float = float('-inf')) -> Refusal | None:
         """Return why a message is not believed, None where it is.
 
         Args:
@@ -58,8 +59,10 @@ class SourceGate:
             timeout: Silence after which another source may follow [s].
             alone: Whether the topic has one publisher only; asked where numbers do not continue.
                 A publisher that was made again counts from 1, and has the topic for itself.
+            listening_since: When the listener last went on after a pause of its own, in which the
+                source was not silent for all it knows.
         """
-        silent = now - self._seen_at > timeout
+        silent = now - max(self._seen_at, listening_since) > timeout
         if source != self.source:
             if self.source is not None and not silent:
                 self.other, self.refused_at = source, now

@@ -166,7 +166,7 @@ class ArmDriver(SteppedDriver):
             return
         now, timeout = time.monotonic_ns(), self.settings.command_timeout
         refusal = self.commands.refuse(torque, source, info.get('publication_sequence_number'),
-                                       now, timeout, self._heard.alone)
+                                       now, timeout, self._heard.alone, self.listening_since)
         if refusal is None and self.stepping is None:
             refusal = self.commands.too_old(answered_ns, self._stamp_ns, timeout)
         if refusal is not None:

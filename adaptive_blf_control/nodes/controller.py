@@ -49,7 +49,6 @@ from adaptive_blf_control.nodes.trajectory_input import TrajectoryInput
 from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runtime.channels import LONGEST_WAIT
 from adaptive_blf_control.runtime.managed_node import ManagedNode
-from adaptive_blf_control.runtime.message_age import MessageAge
 from adaptive_blf_control.runtime.robot_description import arm_of
 from adaptive_blf_control.runtime.status_report import Status
 from adaptive_blf_control.tuning.inertia import COUNT
@@ -98,7 +97,6 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.hears_states = False
         self.heard_at: float | None = None
         self._looked_at = self._answered_at = 0.0
-        self._age = MessageAge()
         self._configured = False
         super().__init__('controller', ControllerNodeSettings, context=context, **options)
 
@@ -247,8 +245,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             for estimate in emptied(self.handover.estimates):
                 self.estimates.take(*estimate)
         stamp, q, qd, torque, _, info = sample
-        refusal = self._too_old(info) or self.motion.refuse(stamp, q, qd,
-                                                            self.settings.state_timeout)
+        refusal = self.states.too_old(sample) or self.motion.refuse(
+            stamp, q, qd, self.settings.state_timeout) or self.states.held_back(sample)
         if refusal is not None:
             self.faults.refuse(refusal)
             return True  # it is the newest of its source: an older one is not answered instead
@@ -268,14 +266,6 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             if self.active:
                 self.monitors.state_guarantee(controller, stamp, output)
         return True
-
-    def _too_old(self, info: dict[str, int]) -> Refusal | None:
-        """Refuse a state that has waited, e.g. while this process was stopped."""
-        sent, timeout = info.get('source_timestamp'), self.settings.state_timeout
-        if self.lockstep or not sent:
-            return None
-        age = self._age.of(sent, time.time_ns())
-        return None if age <= timeout else Refusal('joint state too old', f'{age:.3g} s')
 
     def _begin(self, stamp: int, q: np.ndarray, qd: np.ndarray) -> Controller:
         controller = self.motion.begin(stamp, q, qd)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import time
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +17,12 @@ from adaptive_blf_control.messages.stamp import STAMP_LIMIT
 from adaptive_blf_control.messages.topics import JOINT_STATES
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.heard_topic import HeardTopic
+from adaptive_blf_control.runtime.message_age import MessageAge
 
 __all__ = ['JointSample', 'StateInput']
 
 UNUSABLE = 'unusable joint state'
+TOO_OLD = 'joint state too old'
 
 
 class JointSample(NamedTuple):
@@ -56,6 +59,9 @@ class StateInput:
                                 others_belong=True)
         self._node = node
         self._reader = JointStateReader(joints)
+        self._timeout = timeout
+        self._age = MessageAge()
+        self._held_ns: int | None = None  # between stamp and sending, by two clocks
 
     def read(self, data: bytes, info: dict[str, int]) -> JointSample | Refusal:
         """Decode a message, or return why it is not one of this arm."""
@@ -70,3 +76,25 @@ class StateInput:
     def refuse(self, sample: JointSample) -> Refusal | None:
         """Return why a sample is not believed, None where it is; in lockstep all are."""
         return None if self._node.lockstep else self.heard.refuse(sample.source, sample.info)
+
+    def too_old(self, sample: JointSample) -> Refusal | None:
+        """Refuse a sample that has waited to be taken, e.g. while this process was stopped."""
+        sent = sample.info.get('source_timestamp')
+        if self._node.lockstep or not sent:
+            return None
+        age = self._age.of(sent, time.time_ns())
+        return None if age <= self._timeout() else Refusal(TOO_OLD, f'{age:.3g} s')
+
+    def held_back(self, sample: JointSample) -> Refusal | None:
+        """Refuse a sample that was sent later after its stamp than the one before it was.
+
+        Its publisher was stopped in between. A clock that goes slower than that of the system, or
+        another one, changes this by less from one sample to the next.
+        """
+        sent, before = sample.info.get('source_timestamp'), self._held_ns
+        if self._node.lockstep or not sent:
+            return None
+        self._held_ns = sent - sample.stamp
+        late = 0.0 if before is None else (self._held_ns - before) * 1e-9
+        return None if late <= self._timeout() else Refusal(
+            TOO_OLD, f'sent {late:.3g} s later after its stamp than the one before')

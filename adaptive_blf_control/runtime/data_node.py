@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import gc
+import secrets
 import sys
 import threading
 import time
@@ -20,7 +21,6 @@ from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.runtime.channels import LARGEST_BATCH, LONGEST_WAIT
 from adaptive_blf_control.runtime.data_topics import DataTopics
 from adaptive_blf_control.runtime.fault_log import FaultLog
-from adaptive_blf_control.runtime.heard_topic import new_label
 from adaptive_blf_control.runtime.loop_statistics import LoopStatistics
 from adaptive_blf_control.runtime.node_parameters import (
     declare,
@@ -45,6 +45,15 @@ DRAIN_TIMEOUT = 5.0  # s
 EMPTY_PASSES = 20
 # Python's default of 5 ms would let a thread that answers a request delay a control cycle.
 SWITCH_INTERVAL = 2e-5  # s
+PAUSE = 2.0 * LONGEST_WAIT  # s between two passes of the loop: something kept it
+
+
+def _new_label(name: str) -> str:
+    """Return what the messages of a node with this full name say of their source.
+
+    No other process says the same, so that a restarted node is another source.
+    """
+    return f'{name}#{secrets.token_hex(4)}'
 
 
 class DataNode(Node, Generic[NodeSettings]):
@@ -62,6 +71,8 @@ class DataNode(Node, Generic[NodeSettings]):
         topics: What the loop hears and sends.
         faults: Dropped messages and faults.
         statistics: How well the loop holds its rate.
+        listening_since: When the loop last went on after a pause longer than PAUSE, monotonic [s]:
+            it heard nothing meanwhile. Minus infinity before the first.
         between_samples: Held while messages are handled; its holder is between two samples.
         label: What its messages say of their source; '' in lockstep, where every run is to send
             the same bytes.
@@ -94,9 +105,11 @@ class DataNode(Node, Generic[NodeSettings]):
             self.destroy_node()
             raise
         self.lockstep = bool(self.get_parameter('use_sim_time').value)
-        self.label = '' if self.lockstep else new_label(self.get_fully_qualified_name())
+        self.label = '' if self.lockstep else _new_label(self.get_fully_qualified_name())
         self.stop = stop or StopFlag()
         self.exit_code = 0
+        self.listening_since = float('-inf')
+        self._passed_at = float('inf')  # when the loop last waited for data
         self.between_samples = threading.RLock()
         self._compose()
         on_change(self, kind, lambda: self.settings, self._retune_between_samples)
@@ -176,6 +189,9 @@ class DataNode(Node, Generic[NodeSettings]):
         with self.between_samples:
             wait = self.topics.ready()
         wait.wait(min(timeout, LONGEST_WAIT))
+        before, self._passed_at = self._passed_at, time.monotonic()
+        if self._passed_at - before > PAUSE:  # e.g. the process was stopped
+            self.listening_since = self._passed_at
         return self.work(self.topics.handle)
 
     def work(self, handle: Callable[[], int]) -> int:

@@ -5,26 +5,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-import secrets
 import time
-
-from rclpy.node import Node
 
 from adaptive_blf_control.control.refusal import Refusal
 from adaptive_blf_control.control.source_gate import SourceGate
+from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.endpoints import Endpoints, UNNAMED
 
-__all__ = ['HeardTopic', 'new_label']
+__all__ = ['HeardTopic']
 
 RECENT = 3.0  # s for which the diagnostics name a refused publisher
-
-
-def new_label(name: str) -> str:
-    """Return what the messages of a node with this full name say of their source.
-
-    No other process says the same, so that a restarted node is another source.
-    """
-    return f'{name}#{secrets.token_hex(4)}'
 
 
 class HeardTopic:
@@ -34,8 +24,8 @@ class HeardTopic:
         gate: Chooses whom to believe.
     """
 
-    def __init__(self, node: Node, topic: str, gate: SourceGate, timeout: Callable[[], float], *,
-                 others_belong: bool = False) -> None:
+    def __init__(self, node: DataNode, topic: str, gate: SourceGate,
+                 timeout: Callable[[], float], *, others_belong: bool = False) -> None:
         """Take what tells the publishers apart.
 
         Args:
@@ -56,7 +46,8 @@ class HeardTopic:
     def refuse(self, source: bytes, info: dict[str, int]) -> Refusal | None:
         """Return why a message that says it is of ``source`` is not believed; None where it is."""
         return self.gate.refuse(source, info.get('publication_sequence_number'), time.monotonic(),
-                                self._timeout(), self.alone)
+                                self._timeout(), self.alone,
+                                self._node.listening_since)
 
     def alone(self) -> bool:
         """Whether the topic has one publisher at most."""

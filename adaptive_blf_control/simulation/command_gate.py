@@ -31,7 +31,8 @@ class CommandGate:
         self._joints = joints
 
     def refuse(self, torque: np.ndarray, source: bytes, number: int | None, now_ns: int,
-               timeout: float, alone: Callable[[], bool]) -> Refusal | None:
+               timeout: float, alone: Callable[[], bool],
+               listening_since: float = float('-inf')) -> Refusal | None:
         """Return why a command is not taken, None where it is.
 
         Args:
@@ -41,6 +42,7 @@ class CommandGate:
             now_ns: When it arrived, by the monotonic clock [ns].
             timeout: Silence after which another publisher may follow [s].
             alone: Whether the topic has one publisher only.
+            listening_since: When the driver went on after a pause of its own [s].
         """
         if torque.size != len(self._joints):
             return Refusal('command of wrong length',
@@ -48,7 +50,7 @@ class CommandGate:
         finite = np.isfinite(torque)
         if not finite.all():
             return Refusal('non-finite command', f'joint {self._joints[int(np.argmin(finite))]!r}')
-        return self.source.refuse(source, number, now_ns * 1e-9, timeout, alone)
+        return self.source.refuse(source, number, now_ns * 1e-9, timeout, alone, listening_since)
 
     @staticmethod
     def too_old(answered_ns: int | None, newest_ns: int, longest: float) -> Refusal | None:

@@ -51,6 +51,14 @@ def test_a_source_is_changed_only_after_silence_and_then_kept(gate):
     assert _refused(gate, FIRST, 8, 1.103) == 'command of a second publisher'
 
 
+def test_a_pause_of_the_listener_is_no_silence_of_the_source(gate):
+    assert not _refused(gate, FIRST, 7, 1.0)
+    refusal = gate.refuse(SECOND, 8, 2.05, TIMEOUT, several, listening_since=2.0)
+    assert refusal is not None
+    assert refusal.reason == 'command of a second publisher'
+    assert gate.refuse(SECOND, 9, 2.11, TIMEOUT, several, listening_since=2.0) is None
+
+
 @pytest.mark.parametrize(('numbers', 'refused'), [
     ([500, 501, 1, 502, 2, 503], [0, 0, 1, 1, 1, 1]),  # the second began later
     ([5, 6, 900, 7, 901], [0, 0, 1, 1, 1]),  # or earlier

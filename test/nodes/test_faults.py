@@ -31,7 +31,11 @@ from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.bags.reader import Bag, read_bag
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.errors import BagError, SetViolation
-from adaptive_blf_control.messages.cdr import decode_float64_array, decode_joint_state
+from adaptive_blf_control.messages.cdr import (
+    decode_float64_array,
+    decode_joint_state,
+    Float64MultiArrayCodec,
+)
 from adaptive_blf_control.messages.topics import (
     BARRIER,
     COMMANDS,
@@ -505,6 +509,44 @@ def test_a_controller_that_was_killed_takes_the_arm_over_again_from_where_it_is(
         pytest.fail('the first torques of a motion were never heard')
     assert np.abs(_torques(commands)[sent]).max() < 20.0  # joined, not jumped, to the reference
     assert running.signal(signal.SIGINT) == 0
+
+
+def test_a_driver_that_was_stopped_goes_on_with_the_publisher_that_it_obeyed(
+        process_loop, wait_until) -> None:
+    start, peer, _ = process_loop
+    states = peer.listen(JointState, JOINT_STATES, 5000)
+    driver = start('arm_driver')
+    publishers = [peer.create_publisher(Float64MultiArray, COMMANDS, 1) for _ in range(2)]
+    first, stranger = (Float64MultiArrayCodec(2, label).encode(torque) for label, torque in (
+        ('/controller#0123abcd', [2.0, 1.0]), ('', [-9.0, -6.0])))
+    wait_until(lambda: all(p.get_subscription_count() for p in publishers), what='the driver')
+    obeyed, ended = threading.Event(), threading.Event()
+
+    def speak() -> None:
+        while not ended.wait(0.005):  # the pace of commands
+            for _ in range(5 if obeyed.is_set() else 0):
+                publishers[1].publish(stranger)
+            publishers[0].publish(first)
+
+    def efforts(since: int) -> np.ndarray:
+        return np.nan_to_num([decode_joint_state(data).effort for data, _ in states[since:]])
+
+    speaker = threading.Thread(target=speak)
+    speaker.start()
+    try:
+        wait_until(lambda: states and efforts(-1).any(), what='the first torque')
+        obeyed.set()
+        for _ in range(5):
+            driver.popen.send_signal(signal.SIGSTOP)
+            _after(0.3)
+            driver.popen.send_signal(signal.SIGCONT)
+            since = len(states)
+            wait_until(lambda since=since: len(states) > since + 60, what='states again')
+            wait_until(lambda: efforts(-1).any(), what='the torque again')
+    finally:
+        ended.set()
+        speaker.join()
+    assert efforts(0).min() >= 0.0  # the stranger's is negative
 
 
 def test_a_second_controller_ends_with_the_name_of_the_first_which_goes_on(
