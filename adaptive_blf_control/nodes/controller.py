@@ -10,6 +10,7 @@ goes on with the last one.
 from __future__ import annotations
 
 from functools import partial
+import math
 import time
 from typing import Any
 
@@ -96,7 +97,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.handover = handover
         self.hears_states = False
         self.heard_at: float | None = None
-        self._looked_at = self._answered_at = 0.0
+        self._looked_at = self._taken_at = self._sent_at = 0.0
+        self._quickest = math.inf  # from a state to its torque [s]
         self._configured = False
         super().__init__('controller', ControllerNodeSettings, context=context, **options)
 
@@ -246,7 +248,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
                 self.estimates.take(*estimate)
         stamp, q, qd, torque, _, info = sample
         refusal = self.states.too_old(sample) or self.motion.refuse(
-            stamp, q, qd, self.settings.state_timeout) or self.states.held_back(sample)
+            stamp, q, qd, self.settings.state_timeout)
         if refusal is not None:
             self.faults.refuse(refusal)
             return True  # it is the newest of its source: an older one is not answered instead
@@ -290,10 +292,14 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         return self.motion.controller is not None or self.commands.heard
 
     def _elapsed(self, info: dict[str, int]) -> float | None:
-        """Return the real time since the answer before [s]; None in lockstep."""
-        before, self._answered_at = self._answered_at, time.monotonic()
+        """Return the real time between the last torque and this one [s]; None in lockstep.
+
+        It is sent as long after now as the quickest was, or later: its rate holds on the topic,
+        however long this process was kept from sending the last one.
+        """
+        self._taken_at = time.monotonic()
         received = not self.lockstep and 'source_timestamp' in info
-        return self._answered_at - before if received else None
+        return self._taken_at + self._quickest - self._sent_at if received else None
 
     def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
                 controller: Controller, elapsed: float | None) -> ControlOutput:
@@ -302,6 +308,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self.motion.lost:  # the process was stopped while it computed
             return output
         self.commands.send(output.torque, stamp)
+        self._sent_at = time.monotonic()
+        self._quickest = min(self._quickest, self._sent_at - self._taken_at)
         self.monitors.publish_term(stamp, output)
         inside = self.monitors.watch(controller, stamp, output, self.theta)
         self.sampled(stamp)

@@ -22,7 +22,6 @@ from adaptive_blf_control.runtime.message_age import MessageAge
 __all__ = ['JointSample', 'StateInput']
 
 UNUSABLE = 'unusable joint state'
-TOO_OLD = 'joint state too old'
 
 
 class JointSample(NamedTuple):
@@ -61,7 +60,6 @@ class StateInput:
         self._reader = JointStateReader(joints)
         self._timeout = timeout
         self._age = MessageAge()
-        self._held_ns: int | None = None  # between stamp and sending, by two clocks
 
     def read(self, data: bytes, info: dict[str, int]) -> JointSample | Refusal:
         """Decode a message, or return why it is not one of this arm."""
@@ -83,18 +81,4 @@ class StateInput:
         if self._node.lockstep or not sent:
             return None
         age = self._age.of(sent, time.time_ns())
-        return None if age <= self._timeout() else Refusal(TOO_OLD, f'{age:.3g} s')
-
-    def held_back(self, sample: JointSample) -> Refusal | None:
-        """Refuse a sample that was sent later after its stamp than the one before it was.
-
-        Its publisher was stopped in between. A clock that goes slower than that of the system, or
-        another one, changes this by less from one sample to the next.
-        """
-        sent, before = sample.info.get('source_timestamp'), self._held_ns
-        if self._node.lockstep or not sent:
-            return None
-        self._held_ns = sent - sample.stamp
-        late = 0.0 if before is None else (self._held_ns - before) * 1e-9
-        return None if late <= self._timeout() else Refusal(
-            TOO_OLD, f'sent {late:.3g} s later after its stamp than the one before')
+        return None if age <= self._timeout() else Refusal('joint state too old', f'{age:.3g} s')

@@ -17,7 +17,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from adaptive_blf_control.messages.cdr import JointStateCodec
 from adaptive_blf_control.messages.command import read_command
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, JOINT_TRAJECTORY
 from adaptive_blf_control.nodes.controller import ControllerNode
@@ -100,25 +99,6 @@ def test_a_state_that_has_waited_is_not_answered_nor_is_an_older_one(driver, wai
     assert max(answered) <= last - 19 * 5 * 10**6  # one may have been taken before the pause
     wait_until(driver.push, 'the motion again')
     driver.check_rate()
-
-
-def test_a_state_that_was_held_back_between_its_stamp_and_its_sending_is_not_answered(
-        graph) -> None:
-    node = graph.make(ControllerNode, **TASK)
-    states, codec = node.states, JointStateCodec(['joint1', 'joint2'])
-
-    def refused(stamped: float, sent: float) -> str:
-        data = codec.encode(round(stamped * 1e9), *np.zeros((3, 2)))
-        sample = states.read(data, {'source_timestamp': round(sent * 1e9)})
-        refusal = states.held_back(sample)
-        return '' if refusal is None else refusal.detail
-
-    assert not refused(1.0, 100.0)  # by another clock
-    assert not refused(1.005, 100.006)
-    assert refused(1.010, 101.0) == 'sent 0.989 s later after its stamp than the one before'
-    assert not refused(1.990, 101.001)  # what its publisher samples once it goes on
-    for k in range(1, 100):  # a simulation at a tenth of real time
-        assert not refused(1.990 + 0.005 * k, 101.001 + 0.05 * k)
 
 
 def test_deactivation_is_heard_while_a_long_trajectory_is_checked(driver, wait_until) -> None:

@@ -51,7 +51,7 @@ TASK = {
     'reference__joint1__amplitude': [1.0], 'reference__joint1__frequency': [0.5],
     'reference__joint2__amplitude': [2.0], 'reference__joint2__frequency': [0.5],
     'reference__joint2__phase': [math.pi / 2.0],
-    'reference__smooth_start': 0.0, 'torque_rate_limit': [1e6],
+    'reference__smooth_start': 0.0, 'torque_rate_limit': [1e6], 'state_timeout': 5.0,
 }
 Q, QD = [0.01, 1.98], [0.4, -0.1]
 PARAMETERS = TwoLinkArm().parameters
@@ -286,7 +286,7 @@ def test_states_that_cannot_be_used_are_dropped_and_counted(rig) -> None:
 
 
 def test_one_wild_stamp_is_dropped_and_a_clock_that_stays_ahead_is_followed(rig) -> None:
-    rig = rig()
+    rig = rig(state_timeout=0.1)
     rig.answer(_state(0.0))
     rig.ignores(_state(5000.0), 'stamp jumps ahead')
     rig.answer(_state(1.0))
