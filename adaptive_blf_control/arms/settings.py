@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adaptive_blf_control.parameters.settings import group, parameter, Settings
+from adaptive_blf_control.parameters.declaration import group, parameter
+from adaptive_blf_control.parameters.settings import Settings
 
 __all__ = ['ArmSettings', 'FrictionSettings']
 

@@ -25,7 +25,7 @@ from adaptive_blf_control.arms.chain_regressors import (
     chain_Y12,
     ChainParameters,
 )
-from adaptive_blf_control.arms.joint_friction import finite_array, JointFriction
+from adaptive_blf_control.arms.joint_friction import finite_array, FRICTION_KINDS, JointFriction
 from adaptive_blf_control.arms.pseudo_inertia import pseudo_inertias
 from adaptive_blf_control.arms.urdf_dynamics import UrdfDynamics
 from adaptive_blf_control.arms.urdf_model import (
@@ -136,21 +136,14 @@ class UrdfArm(ClosedArm, instead={
         self.xml = read_urdf(source, package_dirs)
         model, self.joints = reduced_model(self.xml, joints)
         self._shape = (len(self.joints),)
-        if dimensions(gravity) != 1:
-            raise ParameterError('gravity', gravity, 'three finite numbers')
-        self.model = with_gravity(model, finite_array('gravity', gravity, 3))
+        self.model = with_gravity(model, _checked_gravity(gravity))
         self._order = JointOrder(self.model, self.joints)
         self._data = self.model.createData()
         self._set_limits()
         self.rotor = nominal_rotor(rotor, rotor_inertia, self.n)
         self._set_base_parameters(rotor_inertia)
-        nominal = nominal_friction(
-            {'viscous': (friction_viscous, viscous), 'coulomb': (friction_coulomb, coulomb),
-             'offset': (friction_offset, offset),
-             'square_root': (friction_square_root, square_root)}, self.model, self._order.rows)
-        self._friction = JointFriction(self.joints, nominal, coulomb_velocity)
+        self._set_friction()
         self.parameters = (*self._base_names, *self._friction.names)
-        self.dissipates = self._friction.dissipates
         self.nominal = np.concatenate([self.base_from_inertial(self.inertial, self.rotor),
                                        self._friction.nominal])
         self.payload_direction: np.ndarray | None = self._payload_direction()
@@ -302,6 +295,14 @@ class UrdfArm(ClosedArm, instead={
         self.torque_limit = _limit(model.effortLimit[rows])
         self.velocity_limit = _limit(model.velocityLimit[rows])
 
+    def _set_friction(self) -> None:
+        options = self._options
+        nominal = nominal_friction(
+            {kind: (options[f'friction_{kind}'], options[kind]) for kind in FRICTION_KINDS},
+            self.model, self._order.rows)
+        self._friction = JointFriction(self.joints, nominal, options['coulomb_velocity'])
+        self.dissipates = self._friction.dissipates
+
     def _set_base_parameters(self, rotors: bool) -> None:
         model, rows = self.model, self._order.rows
         count = PER_BODY * self.n
@@ -378,6 +379,12 @@ class UrdfArm(ClosedArm, instead={
             raise ArmError(f'theta has the shape {theta.shape}: expected {self.m} finite '
                            f'parameters ({self.base_count} base parameters and friction)')
         return theta
+
+
+def _checked_gravity(gravity: Any) -> np.ndarray:
+    if dimensions(gravity) != 1:
+        raise ParameterError('gravity', gravity, 'three finite numbers')
+    return finite_array('gravity', gravity, 3)
 
 
 def _limit(value: np.ndarray) -> np.ndarray:

@@ -87,53 +87,67 @@ def cases(config: Path, seeds: tuple[int, ...], scenes: int) -> Iterator[Case]:
         seeds: Where something is random.
         scenes: Number of random scenes.
     """
-    def always(*parts: Mapping[str, Any]) -> Callable[[int], Mapping[str, Any]]:
-        return lambda seed: {name: value for part in parts for name, value in part.items()}
-
     def wrong(seed: int) -> Mapping[str, Any]:
         return _wrong_masses(config, seed)
 
     for arm in _PUSHED:
-        for name, speed, there in (('reference x 1', 1.0, _FREE), ('reference x 3', 3.0, _FREE),
-                                   ('x 1, sphere and table', 1.0, {}),
-                                   ('x 2, sphere and table', 2.0, {})):
-            yield Case(name, arm, 'law alone', always(there, NO_FILTER), speed)
-            if arm == 'Panda' and speed == 1.0:
-                yield Case(name, arm, 'filter', always(there, _ALONE), speed)
-            yield Case(name, arm, _BOTH, always(there), speed)
-            if speed < 3.0 and there is not _FREE:
-                yield Case(name, arm, _BOTH, always(there), speed, 'mujoco')
-        for error, payload in ((0.2, 1.0), (0.3, 3.0)):
-            heavy = {f'{_LIMITS}.prior.mass_error': error, f'{_LIMITS}.prior.payload': payload,
-                     'arm_driver.payload': payload}
-            yield Case(f'x 2, prior of {100 * error:.0f} % and {payload:g} kg, which it carries',
-                       arm, _BOTH, always(_FREE, heavy), 2.0, tight=True)
-        link = _PUSHED[arm]
-        push = {**_PUSH, 'arm_driver.schedule.parameter': [
-            f'torque.{link}.{axis}' for axis in 'xyzxyz']}
-        for law, changes in (('law alone', NO_FILTER), (_BOTH, {})):
-            yield Case('x 1, sphere and table, push of 25 N m for 0.25 s', arm, law,
-                       always(push, changes))
-            yield Case('into a joint limit at full speed', arm, law, always(_FREE, changes),
-                       towards=1)
-            yield Case('sensors, noise and 4 ms, file of configure, sphere and table', arm, law,
-                       lambda seed, changes=changes: {  # type: ignore[misc]
-                           'arm_driver.sensors.seed': seed, **changes}, seeds=seeds, real=True)
+        yield from _arm_cases(arm, seeds)
     yield Case('masses 10 % off at random, sphere and table', 'Panda', _BOTH, wrong, seeds=seeds)
+    yield from _delay_cases()
+    yield from _scene_cases(config, tuple(range(scenes)))
+
+
+def _always(*parts: Mapping[str, Any]) -> Callable[[int], Mapping[str, Any]]:
+    return lambda seed: {name: value for part in parts for name, value in part.items()}
+
+
+def _push(arm: str) -> Mapping[str, Any]:
+    return {**_PUSH, 'arm_driver.schedule.parameter': [
+        f'torque.{_PUSHED[arm]}.{axis}' for axis in 'xyzxyz']}
+
+
+def _heavy(error: float, payload: float) -> Mapping[str, Any]:
+    return {f'{_LIMITS}.prior.mass_error': error, f'{_LIMITS}.prior.payload': payload,
+            'arm_driver.payload': payload}
+
+
+def _arm_cases(arm: str, seeds: tuple[int, ...]) -> Iterator[Case]:
+    for name, speed, there in (('reference x 1', 1.0, _FREE), ('reference x 3', 3.0, _FREE),
+                               ('x 1, sphere and table', 1.0, {}),
+                               ('x 2, sphere and table', 2.0, {})):
+        yield Case(name, arm, 'law alone', _always(there, NO_FILTER), speed)
+        if arm == 'Panda' and speed == 1.0:
+            yield Case(name, arm, 'filter', _always(there, _ALONE), speed)
+        yield Case(name, arm, _BOTH, _always(there), speed)
+        if speed < 3.0 and there is not _FREE:
+            yield Case(name, arm, _BOTH, _always(there), speed, 'mujoco')
+    for error, payload in ((0.2, 1.0), (0.3, 3.0)):
+        yield Case(f'x 2, prior of {100 * error:.0f} % and {payload:g} kg, which it carries',
+                   arm, _BOTH, _always(_FREE, _heavy(error, payload)), 2.0, tight=True)
+    for law, changes in (('law alone', NO_FILTER), (_BOTH, {})):
+        yield Case('x 1, sphere and table, push of 25 N m for 0.25 s', arm, law,
+                   _always(_push(arm), changes))
+        yield Case('into a joint limit at full speed', arm, law, _always(_FREE, changes),
+                   towards=1)
+        yield Case('sensors, noise and 4 ms, file of configure, sphere and table', arm, law,
+                   lambda seed, changes=changes: {  # type: ignore[misc]
+                       'arm_driver.sensors.seed': seed, **changes}, seeds=seeds, real=True)
+
+
+def _delay_cases() -> Iterator[Case]:
     exact: Mapping[str, Any] = {'controller.loop.delay': 0.0, 'arm_driver.actuator.delay': 0.0,
                                 f'{_LIMITS}.period': 0.0}
     yield Case('x 1, sphere and table, push of 25 N m for 0.25 s, no delay, held for 1 ms',
-               'Panda', _BOTH, always({**_PUSH, **exact, 'arm_driver.schedule.parameter': [
-                   f'torque.{_PUSHED["Panda"]}.{axis}' for axis in 'xyzxyz']}))
+               'Panda', _BOTH, _always(_push('Panda'), exact))
     yield Case('x 2, prior of 30 % and 3 kg, which it carries, no delay, held for 1 ms', 'Panda',
-               _BOTH, always(_FREE, exact, {f'{_LIMITS}.prior.mass_error': 0.3,
-                                            f'{_LIMITS}.prior.payload': 3.0,
-                                            'arm_driver.payload': 3.0}), 2.0, tight=True)
+               _BOTH, _always(_FREE, exact, _heavy(0.3, 3.0)), 2.0, tight=True)
     late = {'arm_driver.actuator.jitter': 0.001}
     for stated, told in (('1 ms', late), ('none', {**late, 'controller.loop.delay': 0.0})):
         yield Case(f'x 1, sphere and table, delay of 1 to 2 ms, {stated} stated', 'Panda', _BOTH,
-                   always(told))
-    numbers = tuple(range(scenes))
+                   _always(told))
+
+
+def _scene_cases(config: Path, numbers: tuple[int, ...]) -> Iterator[Case]:
     for law, changes in (('law alone', NO_FILTER), (_BOTH, {})):
         def scene(seed: int, changes: Mapping[str, Any] = changes) -> Mapping[str, Any]:
             return {**random_scene(config, seed), **changes}

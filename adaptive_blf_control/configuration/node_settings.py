@@ -12,7 +12,8 @@ from adaptive_blf_control.control.limit_settings import PriorSettings
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.identification.settings import IdentifierSettings, PayloadSettings
 from adaptive_blf_control.messages.topics import RECORDED
-from adaptive_blf_control.parameters.settings import group, parameter, Settings
+from adaptive_blf_control.parameters.declaration import group, parameter
+from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.parameters.table import Table
 from adaptive_blf_control.simulation.settings import PlantSettings, WatchdogSettings
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from adaptive_blf_control.parameters.settings import parameter, Settings
+from adaptive_blf_control.parameters.declaration import parameter
+from adaptive_blf_control.parameters.settings import Settings
 
 __all__ = ['LoopSettings']
 

@@ -11,8 +11,8 @@ from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.parameters.plugin import load_plugin, made
 
-__all__ = ['OwnConstraints', 'PerformanceConstraint', 'SafetyConstraint', 'made_constraint',
-           'several_constraints']
+__all__ = ['OwnConstraint', 'OwnConstraints', 'PerformanceConstraint', 'SafetyConstraint',
+           'made_constraint', 'several_constraints']
 
 OwnConstraint = Constraint | type[Constraint] | str
 OwnConstraints = OwnConstraint | Sequence[OwnConstraint]

@@ -12,14 +12,9 @@ import numpy as np
 from adaptive_blf_control.control.limit_settings import LimitSettings
 from adaptive_blf_control.control.loop_settings import LoopSettings
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.declaration import group, group_per_joint, parameter
 from adaptive_blf_control.parameters.plugin import is_plugin
-from adaptive_blf_control.parameters.settings import (
-    group,
-    group_per_joint,
-    listed,
-    parameter,
-    Settings,
-)
+from adaptive_blf_control.parameters.settings import listed, Settings
 
 __all__ = ['COUPLINGS', 'INTERIOR', 'LAWS', 'SAFETY_FILTERS', 'ControllerSettings',
            'PerformanceSettings', 'ReferenceSettings', 'SafetySettings', 'SinusoidSettings',

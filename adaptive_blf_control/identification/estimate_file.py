@@ -17,7 +17,7 @@ import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.given_parameters import load_estimate, theta_of
-from adaptive_blf_control.identification.identifier import Snapshot
+from adaptive_blf_control.identification.knowledge import Snapshot
 
 __all__ = ['estimate_path', 'recent_estimate', 'write_estimate', 'write_text']
 

@@ -3,78 +3,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-import os
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm
-from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
 from adaptive_blf_control.arrays import (
     are_vectors,
     checked_array,
     checked_number,
     checked_vectors,
-    joint_places,
 )
 from adaptive_blf_control.calls import checked_call, without_argument
-from adaptive_blf_control.errors import LogError, ParameterError
-from adaptive_blf_control.identification.change_monitor import (
-    ChangeMonitor,
-    ExternalTorque,
-    ResidualMonitor,
-)
-from adaptive_blf_control.identification.change_response import (
-    ALARMS,
-    CONTACTS,
-    LOADS,
-    STATE,
-    STATES,
-)
-from adaptive_blf_control.identification.determination import undetermined
+from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.change_monitor import ChangeMonitor
 from adaptive_blf_control.identification.given_parameters import given_parameters, values_of
+from adaptive_blf_control.identification.knowledge import Knowledge
 from adaptive_blf_control.identification.parts import AnyHistory, named, PartMaker
 from adaptive_blf_control.identification.running_parts import RunningParts
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.state_filter import StateFilter
-from adaptive_blf_control.identification.step import (
-    AGE,
-    CHANGES,
-    IdentifierState,
-    NOT_FINITE,
-    REPEATED,
-    RESTARTS,
-    TOO_LARGE,
-    UPDATES,
-    WENT_BACK,
-)
-from adaptive_blf_control.identification.torque_filter import FilteredPair
 from adaptive_blf_control.identification.update_laws import UpdateLaw
-from adaptive_blf_control.parameters.guided import Guided
+from adaptive_blf_control.identification.whole_log import log_arrays
 
-__all__ = ['BLOCK', 'Identifier', 'IdentifierSettings', 'LearnedBlock', 'Snapshot']
-
-_DROPPED = {'not finite': NOT_FINITE, 'too large': TOO_LARGE, 'stamp repeated': REPEATED,
-            'stamp went back': WENT_BACK}
-
-
-class Snapshot(NamedTuple):
-    """What the identifier knew at one sample; nothing of it changes later.
-
-    Attributes:
-        parameters: Names of the parameters.
-        theta: θ̂, shape (m,).
-        rank: Rank of the history stack.
-        sigma_min: Its σ_min.
-        insertions: Number of pairs it had taken.
-    """
-
-    parameters: tuple[str, ...]
-    theta: np.ndarray
-    rank: int
-    sigma_min: float
-    insertions: int
+__all__ = ['BLOCK', 'Identifier', 'IdentifierSettings', 'LearnedBlock']
 
 
 class LearnedBlock(NamedTuple):
@@ -97,33 +50,9 @@ BLOCK = 64
 """Samples of a log that are taken between two returns to Python."""
 
 
-class Identifier(Guided, settings=IdentifierSettings, instead={
-        'theta_hat': 'theta is the estimate, estimate has it by name',
-        'parameters': 'arm.parameters has their names, estimate their values by name',
-        'joints': 'arm.joints has their names',
-        'sigma_min': 'stack.sigma_min',
-        'history': 'stack has the recorded pairs; settings.history has its settings, '
-                   'retune(history=...) changes them',
-        **dict.fromkeys(('pairs', 'n_pairs', 'recorded'),
-                        'stack.regressors and stack.torques, of which stack.count are recorded; '
-                        'pair is the present one'),
-        **dict.fromkeys(('rmse', 'score', 'residual', 'residuals', 'test_rmse', 'train_rmse'),
-                        'identify(log, arm=...) predicts what it has not learned from: its result '
-                        'has test_rmse and prediction'),
-        **dict.fromkeys(('plot', 'show', 'draw'), 'matplotlib draws arrays; identify(log, '
-                        'arm=...).prediction has measured and predicted torques'),
+class Identifier(Knowledge, settings=IdentifierSettings, instead={
         'reset': 'reset_history empties the history, restart restarts the filters; an Identifier '
                  'that knows nothing is a new one',
-        **dict.fromkeys(('std', 'covariance', 'uncertainty', 'confidence'),
-                        'identify(log, arm=...) tells it of a log: its result has std and '
-                        'uncertainty'),
-        **dict.fromkeys(('condition', 'condition_number', 'cond'),
-                        "stack.sigma_min; of a log identify(log, arm=...).figures['condition']"),
-        **dict.fromkeys(('converged', 'is_converged', 'identified', 'done', 'complete'),
-                        'rank == arm.m where the data determine every parameter, undetermined '
-                        'names the others'),
-        **dict.fromkeys(('urdf', 'to_urdf', 'consistent'),
-                        'identify(log, urdf) returns what has urdf() and consistent'),
         **dict.fromkeys(('publish', 'subscribe', 'spin'),
                         '`python -m adaptive_blf_control identifier` is the node'),
         **dict.fromkeys(('from_yaml', 'from_file', 'from_config'),
@@ -172,7 +101,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             ParameterError: a setting is not known, cannot be used or does not fit the arm, or a
                 part lacks what its protocol asks for.
         """
-        self.arm = checked_arm('arm', arm)
+        checked_arm('arm', arm)
         if settings is None:
             usual = IdentifierSettings()
             settings = usual.replace(**{'history.size': max(usual.history.size, 2 * arm.m)})
@@ -186,8 +115,7 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             'identifier.initial_estimate', settings.initial_estimate, arm))
         self._settings = settings.resolved(joints=arm.n, parameters=arm.m)
         self._given = given
-        self._parts = RunningParts(PartMaker(arm, given), self._settings)
-        self._theta, self._theta_updates = self._parts.state.learner.theta.copy(), 0
+        super().__init__(arm, RunningParts(PartMaker(arm, given), self._settings))
         self._n = (arm.n,)
         self._no_term = np.zeros(arm.m)
 
@@ -222,12 +150,6 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
         self._parts.retune(settings)
         self._settings = settings
 
-    def snapshot(self) -> Snapshot:
-        """Return what :func:`write_estimate` writes, to be used in any thread."""
-        stack = self.stack
-        return Snapshot(self.arm.parameters, self.theta, stack.rank, stack.sigma_min,
-                        stack.insertions)
-
     def warm_up(self, log: bool = False) -> None:
         """Compile everything that runs, or may be switched on, on a throw-away identifier.
 
@@ -250,152 +172,6 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             return
         for k in range(count):
             spare.update(t[k], *samples[:, k])
-
-    def __repr__(self) -> str:
-        """Show what has been learned."""
-        dropped = sum(self.dropped.values())
-        most = self.stack.size * self.arm.n
-        return (f'<Identifier of {self.arm!r}: rank {self.rank} of {self.arm.m}, '
-                f'{self.stack.count} of {self.stack.size} pairs'
-                + (f', too few for more than rank {most}' if most < self.arm.m else '')
-                + (f', {dropped} samples dropped' if dropped else '')
-                + (f', {self.restarts} restarts of the filter' if self.restarts > 1 else '') + '>')
-
-    # -- what has been learned ------------------------------------------------------------------
-
-    @property
-    def theta(self) -> np.ndarray:
-        """θ̂, shape (m,); replaced by another array with every step, never changed in place."""
-        updates = int(self._parts.state.pair.counts[UPDATES])
-        if updates != self._theta_updates:
-            self._theta, self._theta_updates = self._parts.state.learner.theta.copy(), updates
-        return self._theta
-
-    @property
-    def estimate(self) -> dict[str, float]:
-        """θ̂ by parameter name."""
-        return dict(zip(self.arm.parameters, self.theta.tolist()))
-
-    @property
-    def stack(self) -> AnyHistory:
-        """The recorded pairs, with ``rank`` and ``sigma_min``."""
-        return self._parts.history
-
-    @property
-    def rank(self) -> int:
-        """Rank of the history stack; θ̂ converges once it is m (Theorem 1)."""
-        return self.stack.rank
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """Names of the parameters that the recorded pairs do not determine; see `undetermined`."""
-        return undetermined(self.stack.gram, self.arm.parameters, rank=self.rank)
-
-    @checked_call
-    def predict(self, q: Any, qd: Any, qdd: Any) -> np.ndarray:
-        """Return the torque of a motion under θ̂, shape like ``q`` [N·m].
-
-        Where q̈ is not measured, ``identify(log, arm).prediction`` compares filtered torques.
-
-        Args:
-            q: Positions, shape (n,) or (N, n) [rad]; of one joint also (N,), or a number.
-            qd: Velocities, likewise [rad/s].
-            qdd: Accelerations, likewise [rad/s²].
-
-        Raises:
-            ParameterError: an array has another shape.
-        """
-        return inverse_dynamics(self.arm, self.theta, q, qd, qdd)
-
-    # -- how it is learned ----------------------------------------------------------------------
-
-    @property
-    def pair(self) -> FilteredPair:
-        """A copy of the present filtered regressor (n, m) and torque (n,) [N·m]."""
-        present = self._parts.state.pair.filter
-        return FilteredPair(present.regressor.copy(), present.torque.copy())
-
-    @property
-    def memory(self) -> float:
-        """How long the filters remember a sample [s]."""
-        return self._parts.memory
-
-    @property
-    def settled(self) -> bool:
-        """Whether the filters have forgotten their start (see ``settings.filter.settle``)."""
-        pair = self._parts.state.pair
-        return bool(pair.clock[AGE] >= pair.settling)
-
-    @property
-    def updates(self) -> int:
-        """How many samples have advanced θ̂: neither dropped nor the first after a restart."""
-        return int(self._parts.state.pair.counts[UPDATES])
-
-    @property
-    def restarts(self) -> int:
-        """How often the filters restarted after a gap or a clock jump; the first start counts."""
-        return int(self._parts.state.pair.counts[RESTARTS])
-
-    @property
-    def dropped(self) -> dict[str, int]:
-        """Samples not used, by reason.
-
-        ``not finite``, ``too large`` (the filters then restart), ``stamp repeated`` and
-        ``stamp went back``.
-        """
-        counts = self._parts.state.pair.counts
-        return {reason: int(counts[index]) for reason, index in _DROPPED.items()}
-
-    @property
-    def monitor(self) -> ChangeMonitor:
-        """What finds that the recorded pairs contradict present data."""
-        return self._parts.monitor
-
-    @property
-    def changes(self) -> int:
-        """How often the arm was found to be another one, so that the history was emptied."""
-        return int(self._parts.state.pair.counts[CHANGES])
-
-    @property
-    def response(self) -> str:
-        """What is being done about a contradiction, one of `STATES`; see `change_response`."""
-        return STATES[self._parts.response.counts[STATE]]
-
-    @property
-    def found(self) -> dict[str, int]:
-        """How often the recorded pairs were contradicted, and what the reason was found to be.
-
-        ``alarms`` with `ChangeSettings.suspicion` only, ``contacts``, ``loads``, and ``changes``
-        of the arm after which the history was emptied.
-        """
-        counts = self._parts.response.counts
-        return {'alarms': int(counts[ALARMS]), 'contacts': int(counts[CONTACTS]),
-                'loads': int(counts[LOADS]), 'changes': self.changes}
-
-    @property
-    def external_torque(self) -> ExternalTorque | None:
-        """What is measured beyond what the recorded pairs predict; None with a plug-in monitor."""
-        monitor = self._parts.monitor
-        return monitor.external_torque if isinstance(monitor, ResidualMonitor) else None
-
-    @property
-    def artificial_noise(self) -> bool:
-        """Whether θ̂ is learned from pairs with artificial noise (Remark 3), which biases it."""
-        return self._parts.artificial_noise
-
-    @property
-    def excitation(self) -> float | None:
-        """Persistence-of-excitation index γ of (21); None where switched off."""
-        return self._parts.excitation.index
-
-    @property
-    def state(self) -> IdentifierState | None:
-        """What `identifier_step` takes beside `arm_arrays`; None where a part is in Python.
-
-        The identifier shares the arrays: it knows what a step has done. Another one is there
-        after a retune and after :meth:`reset_history`.
-        """
-        return self._parts.state if self._parts.compiled else None
 
     def restart(self) -> None:
         """Restart the filters with the next sample; θ̂ and the stack stay."""
@@ -475,7 +251,10 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             LogError: the joints of the log have other names than those of the arm.
         """
         if q is None and qd is None and tau is None:
-            t, q, qd, tau = _of_log(t, self.arm.joints)
+            log = log_arrays(t, self.arm.joints)
+            if log is None:
+                raise without_argument(Identifier.learn, 'q')
+            t, q, qd, tau = log
         for name, value in (('q', q), ('qd', qd), ('tau', tau)):
             if value is None:
                 raise without_argument(Identifier.learn, name)
@@ -524,53 +303,3 @@ class Identifier(Guided, settings=IdentifierSettings, instead={
             self._parts.take_all(times[some], q[some], qd[some], tau[some], self._no_term,
                                  chosen[some], block.rows, block.usable, block.recorded)
             yield block
-
-
-def _of_log(log: Any, joints: Sequence[str]) -> tuple[Any, Any, Any, Any]:
-    """Return t, q, qd and tau of a log that is given as a whole.
-
-    Args:
-        log: A mapping, or an object with these attributes; one that knows the names of its joints
-            has ``of_joints`` as well, which puts them in another order.
-        joints: Joints of the arm.
-
-    Raises:
-        ParameterError: it is none.
-        LogError: its joints have other names.
-    """
-    names = ('t', 'q', 'qd', 'tau')
-    measured: Any = getattr(log, 'measured', None)
-    if hasattr(measured, 'torque') and hasattr(log, 't'):  # a run of a simulation
-        log = {'t': log.t, 'q': measured.q, 'qd': measured.qd, 'tau': measured.torque,
-               'joints': getattr(log, 'joints', joints)}
-    if isinstance(log, Mapping) and all(name in log for name in names):
-        t, q, qd, tau = (log[name] for name in names)
-        return t, *_in_order(log.get('joints'), joints, q, qd, tau)
-    if hasattr(log, 'of_joints'):
-        log = log.of_joints(joints)
-    if all(hasattr(log, name) for name in names):
-        return log.t, log.q, log.qd, log.tau
-    if isinstance(log, (Mapping, str, os.PathLike)) or hasattr(log, 'columns'):
-        raise ParameterError('t', log, 'learn(t, q, qd, tau), or a log with these four: '
-                             'learn(read_log(...)) takes a file, a table or other names')
-    raise without_argument(Identifier.learn, 'q')
-
-
-def _in_order(stored: Any, joints: Sequence[str], *values: Any) -> tuple[Any, ...]:
-    """Return columns, shape (N, n) each, in the order of an arm's joints.
-
-    Args:
-        stored: Names of the columns; in order where there are none.
-        joints: Joints of the arm.
-        values: Arrays with these columns.
-
-    Raises:
-        LogError: no column has the name of a joint.
-    """
-    known = [] if stored is None else [str(name) for name in np.atleast_1d(stored)]
-    if known in ([], list(joints)):
-        return values
-    places = joint_places(joints, known)
-    if places is None:
-        raise LogError(f'the log is of {", ".join(known)}, the arm has {", ".join(joints)}')
-    return tuple(np.asarray(each)[:, places] for each in values)

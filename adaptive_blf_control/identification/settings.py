@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.declaration import group, parameter
 from adaptive_blf_control.parameters.plugin import NamesIn
-from adaptive_blf_control.parameters.settings import group, listed, parameter, Settings
+from adaptive_blf_control.parameters.settings import listed, Settings
 from adaptive_blf_control.parameters.table import NOMINAL
 
 __all__ = ['ChangeSettings', 'ExcitationSettings', 'FilterSettings', 'HistorySettings',

@@ -17,12 +17,8 @@ from adaptive_blf_control.limits.acceleration_error import (
 )
 from adaptive_blf_control.limits.link_spheres import LinkSpheres
 from adaptive_blf_control.limits.obstacles import Obstacles
-from adaptive_blf_control.limits.stop_path import (
-    held_by_limits,
-    kept_to,
-    stop_clearances,
-    stop_path,
-)
+from adaptive_blf_control.limits.stop_clearance import stop_clearances
+from adaptive_blf_control.limits.stop_path import held_by_limits, kept_to, stop_path
 from adaptive_blf_control.linear_algebra import inverse, product
 
 __all__ = ['clear', 'FilterParts', 'JointLimits', 'left_free', 'Moment', 'passes', 'posture_of',

@@ -38,7 +38,7 @@ from adaptive_blf_control.limits.filter_look import (
     stopped,
 )
 from adaptive_blf_control.limits.quadratic_program import solve
-from adaptive_blf_control.limits.stop_path import FAR
+from adaptive_blf_control.limits.stop_clearance import FAR
 from adaptive_blf_control.limits.viability import acceleration_bounds
 from adaptive_blf_control.linear_algebra import product
 

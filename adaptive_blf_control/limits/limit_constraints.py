@@ -7,7 +7,7 @@ import numpy as np
 
 from adaptive_blf_control.control.constraints import Bounded, MotionState
 from adaptive_blf_control.limits.filter_look import Scene
-from adaptive_blf_control.limits.stop_path import least_clearance
+from adaptive_blf_control.limits.stop_clearance import least_clearance
 
 __all__ = ['ClearanceConstraint', 'FARTHEST', 'VelocityConstraint']
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from adaptive_blf_control.control.constraints import MarginName
-from adaptive_blf_control.control.controller import ControlOutput
+from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.guarantee import Guarantee
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import BARRIER, REFERENCE, RESERVE, TRACKING_ERROR

@@ -7,7 +7,8 @@ import numpy as np
 
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.constraints import MarginName
-from adaptive_blf_control.control.controller import Controller, ControlOutput
+from adaptive_blf_control.control.control_output import ControlOutput
+from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
 from adaptive_blf_control.control.safety_filter import complaint_of
 from adaptive_blf_control.errors import BlfError

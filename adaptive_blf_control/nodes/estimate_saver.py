@@ -19,7 +19,7 @@ from adaptive_blf_control.identification.estimate_file import (
     recent_estimate,
     write_estimate,
 )
-from adaptive_blf_control.identification.identifier import Snapshot
+from adaptive_blf_control.identification.knowledge import Snapshot
 from adaptive_blf_control.runtime.data_node import DataNode
 
 __all__ = ['EstimateSaver', 'file_of', 'resumed_estimate']

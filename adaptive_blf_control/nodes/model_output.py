@@ -32,7 +32,8 @@ from adaptive_blf_control.identification.estimate_file import (
     write_estimate,
     write_text,
 )
-from adaptive_blf_control.identification.identifier import Identifier, Snapshot
+from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.knowledge import Snapshot
 from adaptive_blf_control.identification.pair_times import PairTimes, RecordedHistory
 from adaptive_blf_control.identification.uncertainty import uncertainty
 from adaptive_blf_control.messages.joint_state import JointStateCodec

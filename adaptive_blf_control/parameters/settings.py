@@ -14,12 +14,11 @@ Two settings are equal where all their values are; arrays in them cannot be writ
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 import dataclasses
-from dataclasses import dataclass, field
-import functools
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar, get_type_hints, TYPE_CHECKING, TypeVar
+from typing import Any, ClassVar, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from adaptive_blf_control.errors import (
     UnknownParameter,
     without_attribute,
 )
+from adaptive_blf_control.parameters.declaration import declared, GROUP, is_usual, PER_JOINT
 from adaptive_blf_control.parameters.table import (
     bounds_of,
     broadcast,
@@ -37,56 +37,13 @@ from adaptive_blf_control.parameters.table import (
     Parameter,
     plain,
     Table,
-    Value,
     value_problem,
 )
 from adaptive_blf_control.spelling import setting
 
-__all__ = ['Settings', 'changed_names', 'group', 'group_per_joint', 'listed', 'parameter']
+__all__ = ['Settings', 'changed_names', 'listed']
 
-_DECLARATION, _GROUP, _PER_JOINT = 'declaration', 'group', 'group per joint'
-_KINDS: dict[Any, str] = {bool: 'bool', int: 'int', float: 'double', str: 'string',
-                          np.ndarray: 'double_array', np.ndarray | str: 'double_array',
-                          tuple[str, ...]: 'string_array'}
 _Self = TypeVar('_Self', bound='Settings')
-
-
-def parameter(default: Value, description: str, unit: str = '', minimum: float | None = None,
-              maximum: float | None = None, *, exclusive: bool = False,
-              length: str | int | None = None, choices: Collection[str] = (),
-              live: bool = False, plugin: bool = False, source: bool = False) -> Any:
-    """Declare a field of a settings class as a parameter.
-
-    Args:
-        default: Value when nothing is given, a list for an array.
-        description: One sentence for ``ros2 param describe`` and the docs.
-        unit: SI unit, '' where there is none.
-        minimum: Smallest accepted value of a number or of every array element.
-        maximum: Largest accepted value.
-        exclusive: Whether ``minimum`` itself is refused.
-        length: 'joints' or 'parameters' for arrays of length n or m, where one element stands for
-            all; an int for a fixed length; None for any.
-        choices: Accepted strings.
-        live: Whether it can be changed while a node runs.
-        plugin: Whether ``module:name`` is accepted beside the choices.
-        source: Whether ``nominal`` or a YAML file of an estimate is accepted beside a list; the
-            field then is ``np.ndarray | str``.
-    """
-    declaration = Parameter('', '', default, description, unit, minimum, maximum, exclusive,
-                            length, choices, not live, plugin, source)
-    if isinstance(default, list):
-        return field(default_factory=lambda: default, metadata={_DECLARATION: declaration})
-    return field(default=default, metadata={_DECLARATION: declaration})
-
-
-def group(kind: type[Settings], **defaults: Any) -> Any:
-    """Declare a field as a nested group of parameters, where given with other defaults."""
-    return field(default_factory=functools.partial(kind, **defaults), metadata={_GROUP: kind})
-
-
-def group_per_joint(kind: type[Settings]) -> Any:
-    """Declare a field as a mapping from joint names to groups; in names it is ``<joint>``."""
-    return field(default_factory=dict, metadata={_PER_JOINT: kind})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -150,15 +107,15 @@ class Settings(metaclass=TypeWithHints):
 
     def _usable(self, item: dataclasses.Field[Any], value: Any) -> Any:
         name = f'{self._where}.{item.name}'.lstrip('.')
-        if _GROUP in item.metadata:
-            return _as_group(item.metadata[_GROUP], value, name)
-        if _PER_JOINT in item.metadata:
-            kind = item.metadata[_PER_JOINT]
+        if GROUP in item.metadata:
+            return _as_group(item.metadata[GROUP], value, name)
+        if PER_JOINT in item.metadata:
+            kind = item.metadata[PER_JOINT]
             if not isinstance(value, Mapping):
                 raise ParameterError(name, value, f'a mapping from joints to {kind.__name__}')
             return MappingProxyType({str(joint): _as_group(kind, each, f'{name}.{joint}')
                                      for joint, each in value.items()})
-        row = _declared(type(self))[item.name]
+        row = self._declarations()[item.name]
         given, value = value, plain(row.kind, value)
         problem = value_problem(row, value, {})
         if problem:
@@ -166,6 +123,10 @@ class Settings(metaclass=TypeWithHints):
         if row.kind == 'double_array' and not isinstance(value, str):
             return _frozen(np.array(value, dtype=float))
         return tuple(value) if row.is_array and not isinstance(value, str) else value
+
+    @classmethod
+    def _declarations(cls) -> dict[str, Parameter]:
+        return declared(cls, cls._where)
 
     @classmethod
     def table(cls) -> Table:
@@ -179,18 +140,18 @@ class Settings(metaclass=TypeWithHints):
         """Build from values by parameter name; what is not given has its default."""
         arguments: dict[str, Any] = {}
         for item in dataclasses.fields(cls):
-            kind = item.metadata.get(_GROUP)
+            kind = item.metadata.get(GROUP)
             if kind is not None:
                 inner = _below(f'{item.name}.', values)
                 if inner:
                     given = dict(_default(item).values(), **inner)
                     arguments[item.name] = kind.from_values(given)
-            elif _PER_JOINT in item.metadata:
+            elif PER_JOINT in item.metadata:
                 single = {other.name for other in dataclasses.fields(cls)}
                 joints = dict.fromkeys(name.rpartition('.')[0] for name in values
                                        if '.' in name and name.partition('.')[0] not in single)
                 arguments[item.name] = {
-                    joint: item.metadata[_PER_JOINT].from_values(_below(f'{joint}.', values))
+                    joint: item.metadata[PER_JOINT].from_values(_below(f'{joint}.', values))
                     for joint in joints}
             elif item.name in values:
                 arguments[item.name] = values[item.name]
@@ -271,11 +232,11 @@ class Settings(metaclass=TypeWithHints):
     @classmethod
     def _flat(cls, nested: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
         fields = {item.name: item.metadata for item in dataclasses.fields(cls)}
-        of_joint = next((data[_PER_JOINT] for data in fields.values() if _PER_JOINT in data), None)
+        of_joint = next((data[PER_JOINT] for data in fields.values() if PER_JOINT in data), None)
         for name, value in nested.items():
             metadata: Mapping[Any, Any] = fields.get(name, {})
-            kind = metadata.get(_GROUP, None if name in fields else of_joint)
-            if isinstance(value, Mapping) and _PER_JOINT in metadata:
+            kind = metadata.get(GROUP, None if name in fields else of_joint)
+            if isinstance(value, Mapping) and PER_JOINT in metadata:
                 yield from cls._flat(value)
             elif isinstance(value, Settings):
                 yield from ((f'{name}.{inner}', each) for inner, each in value.values().items())
@@ -296,7 +257,7 @@ class Settings(metaclass=TypeWithHints):
             if isinstance(value, Settings):
                 full[item.name] = value.resolved(**sizes)
             elif isinstance(value, np.ndarray):
-                row = _declared(type(self))[item.name]
+                row = self._declarations()[item.name]
                 problem = value_problem(row, value.tolist(), sizes)
                 if problem:
                     raise ParameterError(row.name, value.tolist(), problem)
@@ -315,8 +276,8 @@ class Settings(metaclass=TypeWithHints):
             value = getattr(self, item.name)
             if isinstance(value, Settings):
                 short[item.name] = value._of_any_arm()
-            elif isinstance(value, np.ndarray) and value.size > 1 and _is_usual(
-                    _declared(type(self))[item.name], value):
+            elif isinstance(value, np.ndarray) and value.size > 1 and is_usual(
+                    self._declarations()[item.name], value):
                 short[item.name] = value[:1]
         other = {name: value for name, value in short.items() if value is not getattr(self, name)}
         return dataclasses.replace(self, **other) if other else self
@@ -378,26 +339,6 @@ def changed_names(before: Settings, after: Settings) -> set[str]:
             if name not in old or old[name] != value}
 
 
-def _declared(cls: type[Settings]) -> dict[str, Parameter]:
-    """Return the declaration of each field of a class, its kind read from its annotation once."""
-    if '_declared' in cls.__dict__:
-        return cls.__dict__['_declared']  # type: ignore[no-any-return]
-    hints = get_type_hints(cls)
-    rows = {item.name: dataclasses.replace(item.metadata[_DECLARATION],
-                                           name=f'{cls._where}.{item.name}'.lstrip('.'),
-                                           kind=_KINDS[hints[item.name]])
-            for item in dataclasses.fields(cls) if _DECLARATION in item.metadata}
-    type.__setattr__(cls, '_declared', rows)
-    return rows
-
-
-def _is_usual(row: Parameter, value: np.ndarray) -> bool:
-    """Return whether all elements of an array are its default, which is one for all."""
-    usual = row.default
-    return isinstance(usual, list) and len(usual) == 1 and bool(
-        value.size and (value == usual).all())
-
-
 def _default(group_field: dataclasses.Field[Any]) -> Settings:
     """Return the default of a field that is a group."""
     make: Any = group_field.default_factory
@@ -407,14 +348,14 @@ def _default(group_field: dataclasses.Field[Any]) -> Settings:
 def _rows(cls: type[Settings], usual: Settings, prefix: str) -> Iterator[Parameter]:
     values = usual.values()
     for item in dataclasses.fields(cls):
-        if _GROUP in item.metadata:
-            yield from _rows(item.metadata[_GROUP], getattr(usual, item.name),
+        if GROUP in item.metadata:
+            yield from _rows(item.metadata[GROUP], getattr(usual, item.name),
                              f'{prefix}{item.name}.')
-        elif _PER_JOINT in item.metadata:
-            kind = item.metadata[_PER_JOINT]
+        elif PER_JOINT in item.metadata:
+            kind = item.metadata[PER_JOINT]
             yield from _rows(kind, kind(), f'{prefix}{JOINT}.')
         else:
-            yield dataclasses.replace(_declared(cls)[item.name], name=f'{prefix}{item.name}',
+            yield dataclasses.replace(cls._declarations()[item.name], name=f'{prefix}{item.name}',
                                       default=values[item.name])
 
 

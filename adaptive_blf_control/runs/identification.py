@@ -232,8 +232,7 @@ def identify(log: Log, urdf: UrdfSource | None = None,
              degrees: bool | None = None, gain: Mapping[str, float] | None = None,
              effort_delay: float | None = None, force: bool | None = None,
              options: LogOptions | None = None, settings: IdentifierSettings | None = None,
-             progress: Progress | None = None,
-             **changes: Any) -> Identification:
+             progress: Progress | None = None, **changes: Any) -> Identification:
     """Learn the parameters of a measured robot from its log, in one pass.
 
     The log is streamed through the identifier of the node: no look-ahead, one sample after the
@@ -287,7 +286,7 @@ def identify(log: Log, urdf: UrdfSource | None = None,
     sections = reader.sections(logs, others, train, test)
     result = learn(identifier, sections, progress)
     source = ', '.join(map(name_of, logs))
-    _check_used(result, subject.settings.filter, source, test == NO_TEST and validate is None)
+    _check_used(result, subject.settings.filter, source, test == NO_TEST and not others)
     return _judged(identifier, sections, result, source, reader)
 
 

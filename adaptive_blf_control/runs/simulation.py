@@ -267,19 +267,10 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
         ArmError: the arm cannot be built.
         BagError: the bag cannot be written.
     """
-    if isinstance(reference, (Mapping, Settings)):
-        changes['reference'], reference = reference, None
-    if isinstance(plant, (Mapping, Settings)):
-        raise ParameterError('plant', plant, "a plant, a class of plants, or a name such as "
-                             "'mujoco'; parameters of the simulated arm are given by name, "
-                             'payload=2.0, or as arm_driver={...}')
+    own = OwnParts(law=law, update_law=update_law, constraints=constraints,
+                   **_objects(plant, sensor, reference, changes))
     if schedule is not None:
         changes['arm_driver.schedule'] = schedule_columns(schedule)
-    if isinstance(plant, str):
-        changes['arm_driver.plant'], plant = plant, None
-    if isinstance(sensor, str):
-        changes['arm_driver.sensors.model'], sensor = sensor, None
-    own = OwnParts(None, plant, sensor, law, update_law, constraints, reference)
     try:
         ready = joined(scenario, own, changes)
     except UnknownParameter as error:  # may also be meant for an argument
@@ -291,6 +282,25 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
     with nullcontext() if bag is None else _bag_of(bag, ready) as writer:
         trace = loop.run(length, _both(observer, writer))
     return Simulation(**vars(trace), loop=loop, notes=ready.notes)
+
+
+def _objects(plant: Any, sensor: Any, reference: Any, changes: dict[str, Any]) -> dict[str, Any]:
+    """Return the parts that are objects or classes; what names or describes one is a change.
+
+    Raises:
+        ParameterError: settings are given for the plant.
+    """
+    if isinstance(plant, (Mapping, Settings)):
+        raise ParameterError('plant', plant, "a plant, a class of plants, or a name such as "
+                             "'mujoco'; parameters of the simulated arm are given by name, "
+                             'payload=2.0, or as arm_driver={...}')
+    if isinstance(reference, (Mapping, Settings)):
+        changes['reference'], reference = reference, None
+    if isinstance(plant, str):
+        changes['arm_driver.plant'], plant = plant, None
+    if isinstance(sensor, str):
+        changes['arm_driver.sensors.model'], sensor = sensor, None
+    return {'plant': plant, 'sensor': sensor, 'reference': reference}
 
 
 def _bag_of(bag: Any, ready: Joined) -> BagObserver:

@@ -12,7 +12,8 @@ import numpy as np
 from adaptive_blf_control.arms.regressors import arrays_of
 from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.control.constraints import MotionState
-from adaptive_blf_control.control.controller import Controller, ControlOutput
+from adaptive_blf_control.control.control_output import ControlOutput
+from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.reference import along, ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.control.step import new_answer

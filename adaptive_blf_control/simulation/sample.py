@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.control.controller import ControlOutput
+from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.identification.change_monitor import ExternalTorque
 from adaptive_blf_control.simulation.sensors import Measurement
 

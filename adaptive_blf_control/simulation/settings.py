@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adaptive_blf_control.parameters import settings as declare
-from adaptive_blf_control.parameters.settings import group, parameter, Settings
+from adaptive_blf_control.parameters import declaration as declare
+from adaptive_blf_control.parameters.declaration import group, parameter
+from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.simulation.mujoco.settings import MujocoSettings
 
 __all__ = ['ActuatorSettings', 'PlantSettings', 'ScheduleSettings', 'SensorSettings',

@@ -19,7 +19,7 @@ from adaptive_blf_control.configuration.parameter_file import (
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.errors import ArmError, BlfError, ParameterError, SetViolation
 from adaptive_blf_control.identification.estimate_file import write_estimate
-from adaptive_blf_control.identification.identifier import Snapshot
+from adaptive_blf_control.identification.knowledge import Snapshot
 
 START = np.array([0.0, 2.0])
 

@@ -12,7 +12,7 @@ from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.configuration.parameter_file import apply_settings, node_settings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import write_estimate
-from adaptive_blf_control.identification.identifier import Snapshot
+from adaptive_blf_control.identification.knowledge import Snapshot
 from adaptive_blf_control.simulation.true_arm import true_theta
 from spatial_arm import JOINTS, URDF
 

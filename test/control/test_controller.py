@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
-from adaptive_blf_control.control.controller import (
-    Controller,
-    ControlOutput,
-)
+from adaptive_blf_control.control.control_output import ControlOutput
+from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.reference import Posture, Reference, SmoothStart, SumOfSinusoids
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.control.settings import ControllerSettings, COUPLINGS

@@ -19,11 +19,8 @@ from adaptive_blf_control.identification.estimate_file import (
     write_estimate,
 )
 from adaptive_blf_control.identification.given_parameters import read_estimate
-from adaptive_blf_control.identification.identifier import (
-    Identifier,
-    IdentifierSettings,
-    Snapshot,
-)
+from adaptive_blf_control.identification.identifier import Identifier, IdentifierSettings
+from adaptive_blf_control.identification.knowledge import Snapshot
 from disk import synced_files
 
 ARM = TwoLinkArm()

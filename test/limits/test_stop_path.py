@@ -22,12 +22,12 @@ from adaptive_blf_control.limits.obstacles import (
     sphere,
 )
 from adaptive_blf_control.limits.scene import link_spheres_along
+from adaptive_blf_control.limits.stop_clearance import stop_clearances
 from adaptive_blf_control.limits.stop_path import (
     GROWTH,
     held_by_limits,
     kept_to,
     PIECES,
-    stop_clearances,
     stop_path,
 )
 from adaptive_blf_control.limits.viability import acceleration_bounds

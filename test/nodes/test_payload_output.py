@@ -15,7 +15,7 @@ from adaptive_blf_control.configuration.build_closed_loop import build_closed_lo
 from adaptive_blf_control.configuration.parameter_file import apply_changes
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.estimate_file import write_estimate
-from adaptive_blf_control.identification.identifier import Snapshot
+from adaptive_blf_control.identification.knowledge import Snapshot
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import (
     JOINT_STATES,

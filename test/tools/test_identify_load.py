@@ -14,7 +14,7 @@ pytest.importorskip('pinocchio')
 from adaptive_blf_control.arms.load_frame import load_map
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.identification.estimate_file import write_estimate
-from adaptive_blf_control.identification.identifier import Snapshot
+from adaptive_blf_control.identification.knowledge import Snapshot
 from adaptive_blf_control.tools.identify import main
 from spatial_arm import JOINTS, spatial_arm, true_theta, URDF
 

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A law within the limits of torque and its rate, with a safety filter behind it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.regressors import arrays_of
+from adaptive_blf_control.compiled import handle
+from adaptive_blf_control.control.constraints import MotionState
+from adaptive_blf_control.control.control_output import ControlOutput
+from adaptive_blf_control.control.law import limited_answer, unwound_term
+from adaptive_blf_control.control.laws.ablf import AblfLaw
+from adaptive_blf_control.control.laws.protocol import LawSample
+from adaptive_blf_control.control.safety_filter import FilterSample, SafetyFilter
+from adaptive_blf_control.control.step import (
+    answer_sample,
+    ControllerArrays,
+    FIRST_INTERVAL,
+    Memory,
+)
+from adaptive_blf_control.control.tuned_parts import TunedParts
+
+__all__ = ['LimitedLaw']
+
+
+class LimitedLaw:
+    """What answers the samples of a motion, from one change of the settings to the next.
+
+    (38) for an arm with arrays is a compiled function; any other law is asked in Python.
+
+    Attributes:
+        arrays: What the compiled function takes; None where the law is asked.
+    """
+
+    def __init__(self, arm: Arm, tuned: TunedParts, memory: Memory) -> None:
+        """Take a law and its limits.
+
+        Args:
+            arm: The arm.
+            tuned: The law, the limits of the torque and of its rate.
+            memory: Of the motion; changed in place with every sample.
+        """
+        self._law, self._limit = tuned.law, tuned.torque_limit
+        self._rate_limit, self._memory = tuned.torque_rate_limit, memory
+        self._no_regressor = np.zeros((arm.n, arm.m))
+        arrays = arrays_of(arm)
+        self.arrays = None if arrays is None or type(self._law) is not AblfLaw else (
+            ControllerArrays(arrays, self._law.gains, self._limit, self._rate_limit, memory))
+        self._handle: Any = None  # of the arrays, made with the first sample
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a deep copy or a pickle takes: all but the handle, which it makes again."""
+        return {**self.__dict__, '_handle': None}
+
+    def answered(self, sample: LawSample) -> ControlOutput:
+        """Answer a sample within the limits."""
+        if self.arrays is None:
+            return self._asked(sample)
+        t, q, qd, _, point, bounds, theta = sample
+        if self._handle is None:
+            self._handle = handle(self.arrays)
+        answer, x = answer_sample(self._handle, t, q, qd, theta, point, bounds)
+        return ControlOutput(answer.torque, answer.term,
+                             MotionState(t, q, qd, answer.e1, bounds), answer.e2, point, x,
+                             answer.bound, answer.wanted)
+
+    def filtered(self, safety_filter: SafetyFilter, sample: LawSample) -> ControlOutput:
+        """Answer a sample with what a safety filter lets through, likewise within the limits."""
+        memory = self._memory
+        last, before = memory.torque.copy(), memory.time[0]
+        output = self.answered(sample)
+        dt = FIRST_INTERVAL if np.isnan(before) else max(sample.t - before, 0.0)
+        reach = self._rate_limit * dt
+        least = np.maximum(-self._limit, np.minimum(last - reach, self._limit))
+        most = np.minimum(self._limit, np.maximum(last + reach, -self._limit))
+        torque = safety_filter.filtered(FilterSample(
+            sample.t, sample.q, sample.qd, output.torque, least, most))
+        if torque is output.torque:
+            return output
+        memory.torque[:] = torque
+        return output._replace(torque=torque, adaptation_term=unwound_term(
+            output.x, output.e2, output.wanted, torque))
+
+    def _asked(self, sample: LawSample) -> ControlOutput:
+        """Answer a sample by asking the law in Python: a plug-in, or for an arm without arrays."""
+        t, q, qd, _, point, bounds, _ = sample
+        answer, memory = self._law.answer(sample), self._memory
+        dt = FIRST_INTERVAL if np.isnan(memory.time[0]) else t - memory.time[0]
+        e1 = q - point.position
+        x = self._no_regressor if answer.regressor is None else answer.regressor
+        tau, term, bound = limited_answer(
+            answer.torque, x, answer.e2, self._limit, memory.torque, self._rate_limit, dt, e1,
+            bounds.lower, bounds.upper)
+        memory.torque[:], memory.time[0] = tau, t
+        return ControlOutput(tau, term, MotionState(t, q, qd, e1, bounds), answer.e2, point, x,
+                             bound, answer.torque)
