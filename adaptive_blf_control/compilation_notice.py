@@ -10,7 +10,7 @@ import time
 from types import TracebackType
 from typing import TextIO
 
-from adaptive_blf_control.compiled import around_own_compilations, before_each_compilation
+from adaptive_blf_control.compiled import around_each_compilation, around_own_compilations
 
 __all__ = ['CompilationNotice', 'announce_compilation']
 
@@ -73,14 +73,14 @@ class _Lines:
                 f'{now - self._begin:.0f} s\n')
 
 
-class _Announcer:
-    """Writes the lines of a program that has no notice of its own.
+class _Watcher:
+    """Knows what is being compiled, and looks now and then whether something is to be said.
 
-    A function can take a minute: a thread looks meanwhile whether a line is due.
+    A function can take a minute: a thread looks meanwhile.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic, look: float = LOOK) -> None:
-        self._lines, self._look, self._depth = _Lines(clock), look, 0
+    def __init__(self, look: float) -> None:
+        self._look, self._depth = look, 0
         self._lock, self._done = threading.Lock(), threading.Event()
 
     def begin(self) -> None:
@@ -90,7 +90,7 @@ class _Announcer:
             if self._depth == 1:
                 self._done = threading.Event()
                 threading.Thread(target=self._watch, args=(self._done,), daemon=True).start()
-            self._say(self._lines.next())
+            self._one_more()
 
     def end(self) -> None:
         """Take note of a function that has been compiled, or could not be."""
@@ -98,13 +98,39 @@ class _Announcer:
             self._depth -= 1
             if self._depth == 0:
                 self._done.set()
-                self._lines.end()
+                self._no_more()
 
     def _watch(self, done: threading.Event) -> None:
         while not done.wait(self._look):
             with self._lock:
                 if not done.is_set():
-                    self._say(self._lines.due())
+                    self._meanwhile()
+
+    def _one_more(self) -> None:
+        """Say what is due with one function more."""
+
+    def _meanwhile(self) -> None:
+        """Say what is due while a function is compiled."""
+
+    def _no_more(self) -> None:
+        """Note that nothing is compiled from now on."""
+
+
+class _Announcer(_Watcher):
+    """Writes the lines of a program that has no notice of its own."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic, look: float = LOOK) -> None:
+        super().__init__(look)
+        self._lines = _Lines(clock)
+
+    def _one_more(self) -> None:
+        self._say(self._lines.next())
+
+    def _meanwhile(self) -> None:
+        self._say(self._lines.due())
+
+    def _no_more(self) -> None:
+        self._lines.end()
 
     def _say(self, text: str) -> None:
         if text and not CompilationNotice.active:
@@ -112,11 +138,11 @@ class _Announcer:
             sys.stderr.flush()
 
 
-class CompilationNotice:
+class CompilationNotice(_Watcher):
     """A context that says on a stream how far compiling is, if anything is compiled in it.
 
-    On a terminal one line counts the functions and goes when the work is done; elsewhere there is
-    a line at the begin and one every `PERIOD` s.
+    On a terminal one line counts functions and seconds and goes when the work is done; elsewhere
+    there is a line at the begin and one every `PERIOD` s.
 
     Attributes:
         active: Whether one is in use, of this class.
@@ -125,18 +151,20 @@ class CompilationNotice:
     active = False
 
     def __init__(self, stream: TextIO | None = None,
-                 clock: Callable[[], float] = time.monotonic) -> None:
+                 clock: Callable[[], float] = time.monotonic, look: float = LOOK) -> None:
         """Write to ``stream``, standard error where None.
 
         Args:
             stream: Where to.
             clock: Returns the time [s].
+            look: How often the line is looked after [s].
         """
-        self._stream = sys.stderr if stream is None else stream
-        self._lines, self._functions = _Lines(clock), 0
+        super().__init__(look)
+        self._stream, self._clock = sys.stderr if stream is None else stream, clock
+        self._lines, self._functions, self._first = _Lines(clock), 0, 0.0
 
     def __enter__(self) -> CompilationNotice:
-        self._listening = before_each_compilation(self._one_more)
+        self._listening = around_each_compilation(self.begin, self.end)
         self._listening.__enter__()
         CompilationNotice.active = True
         return self
@@ -145,15 +173,31 @@ class CompilationNotice:
                  trace: TracebackType | None) -> None:
         self._listening.__exit__(kind, error, trace)
         CompilationNotice.active = False
-        if self._functions and self._stream.isatty():
-            self._say('')
+        with self._lock:
+            self._done.set()
+            if self._functions and self._stream.isatty():
+                self._say('')
+
+    def aside(self, text: str) -> None:
+        """Write another line to the stream, in place of the one of this notice."""
+        with self._lock:
+            self._say(f'{text}\n')
 
     def _one_more(self) -> None:
         self._functions += 1
-        self._say(f'{BEGIN}: {self._functions} functions' if self._stream.isatty()
-                  else self._lines.next())
+        if not self._stream.isatty():
+            self._say(self._lines.next())
+            return
+        if self._functions == 1:
+            self._first = self._clock()
+        self._meanwhile()
+
+    def _meanwhile(self) -> None:
+        self._say(f'{BEGIN}: {self._functions} functions, {self._clock() - self._first:.0f} s'
+                  if self._stream.isatty() else self._lines.due())
 
     def _say(self, text: str) -> None:
         clear = '\r\x1b[K' if self._stream.isatty() else ''
-        self._stream.write(clear + text)
-        self._stream.flush()
+        if clear or text:
+            self._stream.write(clear + text)
+            self._stream.flush()

@@ -139,7 +139,7 @@ class UnknownParameter(ParameterError):
     def __init__(self, name: str, value: object, known: Iterable[str]) -> None:
         names = sorted(set(known))
         self.known = tuple(names)
-        inner = _members(name, names)
+        inner = [] if _head_misspelt(name, names) else _members(name, names)
         if inner:
             members = ', '.join(f'{each!r}: ...' for each in inner[:_FEW])
             more = ', ...' * (len(inner) > _FEW)
@@ -173,6 +173,14 @@ def _members(name: str, known: Iterable[str]) -> list[str]:
             if inner:
                 return list(dict.fromkeys(inner))
     return []
+
+
+def _head_misspelt(name: str, known: Iterable[str]) -> bool:
+    """Return whether a name is a known one but for its first part, as of a node: no group then."""
+    head, _, tail = name.partition('.')
+    parts = [other.partition('.') for other in known if tail]
+    heads = [first for first, _, rest in parts if rest == tail]
+    return head not in heads and bool(difflib.get_close_matches(head, heads, 1, _CLOSE))
 
 
 def _listed(name: str, names: list[str], suggested: bool) -> str:

@@ -54,7 +54,7 @@ def test_a_file_gets_one_line_for_all_that_is_compiled_at_once():
 
 def test_a_file_is_told_again_what_takes_long():
     stream, times = io.StringIO(), iter([5.0, 5.0 + 1.5 * PERIOD])
-    with CompilationNotice(stream, clock=lambda: next(times)):
+    with CompilationNotice(stream, clock=lambda: next(times), look=PATIENCE):
         compile_two()
     assert stream.getvalue() == (
         f'{BEGIN}\ncompiling: 2 functions so far, {1.5 * PERIOD:.0f} s\n')
@@ -62,11 +62,23 @@ def test_a_file_is_told_again_what_takes_long():
 
 def test_a_terminal_shows_the_count_and_is_left_clean():
     stream = Terminal()
-    with CompilationNotice(stream):
+    with CompilationNotice(stream, clock_at(5.0, 5.0, 12.0), look=PATIENCE):
         compile_two()
     *shown, last = stream.getvalue().split('\r\x1b[K')[1:]
-    assert shown == [f'{BEGIN}: {n} functions' for n in (1, 2)]
+    assert shown == [f'{BEGIN}: 1 functions, 0 s', f'{BEGIN}: 2 functions, 7 s']
     assert last == ''
+
+
+@pytest.mark.parametrize(('make', 'words'), [
+    (Terminal, f'{BEGIN}: 1 functions, {3 * PERIOD:.0f} s'),
+    (io.StringIO, f'compiling: 1 functions so far, {3 * PERIOD:.0f} s\n')])
+def test_a_command_tells_meanwhile_of_one_function_that_takes_long(make, words):
+    times = itertools.count(0.0, PERIOD)
+    stream = make()
+    notice = CompilationNotice(stream, lambda: next(times), look=1e-3)
+    notice.begin()
+    wait_until(lambda: words in stream.getvalue(), words)
+    notice.end()
 
 
 @pytest.mark.parametrize('stream', [io.StringIO(), Terminal()])

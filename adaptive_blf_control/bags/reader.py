@@ -41,6 +41,9 @@ OUT_OF_PLACE = 10**9  # ns
 # What helps with an encoding that is not read.
 _HINTS = {'ros1': ' (a ROS 1 recording: convert it with rosbags-convert)'}
 
+_ENCODINGS = {JOINT_STATE: "'cdr', as ROS 2 records, or 'json'",
+              DYNAMIC_JOINT_STATE: "'cdr', as ROS 2 records,"}
+
 _NUMBER_DECODERS: dict[str, Callable[[bytes], Any]] = {
     'std_msgs/msg/Float64MultiArray': decode_float64_array,
     'std_msgs/msg/Float64': decode_float64,
@@ -216,9 +219,13 @@ class Bag(Guided, instead={
         info = self._topic(topic)
         kind = joint_kind(info.type_name, info.encoding)
         if kind is None:
-            raise BagError(f'{self.path}: topic {topic!r} has type {info.type_name!r}, encoded as '
-                           f'{info.encoding!r}: expected {JOINT_STATE} or {DYNAMIC_JOINT_STATE} '
-                           f'as CDR{_HINTS.get(info.encoding, "")}')
+            if readable := _ENCODINGS.get(info.type_name):
+                raise BagError(f'{self.path}: messages of topic {topic!r} are encoded as '
+                               f'{info.encoding!r}: expected {readable} for {info.type_name}'
+                               + _HINTS.get(info.encoding, ''))
+            raise BagError(f'{self.path}: topic {topic!r} has type {info.type_name!r}: expected '
+                           f'{JOINT_STATE} or {DYNAMIC_JOINT_STATE}'
+                           + _HINTS.get(info.encoding, ''))
         try:
             return series_of(self._joint_messages(info), kind, joints, skip_foreign=skip_foreign)
         except BagError as exc:

@@ -19,11 +19,11 @@ import tempfile
 import time
 
 from adaptive_blf_control.bench.command_observer import CommandObserver
+from adaptive_blf_control.bench.nodes.stranger import Stranger, TELLS
 from adaptive_blf_control.bench.rate_figures import usage_of
 from adaptive_blf_control.bench.soak_figures import growth_of
 from adaptive_blf_control.configuration.shipped import scenario
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.nodes.stranger import Stranger, TELLS
 from adaptive_blf_control.runtime.processes import NodeProcesses
 
 __all__ = ['main']

@@ -32,6 +32,7 @@ from adaptive_blf_control.bench import (
 )
 from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.bench.read_back import mujoco_errors
+from adaptive_blf_control.compilation_notice import announce_compilation
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.parameter_file import load_yaml
@@ -84,9 +85,14 @@ def _scenarios(options: argparse.Namespace) -> None:
 
 
 def _against_c(options: argparse.Namespace) -> None:
-    if not options.c_reference.is_file() or compiler() is None:
-        print('Skipped: there is no C compiler here.' if options.c_reference.is_file() else
-              f'Skipped: no program in C to compare with (--c-reference {options.c_reference}).')
+    if options.c_reference is None:
+        print('Skipped: --c-reference FILE names a program in C to compare with.')
+        return
+    if not options.c_reference.is_file():
+        print(f'Skipped: --c-reference {options.c_reference} is no file.')
+        return
+    if compiler() is None:
+        print('Skipped: there is no C compiler here.')
         return
     measured = against_c(options.c_reference, options.config / 'two_link.yaml')
     print('| ours, us per step | the program in C, -O2 | ratio |')
@@ -133,8 +139,13 @@ def _processes(options: argparse.Namespace) -> None:
 
 def _has_logs(options: argparse.Namespace) -> bool:
     """Say what is done with the measured logs; return whether they are there."""
-    if options.logs is None or not options.logs.is_dir():
-        print(f'Skipped: the folder of measured logs does not exist (--logs {options.logs}).')
+    if options.logs is None:
+        print('Skipped: --logs DIR names the folder of measured logs.')
+        return False
+    needed = [name for log, urdf, _ in MEASURED.values() for name in (log, urdf)]
+    missing = [name for name in needed if not (options.logs / name).exists()]
+    if missing:
+        print(f'Skipped: --logs {options.logs} has no {", ".join(missing)}.')
         return False
     print('Learned on the first half, tested on the second: RMSE of the filtered torque [N·m].\n')
     return True
@@ -228,15 +239,17 @@ def main(args: list[str] | None = None) -> int:
                         'takes hours')
     parser.add_argument('--config', type=Path, default=Path('config'), metavar='DIR',
                         help='folder of the scenarios')
-    parser.add_argument('--logs', type=Path, default=Path('../shared/realdata'), metavar='DIR',
-                        help='folder of the measured logs')
+    parser.add_argument('--logs', type=Path, metavar='DIR',
+                        help='folder of the measured logs, for measured and models: '
+                        'docs/benchmarks.md says which')
     parser.add_argument('--c-reference', type=Path, metavar='FILE',
-                        default=Path('../shared/reference/two_link_closed_loop.c'),
-                        help='source of a program in C that does the work of two_link')
+                        help='source of a program in C that does the work of two_link, for '
+                        'against_c')
     for part in PARTS.values():
         if part.add_options is not None:
             part.add_options(parser)
     options = parser.parse_args(args)
+    announce_compilation()
     unknown = [part for part in options.parts if part not in PARTS]
     if unknown:
         parser.error(f'no part {unknown[0]!r}: expected {", ".join(PARTS)}')

@@ -16,6 +16,7 @@ from typing import Any
 from adaptive_blf_control.bench.comparison import FIXED, LAWS, run_law
 from adaptive_blf_control.bench.law_figures import COLUMNS, law_figures, markdown_row
 from adaptive_blf_control.command_line import seconds
+from adaptive_blf_control.compilation_notice import announce_compilation
 from adaptive_blf_control.configuration.node_settings import DriverSettings
 from adaptive_blf_control.configuration.parameter_file import (
     apply_settings,
@@ -63,6 +64,7 @@ def _compare(config: Path, options: argparse.Namespace) -> dict[str, Any]:
 def main(args: list[str] | None = None) -> int:
     """Run the command; 2 on bad input."""
     options = _parser().parse_args(args)
+    announce_compilation()
     try:
         if options.noise is not None:
             from adaptive_blf_control.bench.noise_study import run_study

@@ -145,7 +145,7 @@ def _bare(options: argparse.Namespace, rate: float) -> RateFigures:
     arm = build_arm(node_settings(load_yaml(_scenario(options)), ControllerNodeSettings))
     with tempfile.TemporaryDirectory(prefix='rates_') as folder:
         files = {name: Path(folder) / f'{name}.npz' for name in BARE}
-        commands = {name: ['-m', 'adaptive_blf_control.nodes.bare_echo', name, '--output',
+        commands = {name: ['-m', 'adaptive_blf_control.bench.nodes.bare_echo', name, '--output',
                            str(file), '--rate', str(rate), '--seconds', str(seconds),
                            '--joints', str(arm.n), '--parameters', str(arm.m)]
                     for name, file in files.items()}

@@ -15,10 +15,14 @@ from adaptive_blf_control.compiled.decorators import (
     uncompiled,
 )
 from adaptive_blf_control.compiled.library import COMPILED
-from adaptive_blf_control.compiled.notices import around_own_compilations, before_each_compilation
+from adaptive_blf_control.compiled.notices import (
+    around_each_compilation,
+    around_own_compilations,
+    before_each_compilation,
+)
 from adaptive_blf_control.compiled.references import borrowed, Handle, handle
 from adaptive_blf_control.compiled.scalars import all_finite, cos_sin
 
-__all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'around_own_compilations',
-           'before_each_compilation', 'borrowed', 'by_type', 'cos_sin', 'handle', 'jit',
-           'jit_apart', 'jit_without_gil', 'jitable', 'uncompiled']
+__all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'around_each_compilation',
+           'around_own_compilations', 'before_each_compilation', 'borrowed', 'by_type', 'cos_sin',
+           'handle', 'jit', 'jit_apart', 'jit_without_gil', 'jitable', 'uncompiled']

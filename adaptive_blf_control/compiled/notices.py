@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calls before something is compiled: to say so, or to stop it."""
+"""Calls around what is compiled: to say so, or to stop it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from adaptive_blf_control.compiled.library import COMPILED
 if COMPILED:
     from adaptive_blf_control.compiled.library import numba_event
 
-__all__ = ['around_own_compilations', 'before_each_compilation']
+__all__ = ['around_each_compilation', 'around_own_compilations', 'before_each_compilation']
 
 
 def before_each_compilation(call: Callable[[], None]) -> AbstractContextManager[None]:
@@ -20,7 +20,18 @@ def before_each_compilation(call: Callable[[], None]) -> AbstractContextManager[
 
     An exception that it raises ends that compilation and those that needed it.
     """
-    return nullcontext() if not COMPILED else _listening(call)
+    return around_each_compilation(call, lambda: None)
+
+
+def around_each_compilation(begin: Callable[[], None],
+                            end: Callable[[], None]) -> AbstractContextManager[None]:
+    """Return a context in which calls are made around each compilation of any function.
+
+    Args:
+        begin: Called before it; an exception that it raises ends that compilation.
+        end: Called after it, also where it fails.
+    """
+    return nullcontext() if not COMPILED else _listening(begin, end)
 
 
 def around_own_compilations(begin: Callable[[], None], end: Callable[[], None]) -> None:
@@ -51,13 +62,13 @@ def _is_own(event: Any) -> bool:
 
 
 @contextmanager
-def _listening(call: Callable[[], None]) -> Iterator[None]:
+def _listening(begin: Callable[[], None], end: Callable[[], None]) -> Iterator[None]:
     class Listener(numba_event.Listener):  # type: ignore[misc]
         def on_start(self, event: object) -> None:
-            call()
+            begin()
 
         def on_end(self, event: object) -> None:
-            pass
+            end()
 
     with numba_event.install_listener('numba:compile', Listener()):
         yield

@@ -18,6 +18,7 @@ import yaml
 
 from adaptive_blf_control.bounded_yaml import BoundedLoader, load_yaml_text, read_yaml_text
 from adaptive_blf_control.configuration.node_settings import NODE_SETTINGS, RuntimeSettings, TABLES
+from adaptive_blf_control.configuration.section_names import meant_node
 from adaptive_blf_control.configuration.shipped import found, shipped_names
 from adaptive_blf_control.errors import close_names, ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.settings import Settings
@@ -113,6 +114,9 @@ def checked_sections(data: Any, name: str, source: object) -> dict[str, Any]:
     for key, section in data.items():
         if not isinstance(key, str):
             raise ParameterError(name, source, f'a name of a node, not {key!r}')
+        if close := meant_node(key):
+            raise ParameterError(name, source, f'names of nodes, not {key!r}: did you mean '
+                                 f'{close}?')
         if not isinstance(section, Mapping) or set(section) != {'ros__parameters'} or \
                 not isinstance(section['ros__parameters'], Mapping):
             raise ParameterError(name, source,

@@ -10,7 +10,7 @@ import re
 from adaptive_blf_control.configuration.node_settings import TABLES
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['check_sections_reach', 'reaches', 'unknown_sections']
+__all__ = ['check_sections_reach', 'meant_node', 'reaches', 'unknown_sections']
 
 _TOKEN = r'/[^/]+'
 _ANY = '**'
@@ -57,9 +57,21 @@ def check_sections_reach(keys: Iterable[str], node: str) -> None:
         if last == own:
             raise ParameterError('params-file', key,
                                  f'a section that reaches {node}, as /**/{own} does')
-        if close := difflib.get_close_matches(last, [*TABLES, own], cutoff=0.8):
+        if close := meant_node(key, own):
             raise ParameterError('params-file', key,
-                                 f'the name of a node: did you mean {close[0]}?')
+                                 f'the name of a node: did you mean {close}?')
+
+
+def meant_node(key: str, *others: str) -> str | None:
+    """Return the node whose name that of a section nearly is; None where it is one, or none.
+
+    Args:
+        key: Of the section.
+        others: Names of nodes beside ours.
+    """
+    last, names = key.rpartition('/')[2], [*TABLES, *others]
+    close = [] if last in names else difflib.get_close_matches(last, names, cutoff=0.8)
+    return close[0] if close else None
 
 
 def unknown_sections(keys: Iterable[str], node: str) -> Iterator[str]:

@@ -92,7 +92,8 @@ class Player:
         info = self.bag.topics[topic]
         if info.encoding != 'cdr' or not info.type_name:
             self.skipped[topic] = ('the bag states no type' if info.encoding == 'cdr' else
-                                   f'its messages are encoded as {info.encoding!r}, not as CDR')
+                                   f'its messages are encoded as {info.encoding!r}: only those '
+                                   "encoded as 'cdr', as ROS 2 records, can be published")
             return
         try:
             kind = message_class(info.type_name)

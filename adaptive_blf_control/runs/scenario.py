@@ -23,6 +23,7 @@ from adaptive_blf_control.configuration.parameter_file import (
     apply_changes,
     checked_sections,
     flattened,
+    given_values,
     load_yaml,
     node_settings,
 )
@@ -30,8 +31,9 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.given_parameters import values_of
 from adaptive_blf_control.parameters.plugin import require
 from adaptive_blf_control.parameters.settings import Settings
-from adaptive_blf_control.runs.start_check import idle_encoder, start_warnings
+from adaptive_blf_control.runs.start_check import start_warnings
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
+from adaptive_blf_control.simulation.encoder_check import unused_of_encoder
 
 __all__ = ['Joined', 'Scenario', 'duration_of', 'joined']
 
@@ -91,7 +93,7 @@ def joined(scenario: Scenario, own: OwnParts, changes: Mapping[str, Any]) -> Joi
     data = apply_changes(data, _by_value(changes, arm))
     _refuse_friction(changes, data)
     loop = build_closed_loop(data, own._replace(arm=arm))
-    _refuse_idle(changes, idle_encoder(data, loop))
+    _refuse_idle(changes, unused_of_encoder(given_values(data, 'arm_driver'), loop.plant))
     notes = tuple(start_warnings(data, loop))  # may refuse an unstable loop
     return Joined(loop, data, notes, arm is None and own.plant is None)
 

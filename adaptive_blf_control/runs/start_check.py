@@ -15,12 +15,12 @@ from adaptive_blf_control.control.arm_limits import limit_warnings
 from adaptive_blf_control.control.reference import full_range
 from adaptive_blf_control.identification.rank_condition import rank_warning
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
-from adaptive_blf_control.simulation.encoder_check import encoder_warning, unused_of_encoder
+from adaptive_blf_control.simulation.encoder_check import encoder_warning
 from adaptive_blf_control.tuning.filter_cost import filter_warnings
 from adaptive_blf_control.tuning.loop_check import check_loop, warnings_of_loop
 from adaptive_blf_control.tuning.stated_loop import simulated_delay, stated_delay
 
-__all__ = ['idle_encoder', 'known_theta', 'loop_warnings', 'start_warnings']
+__all__ = ['known_theta', 'loop_warnings', 'start_warnings']
 
 
 def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
@@ -48,16 +48,6 @@ def start_warnings(data: Mapping[str, Any], loop: ClosedLoop) -> Iterator[str]:
         yield from filter_warnings(loop.arm, loop.controller.reference, known,
                                    loop.identifier.settings.filter)
     yield from loop_warnings(data, loop)
-
-
-def idle_encoder(data: Mapping[str, Any], loop: ClosedLoop) -> list[str]:
-    """Return the parameters of an encoder that are given where the true state is measured.
-
-    Args:
-        data: The parameter file's data.
-        loop: Built from it.
-    """
-    return unused_of_encoder(given_values(data, 'arm_driver'), loop.plant)
 
 
 def known_theta(arm: Arm, estimate: np.ndarray) -> np.ndarray | None:

@@ -12,6 +12,7 @@ from pathlib import Path
 import sys
 
 from adaptive_blf_control.command_line import joint_names, seconds
+from adaptive_blf_control.compilation_notice import announce_compilation
 from adaptive_blf_control.configuration.written_file import written_file
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.tools.output_files import check_writable, write_output
@@ -82,6 +83,7 @@ _OF_ROBOT = ('rate', 'delay', 'encoder_counts', 'velocity_time_constant', 'torqu
 def main(args: list[str] | None = None) -> int:
     """Run the command; 0 if all went well, 2 on bad input."""
     options = _parser().parse_args(args)
+    announce_compilation()
     try:
         check_writable({'--output': options.output}, options.overwrite)
         robot = Robot(torque_limit=_several(options.torque_limit),

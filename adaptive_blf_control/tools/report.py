@@ -13,6 +13,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from adaptive_blf_control.compilation_notice import announce_compilation
 from adaptive_blf_control.errors import BlfError, LogError
 from adaptive_blf_control.report.page import page
 from adaptive_blf_control.report.panels import sections
@@ -84,6 +85,7 @@ def _show_identifications(found: dict[str, dict[str, Any]], options: argparse.Na
 def main(args: list[str] | None = None) -> int:
     """Run the command; 0 if something could be shown, 2 if not."""
     options = _parser().parse_args(args)
+    announce_compilation()
     try:
         found = {bag: figures for bag in options.bags
                  if (figures := saved_identification(Path(bag))) is not None}

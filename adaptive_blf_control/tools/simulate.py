@@ -38,11 +38,11 @@ def main(args: list[str] | None = None) -> int:
     options = _parser().parse_args(args)
     try:
         data = apply_settings(load_yamls(options.config, 'CONFIG'), options.settings)
-        loop = build_closed_loop(data)
-        for warning in start_warnings(data, loop):
-            print(f'simulate: warning: {warning}', file=sys.stderr)
         duration = duration_of(data, options.duration)
-        with CompilationNotice():
+        with CompilationNotice() as notice:
+            loop = build_closed_loop(data)
+            for warning in start_warnings(data, loop):
+                notice.aside(f'simulate: warning: {warning}')
             if options.bag is None:
                 run = simulate(loop, duration)
             else:

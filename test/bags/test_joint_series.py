@@ -68,8 +68,12 @@ def test_a_joint_in_no_message_is_named_and_a_whole_message_is_preferred(tmp_pat
 def test_topic_without_schema_or_of_another_type(tmp_path):
     mcap_writer = pytest.importorskip('mcap.writer')
     data = JointStateCodec(['a']).encode(5, [1.0], [2.0], [3.0])
-    for encoding, schema in (('cdr', ''), ('ros1', 'sensor_msgs/msg/JointState'),
-                             ('cdr', 'std_msgs/msg/Int32')):
+    dynamic = 'control_msgs/msg/DynamicJointState'
+    for encoding, schema, words in (
+            ('cdr', '', ''),
+            ('cdr', 'std_msgs/msg/Int32', "has type 'std_msgs/msg/Int32': expected sensor"),
+            ('ros1', 'sensor_msgs/msg/JointState', "encoded as 'ros1': expected 'cdr', .* 'json'"),
+            ('json', dynamic, f"encoded as 'json': expected 'cdr', .* for {dynamic}")):
         with (tmp_path / 'x.mcap').open('wb') as stream:
             writer = mcap_writer.Writer(stream)
             writer.start('ros2', 'test')
@@ -80,7 +84,7 @@ def test_topic_without_schema_or_of_another_type(tmp_path):
         if not schema:
             assert bag.joint_states('js').effort.tolist() == [[3.0]]
             continue
-        with pytest.raises(BagError, match=f"encoded as '{encoding}': expected"):
+        with pytest.raises(BagError, match=words):
             bag.joint_states('js')
 
 

@@ -50,4 +50,4 @@ def test_a_source_that_does_not_compile_is_refused_with_the_compilers_words(tmp_
 def test_without_a_program_the_part_is_skipped_with_the_reason(repository, capsys):
     assert main(['against_c', '--c-reference', 'nowhere.c',
                  '--config', str(repository / 'config')]) == 0
-    assert 'no program in C to compare with (--c-reference nowhere.c)' in capsys.readouterr().out
+    assert 'Skipped: --c-reference nowhere.c is no file' in capsys.readouterr().out

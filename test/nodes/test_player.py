@@ -235,7 +235,7 @@ def _foreign(path: Path, encoding: str, schema: str, data: bytes) -> Path:
 
 
 @pytest.mark.parametrize(('encoding', 'schema', 'reason'), [
-    ('json', 'std_msgs/msg/Int32', "encoded as 'json', not as CDR"),
+    ('json', 'std_msgs/msg/Int32', "encoded as 'json': only those encoded as 'cdr'"),
     ('cdr', '', 'the bag states no type'),
     ('cdr', 'other_msgs/msg/Unknown', 'not installed')])
 def test_a_topic_that_is_not_what_ros_speaks_is_left_out_with_the_reason(

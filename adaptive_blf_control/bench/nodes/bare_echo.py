@@ -4,7 +4,7 @@
 ``driver`` publishes a JointState from a timer, ``echo`` answers each with a Float64MultiArray,
 ``listener`` hears the states and publishes a vector as an estimator would. Typed messages, a
 callback each, ``rclpy.spin``: what the nodes of this package are compared with.
-Run by ``bench rates``, as ``python -m adaptive_blf_control.nodes.bare_echo NODE``.
+Run by ``bench rates``, as ``python -m adaptive_blf_control.bench.nodes.bare_echo NODE``.
 """
 
 from __future__ import annotations
