@@ -75,7 +75,7 @@ k1 kp p_gain
 k2 kd d_gain
 torque_limit max_torque tau_max torque_limits effort_limit u_max
 torque_noise noise sensor_noise measurement_noise
-encoder_counts encoder encoders ticks noise sensor_noise measurement_noise
+encoder_counts encoder encoders counts ticks cpr noise sensor_noise measurement_noise
 size P history_size stack_size buffer_size memory
 safety bounds limits joint_limits position_limits safety_set
 performance error_bounds error_limits tolerance performance_set

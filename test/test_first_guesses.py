@@ -227,11 +227,58 @@ def test_a_history_too_small_for_its_rank_is_noted():
     (lambda: identified().prediction, 'tau', r'did you mean measured or predicted\?'),
     (lambda: identified(), 'to_urdf', r'did you mean urdf\?'),
     (lambda: identified(), 'coefficients', r'did you mean theta or estimate'),
+    (lambda: identified(), 'condition_number', r"figures\['condition'\]"),
+    (lambda: door.simulate(ARM, 0.01), 'rms', r"figures\['rms_error'\]"),
+    (lambda: door.simulate(ARM, 0.01), 'compare', r'figures of two runs are dictionaries'),
     (lambda: door.Controller(ARM), 'k2', r'settings\.k2 has it, retune\(k2='),
     (lambda: door.simulate(ARM, 0.01), 'theta', r'theta_hat has it over time')])
 def test_a_wrong_attribute_is_refused_with_what_is_meant(subject, name, hint):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
         getattr(subject(), name)
+
+
+def test_an_estimate_is_taken_as_it_is_returned():
+    found = identified()
+    for given in (found, found.identifier, found.estimate, found.theta):
+        np.testing.assert_array_equal(door.Identifier(ARM, initial_estimate=given).theta,
+                                      found.theta)
+    np.testing.assert_array_equal(
+        door.inverse_dynamics(ARM, found.estimate, Q[0], QD[0], QD[0]),
+        door.inverse_dynamics(ARM, found.theta, Q[0], QD[0], QD[0]))
+    with pytest.raises(door.ParameterError, match=r"'theta' is \{'p1': 1.0\}.*one for each of p1"):
+        door.inverse_dynamics(ARM, {'p1': 1.0}, Q[0], QD[0], QD[0])
+
+
+def test_the_estimate_that_a_scenario_starts_from_is_given_by_name():
+    names = {'p1': 3.0, 'p2': 0.2, 'p3': 0.2, 'fv_joint1': 5.0, 'fv_joint2': 1.0}
+    run = door.simulate('two_link', 0.002, initial_estimate=names)
+    np.testing.assert_array_equal(run.theta_hat[0], list(names.values()))
+    with pytest.raises(door.ParameterError, match='no p2, p3, fv_joint1, fv_joint2'):
+        door.simulate('two_link', 0.002, initial_estimate={'p1': 3.0})
+
+
+class Rolling(door.Plant):
+    """A plant whose author took ``advance`` for that of a model."""
+
+    def __init__(self):
+        self.q, self.qd, self.torque = np.zeros((3, 2))
+
+    def advance(self, torque, dt):
+        """Move on."""
+
+
+def test_a_plant_whose_advance_takes_other_arguments_is_refused_before_it_runs():
+    with pytest.raises(door.ParameterError, match=r'advance is called as advance\(dt\): missing'):
+        door.simulate(ARM, 0.01, plant=Rolling)
+
+
+def test_a_law_that_answers_with_a_torque_alone_is_told_what_is_expected():
+    class Torque(door.Law):
+        def answer(self, sample):
+            return -sample.q
+
+    with pytest.raises(door.ParameterError, match=r"'Torque\.answer'.*LawAnswer\(torque, e2\)"):
+        door.simulate(ARM, 0.01, law=Torque)
 
 
 @functools.cache

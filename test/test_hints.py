@@ -302,6 +302,20 @@ def test_a_file_of_another_program_is_told_what_reads_it(tmp_path, name, hint):
         door.read_log(tmp_path / name)
 
 
+@pytest.mark.parametrize(('name', 'hint'), [
+    ('theta_hat', r'doubles\(topic\)'), ('parameters', r"custom_data\['ros__parameters'\]"),
+    ('plot', 'report BAG'), ('df', r'pandas\.DataFrame\(series\.position'),
+    ('q', r'joint_states\(topic\)')])
+def test_what_a_bag_does_not_have_is_named_with_what_returns_it(bag, name, hint):
+    with pytest.raises(AttributeError, match=hint):
+        getattr(bag, name)
+    assert 'controller' in bag.custom_data['ros__parameters']
+    series = bag.joint_states('/joint_states')
+    for wrong, right in (('q', 'position'), ('tau', 'effort'), ('t', r'stamp_ns - stamp_ns\[0\]')):
+        with pytest.raises(AttributeError, match=right):
+            getattr(series, wrong)
+
+
 def test_a_bag_shows_what_it_is_and_what_reads_a_topic(bag):
     assert repr(bag).startswith(f'<Bag {bag.path}: ')
     assert f'{sum(info.count for info in bag.topics.values())} messages' in repr(bag)

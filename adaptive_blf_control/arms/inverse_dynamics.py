@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ def inverse_dynamics(arm: Arm, theta: Any, q: Any, qd: Any, qdd: Any) -> np.ndar
 
     Args:
         arm: The arm.
-        theta: Parameters, shape (m,).
+        theta: Parameters, shape (m,); or by name, as the ``estimate`` of an identifier.
         q: Positions, shape (n,) or (N, n) [rad]; of one joint also (N,), or a number.
         qd: Velocities, likewise [rad/s].
         qdd: Accelerations, likewise [rad/s²].
@@ -34,6 +35,8 @@ def inverse_dynamics(arm: Arm, theta: Any, q: Any, qd: Any, qdd: Any) -> np.ndar
         ParameterError: an array has another shape.
     """
     arm = checked_arm('arm', arm)
+    if isinstance(theta, Mapping) and set(theta) == set(arm.parameters):
+        theta = [theta[name] for name in arm.parameters]
     theta = checked_array('theta', theta, (arm.m,), arm.parameters)
     axes, one = dimensions(q), arm.n == 1
     shape = (arm.n,) if axes == (0 if one else 1) else (-1, arm.n)

@@ -6,12 +6,13 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+import functools
 from typing import NamedTuple
 
 import numpy as np
 
 from adaptive_blf_control.bags.row_store import RowStore
-from adaptive_blf_control.errors import BagError
+from adaptive_blf_control.errors import BagError, with_hints
 from adaptive_blf_control.messages.joint_readers import JointKind
 
 __all__ = ['JointSeries', 'merged', 'parts_of', 'series_of']
@@ -21,6 +22,11 @@ Messages = Iterable[tuple[int, bytes]]
 BETWEEN = 5.0  # median periods: parts that are further apart are not interpolated
 
 
+@functools.partial(with_hints, instead={
+    **dict.fromkeys(('t', 'time', 'times', 'stamp'),
+                    '(stamp_ns - stamp_ns[0]) * 1e-9 are seconds from the first one'),
+    'q': 'position', 'qd': 'velocity', 'dq': 'velocity',
+    **dict.fromkeys(('tau', 'torque', 'torques'), 'effort'), 'joints': 'names'})
 class JointSeries(NamedTuple):
     """All messages of one topic of joint values, N rows.
 

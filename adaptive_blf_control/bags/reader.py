@@ -74,6 +74,19 @@ class Bag(Guided, instead={
         **dict.fromkeys(('read', 'read_messages', 'get', 'data', 'read_topic'),
                         'joint_states(topic) and doubles(topic) return arrays, messages([topic]) '
                         'the bytes of each message'),
+        **dict.fromkeys(('array', 'arrays', 'values', 'theta_hat', 'numbers'),
+                        'doubles(topic) returns the vectors of a topic such as '
+                        "'/identifier/theta_hat' as arrays"),
+        **dict.fromkeys(('q', 'qd', 'tau', 't', 'position', 'velocity', 'effort', 'log'),
+                        'joint_states(topic) has them as recorded, read_log(bag) in the order of '
+                        'time'),
+        **dict.fromkeys(('parameters', 'params', 'config', 'settings', 'metadata'),
+                        "custom_data['ros__parameters'] is the run's parameter file as text"),
+        **dict.fromkeys(('plot', 'show', 'draw', 'report'),
+                        '`python -m adaptive_blf_control report BAG` makes a page of it'),
+        **dict.fromkeys(('to_pandas', 'to_dataframe', 'dataframe', 'df'),
+                        'pandas.DataFrame(series.position, columns=series.names) with '
+                        'series = joint_states(topic)'),
         **dict.fromkeys(('duration', 'start_time', 'end_time'),
                         'log_time_ns of each message in in_time_order()'),
         'close': 'nothing is left open'}):

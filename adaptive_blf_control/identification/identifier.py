@@ -95,7 +95,8 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
             history_stack: What records pairs.
             change_monitor: What finds that the arm has changed.
             changes: Settings by name: ``kt=1.0``, ``history={'size': 200}``,
-                ``**{'history.size': 200}``; ``initial_estimate`` also by parameter name.
+                ``**{'history.size': 200}``; ``initial_estimate`` also by parameter name, or an
+                object that has such an ``estimate``, as what `identify` returns.
 
         Raises:
             ParameterError: a setting is not known, cannot be used or does not fit the arm, or a
@@ -105,9 +106,10 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
         if settings is None:
             usual = IdentifierSettings()
             settings = usual.replace(**{'history.size': max(usual.history.size, 2 * arm.m)})
-        if isinstance(changes.get('initial_estimate'), Mapping):
-            changes['initial_estimate'] = values_of('initial_estimate',
-                                                    changes['initial_estimate'], arm)
+        start = changes.get('initial_estimate')
+        start = getattr(start, 'estimate', start)  # of another identifier, or of a log
+        if isinstance(start, Mapping):
+            changes['initial_estimate'] = values_of('initial_estimate', start, arm)
         given, names = named({'update_law': update_law, 'state_filter': state_filter,
                               'history_stack': history_stack, 'change_monitor': change_monitor})
         settings = IdentifierSettings.taken(settings, {**changes, **names}, of_any_arm=True)

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from adaptive_blf_control.errors import BlfError, ParameterError
 
 __all__ = ['NamesIn', 'is_plugin', 'load_plugin', 'made', 'require',
-           'to_be_written']
+           'require_call', 'to_be_written']
 
 
 Method = TypeVar('Method', bound=Callable[..., Any])
@@ -135,6 +135,24 @@ def require(parameter: str, value: object, part: object, names: Sequence[str],
                              f'{type(part).__name__} has no {", ".join(missing)}'
                              + _inherited('' if base in [
                                  each.__name__ for each in type(part).__mro__] else base))
+
+
+def require_call(parameter: str, value: object, part: object, method: str,
+                 *arguments: str) -> None:
+    """Raise ParameterError where a method of a part cannot be called as its protocol calls it.
+
+    Args:
+        parameter: Name of the parameter or argument, for the message.
+        value: Its value, likewise.
+        part: What it stands for.
+        method: Name of the method.
+        arguments: Names of what it is called with.
+    """
+    try:
+        _check_call(getattr(part, method), arguments)
+    except TypeError as error:
+        raise ParameterError(parameter, value, f'a part whose {method} is called as '
+                             f'{method}({", ".join(arguments)}): {error}') from None
 
 
 def _takes_nothing(given: Callable[..., Any], arguments: tuple[Any, ...]) -> bool:

@@ -59,7 +59,8 @@ _NOT_THERE = {
                     "figures['confidence'] says of each parameter whether it is determined, "
                     'weakly or not'),
     'theta_hat': 'theta is the estimate, estimate has it by name',
-    'covariance': 'uncertainty.covariance', 'condition': "figures['condition']",
+    'covariance': 'uncertainty.covariance',
+    **dict.fromkeys(('condition', 'condition_number', 'cond'), "figures['condition']"),
     'residuals': 'prediction.measured - prediction.predicted, of the test span',
     'confidence': "figures['confidence'] says of each parameter how well it is determined",
     'intervals': 'theta ± 1.96 std is the 95 % interval of a parameter, prediction.half_width '

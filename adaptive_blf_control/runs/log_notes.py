@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from adaptive_blf_control.identification.confidence import DETERMINED
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.uncertainty import distance_to_go, Uncertainty
 from adaptive_blf_control.runs.log_pass import Section
@@ -33,7 +34,7 @@ def notes_on(identifier: Identifier, sections: Sequence[Section], judged: Uncert
     if judged is None:
         return ()
     on_its_way = tuple(_on_its_way(identifier))
-    return (*on_its_way, *_too_short(identifier, sections, judged),
+    return (*on_its_way, *_no_robot(figures), *_too_short(identifier, sections, judged),
             *(() if on_its_way else _too_narrow(figures)))
 
 
@@ -49,6 +50,15 @@ def _on_its_way(identifier: Identifier) -> Iterator[str]:
                f'(RMS) from those of their least squares, which leaves {residual:.3g} N·m. '
                'Standard deviations and intervals hold for that fit. A larger gamma, kt or kh '
                'moves θ̂ faster')
+
+
+def _no_robot(figures: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a note where θ̂ is no robot's although nothing of it is left open."""
+    positive = figures['positive_mass']
+    if positive['theta_hat'] == 0 and set(figures['confidence'].values()) == {DETERMINED}:
+        yield (f'θ̂ is that of no robot: M(q) > 0 at none of {positive["postures"]} postures, and '
+               'the data determine every parameter. Has the effort the opposite sign, or is the '
+               'arm another one? ' + option('gain', '{JOINT: -1}', 'JOINT:-1') + ' turns the sign')
 
 
 def _too_short(identifier: Identifier, sections: Sequence[Section],

@@ -11,6 +11,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm, SIMULATED
 from adaptive_blf_control.arrays import checked_finite
+from adaptive_blf_control.configuration.build_arm import build_arm
 from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop, OwnParts
 from adaptive_blf_control.configuration.node_settings import (
     ControllerNodeSettings,
@@ -90,7 +91,7 @@ def joined(scenario: Scenario, own: OwnParts, changes: Mapping[str, Any]) -> Joi
                                  f'for each of {", ".join(arm.parameters)}')
     refuse_unused(changes, arm=arm, plant=None if isinstance(own.plant, type) or callable(
         own.plant) else own.plant)
-    data = apply_changes(data, _by_value(changes, arm))
+    data = apply_changes(data, _by_value(changes, arm, data))
     _refuse_friction(changes, data)
     loop = build_closed_loop(data, own._replace(arm=arm))
     _refuse_idle(changes, unused_of_encoder(given_values(data, 'arm_driver'), loop.plant))
@@ -122,8 +123,14 @@ def _refuse_friction(changes: Mapping[str, Any], data: Mapping[str, Any]) -> Non
                                  'have a choice')
 
 
-def _by_value(changes: Mapping[str, Any], arm: Arm | None) -> dict[str, Any]:
+def _by_value(changes: Mapping[str, Any], arm: Arm | None,
+              data: Mapping[str, Any]) -> dict[str, Any]:
     """Return changes with θ̂(0) as an array where it is given by parameter name.
+
+    Args:
+        changes: As a caller gives them.
+        arm: The arm; that of the identifier of ``data`` where None.
+        data: The parameter file's data.
 
     Raises:
         ParameterError: a node's settings are given as something else.
@@ -133,8 +140,10 @@ def _by_value(changes: Mapping[str, Any], arm: Arm | None) -> dict[str, Any]:
             raise ParameterError(node, changes[node], "parameters by name, such as {'k2': 30.0}; "
                                  'ClosedLoop(plant, controller, identifier) joins objects')
     values = changes.get('initial_estimate')
-    if arm is None or not isinstance(values, Mapping):
+    if not isinstance(values, Mapping):
         return dict(changes)
+    if arm is None:
+        arm = build_arm(node_settings(data, IdentifierNodeSettings))
     return {**changes, 'initial_estimate': values_of('initial_estimate', values, arm)}
 
 

@@ -22,7 +22,7 @@ from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.parameters.guided import Guided
-from adaptive_blf_control.parameters.plugin import require
+from adaptive_blf_control.parameters.plugin import require, require_call
 from adaptive_blf_control.simulation.block import trace_rows, TraceRows
 from adaptive_blf_control.simulation.block_run import BlockRun, LoopParts, parts_in_python
 from adaptive_blf_control.simulation.failure import Failure, failure_at, first_failure
@@ -89,6 +89,7 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
             raise ParameterError('plant', plant, 'what moves under torques: simulate(arm) drives '
                                  'a simulated arm, a class that inherits from Plant your own')
         require('plant', plant, plant, REQUIRED, 'Plant')
+        require_call('plant', plant, plant, 'advance', 'dt')
         require('controller', controller, controller, ('arm', 'reference', 'update'))
         self.plant = plant
         self.controller = controller

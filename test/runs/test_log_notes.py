@@ -38,6 +38,13 @@ def test_a_short_log_that_says_determined_of_what_is_far_off_is_noted(duration, 
         assert f'note: {note}' in repr(result)
 
 
+def test_a_log_whose_effort_has_the_opposite_sign_is_noted():
+    run = door.simulate('two_link', 20.0)
+    log = run.log()
+    turned = door.identify({'t': log.t, 'q': log.q, 'qd': log.qd, 'tau': -log.tau}, arm=run.arm)
+    assert 'θ̂ is that of no robot: M(q) > 0 at none of 1000 postures' in ''.join(turned.notes)
+
+
 def test_a_log_that_is_long_enough_has_no_note():
     for noisy in (False, True):
         result = learned(20.0, noisy)

@@ -88,7 +88,8 @@ class _Checked:
     def answer(self, sample: LawSample) -> LawAnswer:
         answer, arm = self._law.answer(sample), self._arm
         if not isinstance(answer, LawAnswer):
-            raise ParameterError(f'{type(self._law).__name__}.answer', answer, 'a LawAnswer')
+            raise ParameterError(f'{type(self._law).__name__}.answer', answer,
+                                 'LawAnswer(torque, e2), e2 the velocity error, zeros for none')
         x = answer.regressor
         return LawAnswer(
             checked_array('torque', answer.torque, (arm.n,), arm.joints),
