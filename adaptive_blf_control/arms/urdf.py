@@ -142,10 +142,7 @@ class UrdfArm(ClosedArm, instead={
         self._set_limits()
         self.rotor = nominal_rotor(rotor, rotor_inertia, self.n)
         self._set_base_parameters(rotor_inertia)
-        self._set_friction()
-        self.parameters = (*self._base_names, *self._friction.names)
-        self.nominal = np.concatenate([self.base_from_inertial(self.inertial, self.rotor),
-                                       self._friction.nominal])
+        self._set_parameters()
         self.payload_direction: np.ndarray | None = self._payload_direction()
         self.chain: ChainParameters = chain_parameters(
             chain_of_model(self.model, self.joints), self._base.independent, self._friction)
@@ -295,13 +292,16 @@ class UrdfArm(ClosedArm, instead={
         self.torque_limit = _limit(model.effortLimit[rows])
         self.velocity_limit = _limit(model.velocityLimit[rows])
 
-    def _set_friction(self) -> None:
+    def _set_parameters(self) -> None:
         options = self._options
         nominal = nominal_friction(
             {kind: (options[f'friction_{kind}'], options[kind]) for kind in FRICTION_KINDS},
             self.model, self._order.rows)
         self._friction = JointFriction(self.joints, nominal, options['coulomb_velocity'])
         self.dissipates = self._friction.dissipates
+        self.parameters = (*self._base_names, *self._friction.names)
+        self.nominal = np.concatenate([self.base_from_inertial(self.inertial, self.rotor),
+                                       self._friction.nominal])
 
     def _set_base_parameters(self, rotors: bool) -> None:
         model, rows = self.model, self._order.rows

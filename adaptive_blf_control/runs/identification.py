@@ -27,7 +27,7 @@ from adaptive_blf_control.identification.consistent_model import (
 )
 from adaptive_blf_control.identification.estimate_file import write_estimate
 from adaptive_blf_control.identification.identifier import Identifier
-from adaptive_blf_control.identification.settings import FilterSettings, IdentifierSettings
+from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.uncertainty import Uncertainty
 from adaptive_blf_control.runs.finding import Finding, listed
 from adaptive_blf_control.runs.learned import Learned
@@ -226,19 +226,18 @@ class Identification(Learned, instead=_NOT_THERE):
 
 
 @checked_call
-def identify(log: Log, urdf: UrdfSource | None = None,
-             joints: Sequence[str] | None = None, *, arm: Arm | str | None = None,
-             train: Given = None, test: Given = None, topic: str | None = None,
-             validate: Any = None, columns: Mapping[str, str] | None = None,
-             degrees: bool | None = None, gain: Mapping[str, float] | None = None,
-             effort_delay: float | None = None, force: bool | None = None,
-             options: LogOptions | None = None, settings: IdentifierSettings | None = None,
-             progress: Progress | None = None, **changes: Any) -> Identification:
+def identify(log: Log, urdf: UrdfSource | None = None, joints: Sequence[str] | None = None, *,
+             arm: Arm | str | None = None, train: Given = None, test: Given = None,
+             topic: str | None = None, validate: Any = None,
+             columns: Mapping[str, str] | None = None, degrees: bool | None = None,
+             gain: Mapping[str, float] | None = None, effort_delay: float | None = None,
+             force: bool | None = None, options: LogOptions | None = None,
+             settings: IdentifierSettings | None = None, progress: Progress | None = None,
+             **changes: Any) -> Identification:
     """Learn the parameters of a measured robot from its log, in one pass.
 
     The log is streamed through the identifier of the node: no look-ahead, one sample after the
     other. Before and after the training span θ̂ is frozen and the samples are only filtered.
-
     Before that the log is checked (see `check_log`): it is refused where it cannot be right.
 
     Args:
@@ -287,7 +286,7 @@ def identify(log: Log, urdf: UrdfSource | None = None,
     sections = reader.sections(logs, others, train, test)
     result = learn(identifier, sections, progress)
     source = ', '.join(map(name_of, logs))
-    _check_used(result, subject.settings.filter, source, test == NO_TEST and not others)
+    _check_used(result, identifier, source, test == NO_TEST and not others)
     return _judged(identifier, sections, result, source, reader)
 
 
@@ -317,8 +316,9 @@ def _consistent(identifier: Identifier, arm: InertialArm, judged: Uncertainty) -
                             judged.alike)
 
 
-def _check_used(result: LogPass, filters: FilterSettings, source: str, untested: bool) -> None:
+def _check_used(result: LogPass, identifier: Identifier, source: str, untested: bool) -> None:
     """Raise LogError where the filter left no pair of a span."""
+    filters = identifier.settings.filter
     for name, fit in (('train', result.train), ('test', result.test)):
         if fit.count == 0 and not (name == 'test' and untested):
             raise LogError(f'{source}: no sample of the {name} span can be used: the filter '

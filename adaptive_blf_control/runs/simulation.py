@@ -266,24 +266,21 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
         The run as arrays over N samples, with what was learned. ``print`` shows the figures.
 
     Raises:
-        ParameterError: a parameter is not known or cannot be used, or a part lacks what its
-            protocol asks for.
-        SetViolation: the start is outside a set, or the performance set exceeds the
-            safety set (9).
+        ParameterError: a parameter cannot be used, or a part lacks what its protocol asks for.
+        SetViolation: the start is outside a set, or (9) does not hold.
         ArmError: the arm cannot be built.
         BagError: the bag cannot be written.
     """
-    own = OwnParts(law=law, update_law=update_law, constraints=constraints,
-                   **_objects(plant, sensor, reference, changes))
     if schedule is not None:
         changes['arm_driver.schedule'] = schedule_columns(schedule)
+    objects = _objects(plant, sensor, reference, changes)
+    own = OwnParts(law=law, update_law=update_law, constraints=constraints, **objects)
     try:
         ready = joined(scenario, own, changes)
     except UnknownParameter as error:  # may also be meant for an argument
         raise error.beside(argument_names(simulate)) from None
+    _check_observer(observer)
     loop, length = ready.loop, duration_of(ready.data, duration)
-    if observer is not None and not callable(observer):
-        raise ParameterError('observer', observer, 'a function of a Sample')
     loop.warm_up()
     with nullcontext() if bag is None else _bag_of(bag, ready) as writer:
         trace = loop.run(length, _both(observer, writer))
@@ -315,6 +312,11 @@ def _bag_of(bag: Any, ready: Joined) -> BagObserver:
     except TypeError:
         raise BagError(f'bag is {bag!r}: expected a path') from None
     return BagObserver(path, ready.loop, ready.data, built=ready.built)
+
+
+def _check_observer(observer: Any) -> None:
+    if observer is not None and not callable(observer):
+        raise ParameterError('observer', observer, 'a function of a Sample')
 
 
 def _both(first: Callable[[Sample], None] | None,
