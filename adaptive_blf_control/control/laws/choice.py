@@ -89,7 +89,7 @@ class _Checked:
         answer, arm = self._law.answer(sample), self._arm
         if not isinstance(answer, LawAnswer):
             raise ParameterError(f'{type(self._law).__name__}.answer', answer,
-                                 'LawAnswer(torque, e2), e2 the velocity error, zeros for none')
+                                 'a LawAnswer: LawAnswer(torque, e2), e2 q̇ − α or zeros')
         x = answer.regressor
         return LawAnswer(
             checked_array('torque', answer.torque, (arm.n,), arm.joints),
