@@ -11,7 +11,7 @@ from __future__ import annotations
 import codecs
 from collections.abc import Iterator
 import csv
-from itertools import chain
+from itertools import chain, islice, pairwise, takewhile
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
@@ -19,10 +19,15 @@ from adaptive_blf_control.errors import GIT_LFS_POINTER, LogError
 
 __all__ = ['CsvFile', 'is_number', 'number_of', 'open_csv', 'opened']
 
-_BOMS = ((codecs.BOM_UTF8, 'utf-8-sig'), (codecs.BOM_UTF16_LE, 'utf-16'),
+# Those of UTF-32 first: the one of little endian begins with that of UTF-16.
+_BOMS = ((codecs.BOM_UTF32_LE, 'utf-32'), (codecs.BOM_UTF32_BE, 'utf-32'),
+         (codecs.BOM_UTF8, 'utf-8-sig'), (codecs.BOM_UTF16_LE, 'utf-16'),
          (codecs.BOM_UTF16_BE, 'utf-16'))
+# Which of four bytes are zero in a text of the Latin alphabet.
+_ZEROS = {(False, True, True, True): 'utf-32-le', (True, True, True, False): 'utf-32-be'}
 _SEPARATORS = (';', '\t', '|', ',')  # a comma may also be inside of numbers
 _COMMENTS = ('#', '%')
+_PREAMBLE = 200  # lines of text that may stand before the header
 _MISSING = ('', 'nan', '-nan', 'null', 'none', 'n/a', 'na', '-')
 
 
@@ -31,10 +36,12 @@ class CsvFile(NamedTuple):
 
     Attributes:
         header: Cells of the header; () where there is none.
+        line: Number of the line of the header, from 1 on.
         rows: Line number and cells of each row that is neither empty nor a comment.
     """
 
     header: tuple[str, ...]
+    line: int
     rows: Iterator[tuple[int, list[str]]]
 
 
@@ -63,22 +70,45 @@ def open_csv(path: Path, stream: TextIO) -> CsvFile:
         elif text:
             break
     else:
-        return CsvFile((), iter(()))
-    following = stream.readline()
+        return CsvFile((), 0, iter(()))
+    head = [(number, line), *islice(enumerate(stream, number + 1), _PREAMBLE)]
+    del head[:_header_place(head, separator)]
+    line, following = head[0][1], head[1][1] if len(head) > 1 else ''
     if separator is None:
         separator = _separator(line, following)
     first = _cells([line], separator)[0]
-    header, rest = tuple(first), [(number + 1, following)]
+    header, rest = tuple(first), head[1:]
     if all(map(is_number, first)):
-        rest.insert(0, (number, line))
+        rest = head
         header = ()
         if comments:
             header = tuple(_cells(comments[-1:], _separator(comments[-1], line))[0])
     elif (units := _units(following, separator, len(header))) is not None:
         header, rest = tuple(f'{cell.strip()} [{unit}]' if unit else cell
-                             for cell, unit in zip(header, units)), []
-    lines = chain(rest, enumerate(stream, number + 2))
-    return CsvFile(tuple(cell.strip() for cell in header), _rows(lines, separator))
+                             for cell, unit in zip(header, units)), head[2:]
+    lines = chain(rest, enumerate(stream, number + 1 + _PREAMBLE))
+    return CsvFile(tuple(cell.strip() for cell in header), head[0][0], _rows(lines, separator))
+
+
+def _header_place(lines: list[tuple[int, str]], separator: str | None) -> int:
+    """Return which line is the header: the first one, but for text that stands before it.
+
+    It is the line above the first row of numbers with as many cells, or above the line of units in
+    between. What stands before has fewer cells, or they are mostly empty, as in a spreadsheet.
+    """
+    places = [k for k, (_, line) in enumerate(lines)
+              if k == 0 or line.strip() and not line.startswith(_COMMENTS)]
+    for position, (above, below) in enumerate(pairwise(places)):
+        used = separator or _separator(lines[above][1], lines[below][1])
+        row, *before = (_cells([lines[k][1]], used)[0]
+                        for k in (below, *reversed(places[:position + 1])))
+        if len(row) == 1 or not all(map(is_number, row)) or not any(map(str.strip, row)):
+            continue
+        fitting = takewhile(lambda cells: len(cells) == len(row) - row[len(cells):].count('')
+                            and 2 * cells.count('') < len(cells), before)
+        count = sum(1 for _ in fitting)
+        return places[position + 1 - count] if count else 0
+    return 0
 
 
 def _units(line: str, separator: str, count: int) -> list[str] | None:
@@ -98,7 +128,8 @@ def opened(path: Path) -> TextIO:
         start = stream.read(64)
     encoding = next((name for bom, name in _BOMS if start.startswith(bom)), 'utf-8')
     if encoding == 'utf-8' and b'\0' in start:
-        encoding = 'utf-16-be' if start[:1] == b'\0' else 'utf-16-le'
+        other = 'utf-16-be' if start[:1] == b'\0' else 'utf-16-le'
+        encoding = _ZEROS.get(tuple(byte == 0 for byte in start[:4]), other)
     return path.open(newline='', encoding=encoding, errors='replace')
 
 

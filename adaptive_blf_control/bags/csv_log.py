@@ -48,7 +48,7 @@ def _read(path: Path, file: CsvFile, joints: Sequence[str] | None, velocity: boo
     try:
         found = find_columns(header, joints, velocity=velocity, given=given)
     except LogError as exc:
-        where = 'row 1' if header or not first else 'no header'
+        where = f'row {file.line}' if header or not first else 'no header'
         raise LogError(f'{path}: {where}: {exc}') from exc
     places = [*found.time, *(i for kind in ('q', 'qd', 'tau') for i in found.values[kind])]
     store, clock, problem = RowStore(len(places) - len(found.time)), array('d'), None

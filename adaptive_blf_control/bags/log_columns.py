@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 import re
 from typing import NamedTuple
@@ -21,10 +22,12 @@ _WORDS = {
     'current': r'currents?|curr?',
 }
 _KIND = '|'.join(f'(?P<{name}>{words})' for name, words in _WORDS.items())
-# Tried in this order: /joint_states/a/position, position[0], pos_a, a_pos, q.
+# Tried in this order: /joint_states/a/position, position[0], pos_a, position[a], a_pos, q.
 _FORMS = tuple(re.compile(form.replace('KIND', f'(?:{_KIND})')) for form in (
     r'(?:.*/)?(?P<joint>[^/]+)/KIND', r'(?:.*[/._])?KIND[\[_./ -]*(?P<joint>\d+)\]?',
-    r'(?:.*/)?KIND[_./ ](?P<joint>[^/]+)', r'(?:.*/)?(?P<joint>[^/]+)[_. ]KIND', r'KIND'))
+    r'(?:.*/)?KIND[_./ ](?P<joint>[^/]+)',
+    r'(?:.*[/._ ])?KIND\s*[\[({<]\s*(?P<joint>[^\[\](){}<>]+?)\s*[\])}>]',
+    r'(?:.*/)?(?P<joint>[^/]+)[_. ]KIND', r'KIND'))
 # What was asked for, not what was measured.
 _NOT_MEASURED = re.compile(r'(?:^|[/._ ])(?:target|desired|des|reference|ref|command(?:ed)?|cmd|'
                            r'setpoint|goal|error|err)(?:$|[/._ \[])')
@@ -37,6 +40,7 @@ _UNIT_NAMES = {'s': 's', 'sec': 's', 'secs': 's', 'seconds': 's', 'ms': 'ms', 'm
                'nsecs': 'ns', 'nanosec': 'ns', 'nanosecs': 'ns', 'nanoseconds': 'ns'}
 _TIME = re.compile(r'(?:.*[/.])?_*(?:t|time|time[_ ]?stamp|stamp|elapsed(?:[_ ]?time)?|clock|'
                    rf'rosbagtimestamp|seconds|secs?)(?:_?(?P<unit>{"|".join(_UNIT_NAMES)}))?')
+_ANGLE = re.compile(r'rad|deg|°')
 _BRACKETS = re.compile(r'(.*?)\s*[\[(<]\s*([^\[\](){}<>]*?\D)\s*[\])>]\s*')
 
 
@@ -127,8 +131,12 @@ def given_columns(text: str) -> dict[str, str]:
 
 def _recognised(names: Sequence[str]) -> tuple[_Found, list[str]]:
     found: _Found = {}
+    plain = Counter(_without_unit(name)[0] for name in names)
     for index, name in enumerate(names):
-        hit = None if _NOT_MEASURED.search(name) else _kind_and_joint(name)
+        without, unit = _without_unit(name)
+        # What differs in brackets is no unit but the joint: position[a], position[b].
+        told = name if plain[without] > 1 and not _ANGLE.match(unit) else without
+        hit = None if _NOT_MEASURED.search(name) else _kind_and_joint(told)
         if hit is None:
             continue
         if hit in found:
@@ -147,7 +155,7 @@ def _recognised(names: Sequence[str]) -> tuple[_Found, list[str]]:
 
 
 def _kind_and_joint(name: str) -> tuple[str, str] | None:
-    name = _MEASURED.sub('', _without_unit(name)[0])
+    name = _MEASURED.sub('', name)
     for form in _FORMS:
         match = form.fullmatch(name)
         if match is None:

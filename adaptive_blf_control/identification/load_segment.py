@@ -71,6 +71,30 @@ class LoadSegment:
             result.add(sums, begin, seconds)
         return result
 
+    def without_first(self) -> LoadSegment:
+        """Return the segment without its first block, though it began with it."""
+        result = LoadSegment(len(self.total), self.begin)
+        for sums, (begin, seconds) in zip(self._blocks[1:], self._times[1:], strict=True):
+            result.add(sums, begin, seconds)
+        return result
+
+    def attachment(self, weights: np.ndarray, ridge: np.ndarray) -> tuple[int, float]:
+        """Return the block with which a load most likely began that was not there before.
+
+        Args:
+            weights: 1 / (2 T_j s_j²) per joint, shape (n,) [1/(N²·m²·s)].
+            ridge: Inverse covariance of what a load may be, shape (10, 10).
+
+        Returns:
+            The block, and twice the logarithm of its likelihood ratio to the first one.
+        """
+        each = np.einsum('j,kjab->kab', weights, self.blocks)
+        behind = np.cumsum(each[::-1], axis=0)[::-1]
+        without = np.cumsum(each[:, -1, -1]) - each[:, -1, -1]
+        cost = (without + _least(behind, ridge))[:max(len(each) - _LEAST, 1)]
+        best = int(np.argmin(cost))
+        return best, float(cost[0] - cost[best])
+
     def change(self, weights: np.ndarray, ridge: np.ndarray) -> tuple[int, float, float]:
         """Return the block with which another load most likely began, and how likely that is.
 

@@ -32,7 +32,8 @@ __all__ = ['NO_LOAD', 'PayloadEstimate', 'PayloadEstimator']
 NO_LOAD = Load(0.0, np.zeros(3), np.zeros(6))
 _GYRATION = 0.1  # m: of the ball around the frame's origin that a load is before any data
 _ALIKE = 2.0  # memories of the filters for which errors are alike
-_PRIOR_SECONDS = 1.0  # of data that the residual scale of before counts as
+_PRIOR_SECONDS = 1.0  # of data that the residual scale counts as before any data
+_KNOWN_SECONDS = 8.0  # at most, that the one of before a change counts as
 _DESCRIBED = 0.05  # residual scale before any data, of the RMS torque
 _LEAST_RELATIVE = 0.02  # of the RMS torque: no model of a robot is better
 _LEAST_FREEDOM = 0.1  # least part of the equations that is taken not to have been fitted
@@ -42,6 +43,7 @@ _AT_REST = 0.05  # part of the time that counts at rest
 _LAG = 3  # blocks that a change may take until it is seen
 _CHANGE = 60.0  # twice the log likelihood ratio from which a load has changed, of ten parameters
 _PART = 0.3  # of the squared residual that a load has to explain
+_LATER = 6.0  # the same, 20 to 1: from which a new load was attached after the segment began
 _SURE = 3.0  # standard deviations that a mass has to differ from zero
 
 
@@ -61,6 +63,20 @@ class PayloadEstimate(NamedTuple):
     load: Load
     std: Load
     inertial: np.ndarray
+
+
+class _Scale(NamedTuple):
+    """How large residuals are.
+
+    Attributes:
+        weights: 1 / (2 T_j s_j²) per joint, shape (n,).
+        variance: s_j² of what the load that is reported leaves, shape (n,) [N²·m²].
+        seconds: Of data that it is from.
+    """
+
+    weights: np.ndarray
+    variance: np.ndarray
+    seconds: float
 
 
 class PayloadEstimator:
@@ -104,11 +120,13 @@ class PayloadEstimator:
         self.estimate: PayloadEstimate | None = None
         self.changes = 0
         self._updates = 0
+        self._mixed_block = False  # whether the segment begins with both loads
         self._segment: LoadSegment | None = None
-        self._variance: np.ndarray | None = None
+        self._variance: np.ndarray | None = None  # of residuals, known from before the segment
+        self._known = _PRIOR_SECONDS  # of data that it counts as
         self._torque, self._seconds = np.zeros(1), 0.0  # ∫ τ_f² dt
         self._last = self._block_begin = -np.inf
-        self._earlier: deque[np.ndarray] = deque(maxlen=_LAG)
+        self._earlier: deque[_Scale] = deque(maxlen=_LAG)
         self._rows: list[tuple[np.ndarray, np.ndarray, float]] = []
 
     def take(self, t: float, regressor: np.ndarray, torque: np.ndarray) -> bool:
@@ -170,12 +188,23 @@ class PayloadEstimator:
         if self._segment is None:
             self._segment = LoadSegment(residuals.shape[1], self._block_begin)
         intervals = intervals * self._news(columns, float(intervals.sum()))
+        if self._mixed_block:
+            self._segment, self._mixed_block = self._segment.without_first(), False
         self._segment.add(sums_of(columns, residuals, intervals), self._block_begin,
                           float(intervals.sum()))
         self._look_for_change(self._segment)
         weights = self._weights(self._segment)
-        self._earlier.append(weights)
-        self._conclude(self._segment, weights)
+        before, found = self.estimate, self._judged(self._segment, weights)
+        if found.attached and (before is None or not before.attached) and (
+                self._left_out_before(self._segment, weights)):
+            weights = self._weights(self._segment)
+            found = self._judged(self._segment, weights)
+        if before is not None and (before.attached != found.attached or (
+                found.attached and self._segment.begin > before.since)):
+            self.changes += 1
+        self.estimate = found
+        self._earlier.append(_Scale(weights, self._residual_scale(self._segment),
+                                    self._known + self._segment.seconds))
 
     def _news(self, columns: np.ndarray, seconds: float) -> float:
         """Return which part of a block counts: what the arm tells at rest it has told before.
@@ -191,35 +220,74 @@ class PayloadEstimator:
         """Begin another segment where the load has changed."""
         if not self._earlier:
             return
-        weights = self._earlier[0]  # of a time before what is tested
-        block, ratio, part = segment.change(weights, self._ridge)
+        before = self._earlier[0]  # of a time before what is tested
+        block, ratio, part = segment.change(before.weights, self._ridge)
         if ratio > _CHANGE and part > _PART:
             # The block of the change itself has both loads in the memory of the filters.
             self._segment = segment.after(min(block + 1, len(segment) - 1))
-            # Within a few blocks it is the same change, of which more is seen now.
-            self._segment.begin = segment.begin_of(block) if block > _LAG else segment.begin
-            self._variance = 0.5 / (weights * self._alike)
+            if block > _LAG:
+                self._segment.begin = segment.begin_of(block)
+                self._variance = before.variance
+                self._known = min(before.seconds, _KNOWN_SECONDS)
+            else:  # within a few blocks it is the same change, of which more is seen now
+                self._segment.begin = segment.begin
+            self._mixed_block = block + 2 == len(segment)  # it may be the last one that is
             self._earlier.clear()
 
     def _floor(self, part: float) -> np.ndarray:
         return np.asarray(part ** 2 * self._torque / self._seconds + 1e-12)
 
     def _weights(self, segment: LoadSegment) -> np.ndarray:
-        """Return 1 / (2 T_j s_j²) from the residuals of a segment, shape (n,)."""
-        described = self._floor(_DESCRIBED) if self._variance is None else self._variance
-        joints = len(described)
+        """Return 1 / (2 T_j s_j²) from the residuals of a segment, shape (n,).
+
+        Errors of a model are alike for seconds, and for as long a load can explain those of joints
+        that feel little of it. So the residuals of a new segment are too small a measure of these
+        joints, and what was known before it counts for seconds, too.
+        """
+        joints = len(segment.total)
         equations = joints * segment.seconds / (2.0 * self._alike)
         freedom = max(1.0 - PER_BODY / max(equations, 1e-9), _LEAST_FREEDOM)
-        variance = described
+        variance = self._described()
         for _ in range(_REWEIGHTINGS):
             weighted = np.tensordot(0.5 / (self._alike * variance), segment.total, axes=1)
             best = np.linalg.solve(weighted[:-1, :-1] + self._ridge, weighted[:-1, -1])
-            variance = ((_PRIOR_SECONDS * described + squares(segment.total, best) / freedom)
-                        / (_PRIOR_SECONDS + segment.seconds))
-            variance = np.maximum(variance, self._floor(_LEAST_RELATIVE))
+            variance = self._mixed(squares(segment.total, best) / freedom, segment.seconds)
         return np.asarray(0.5 / (self._alike * variance))
 
-    def _conclude(self, segment: LoadSegment, weights: np.ndarray) -> None:
+    def _described(self) -> np.ndarray:
+        return self._floor(_DESCRIBED) if self._variance is None else self._variance
+
+    def _mixed(self, squared: np.ndarray, seconds: float) -> np.ndarray:
+        """Return the variance from squared residuals of some seconds and from before, (n,)."""
+        mixed = (self._known * self._described() + squared) / (self._known + seconds)
+        return np.asarray(np.maximum(mixed, self._floor(_LEAST_RELATIVE)))
+
+    def _residual_scale(self, segment: LoadSegment) -> np.ndarray:
+        """Return the variance of what the load that is reported, maybe none, leaves, (n,)."""
+        assert self.estimate is not None
+        return self._mixed(squares(segment.total, self.estimate.inertial), segment.seconds)
+
+    def _left_out_before(self, segment: LoadSegment, weights: np.ndarray) -> bool:
+        """Leave out what was before a new load was attached; return whether there was something.
+
+        A load is reported once it is certain. That another one began when it was attached may not
+        be: what was before, without it, then stands in the same segment and pulls at the estimate.
+        """
+        block, ratio = segment.attachment(weights, self._ridge)
+        if ratio < _LATER:
+            return False
+        rest = segment.after(block)
+        squared = (segment.total - rest.total)[:, -1, -1]
+        seconds = segment.seconds - rest.seconds
+        self._variance = self._mixed(squared, seconds)
+        self._known = min(self._known + seconds, _KNOWN_SECONDS)
+        # The block of the attachment itself is partly without the load.
+        self._segment = segment.after(min(block + 1, len(segment) - 1))
+        self._segment.begin = rest.begin
+        self._earlier.clear()
+        return True
+
+    def _judged(self, segment: LoadSegment, weights: np.ndarray) -> PayloadEstimate:
         weighted = np.tensordot(weights, segment.total, axes=1)
         before = self.estimate
         near = before.inertial if before is not None and before.attached else None
@@ -228,15 +296,11 @@ class PayloadEstimator:
         hessian = weighted[:-1, :-1] + self._ridge
         load, std = described(inertial, _covariance(segment, weights, inertial, hessian))
         without, along = weighted[-1, -1], float(squares(weighted, inertial))
-        attached = bool(without - along > max(_CHANGE, _PART * without)
-                        and load.mass > max(self._least_mass, _SURE * std.mass))
-        same = before is not None and before.attached == attached
-        if before is not None and (not same or (attached and segment.begin > before.since)):
-            self.changes += 1
-        since = before.since if before is not None and same and not attached else segment.begin
-        self.estimate = (PayloadEstimate(True, since, load, std, inertial) if attached else
-                         PayloadEstimate(False, since, NO_LOAD, _unknown(std.mass),
-                                         np.zeros(PER_BODY)))
+        if (without - along > max(_CHANGE, _PART * without)
+                and load.mass > max(self._least_mass, _SURE * std.mass)):
+            return PayloadEstimate(True, segment.begin, load, std, inertial)
+        since = segment.begin if before is None or before.attached else before.since
+        return PayloadEstimate(False, since, NO_LOAD, _unknown(std.mass), np.zeros(PER_BODY))
 
 
 def _unknown(mass: float) -> Load:

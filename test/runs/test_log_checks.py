@@ -288,3 +288,29 @@ def test_a_measured_effort_of_the_opposite_sign_is_found(measured, robot):
 def test_a_measured_effort_in_amperes_is_suspected(measured, robot):
     found = measured(robot, lambda log: log.replace(tau=log.tau / 13.0))
     assert 'unit' in {each.check for each in found}
+
+
+def moved(arm, t, rates) -> MeasuredLog:
+    """Return a motion of 0.6 rad at a rate [rad/s] for each joint, without noise."""
+    angle = np.outer(t, rates) + [0.0, 1.0]
+    q, qd, qdd = 0.6 * np.sin(angle), 0.6 * rates * np.cos(angle), -0.6 * rates ** 2 * np.sin(angle)
+    tau = np.array([arm.Y(*row) @ arm.nominal for row in zip(q, qd, qdd)])
+    return MeasuredLog(arm.joints, t, q, qd, tau + np.random.default_rng(4).normal(
+        0.0, 0.05, q.shape), 0)
+
+
+@pytest.mark.parametrize(('period', 'rates', 'seconds', 'gaps'), [
+    (0.002, (0.31, 0.43), 60.0, ()), (0.0002, (2.1, 3.3), 8.0, ()),
+    (0.002, (1.3, 2.1), 40.002, (6.0, 17.0, 23.0, 34.0))],
+    ids=['slow motion', 'high rate', 'gaps at the edges'])
+def test_a_delay_is_found_in_the_blocks_of_a_long_log(arm, period, rates, seconds, gaps):
+    """Blocks are long enough for the motion and for the filters, and nothing crosses their edges."""
+    t = period * np.arange(round(seconds / period))
+    log = moved(arm, t, np.array(rates))
+    later_t = t + 0.5 * np.sum(t[:, None] >= np.array(gaps), axis=1)
+    assert found(log.replace(t=later_t), arm) == []
+    late = log.replace(t=later_t, tau=np.column_stack([
+        np.interp(t - 0.04, t, column) for column in log.tau.T]))
+    delay, = found(late, arm)
+    assert delay[:3] == ('delay', None, WARNING)
+    assert delay[3] == pytest.approx(0.04, abs=0.004)
