@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import csv
 from itertools import chain, islice, pairwise, takewhile
 from pathlib import Path
+import re
 from typing import NamedTuple, TextIO
 
 from adaptive_blf_control.errors import GIT_LFS_POINTER, LogError
@@ -27,8 +28,9 @@ _BOMS = ((codecs.BOM_UTF32_LE, 'utf-32'), (codecs.BOM_UTF32_BE, 'utf-32'),
 _ZEROS = {(False, True, True, True): 'utf-32-le', (True, True, True, False): 'utf-32-be'}
 _SEPARATORS = (';', '\t', '|', ',')  # a comma may also be inside of numbers
 _COMMENTS = ('#', '%')
-_PREAMBLE = 200  # lines of text that may stand before the header
+_PREAMBLE = 1000  # lines of text that may stand before the header
 _MISSING = ('', 'nan', '-nan', 'null', 'none', 'n/a', 'na', '-')
+_DECIMAL = re.compile(r'[-+]?\d+[.,]\d')
 
 
 class CsvFile(NamedTuple):
@@ -53,7 +55,7 @@ def open_csv(path: Path, stream: TextIO) -> CsvFile:
         stream: The file as `opened` gives it.
 
     Raises:
-        LogError: the file is a Git LFS pointer.
+        LogError: the file is empty, no text, or a Git LFS pointer.
     """
     comments: list[str] = []
     line, separator, number = '', None, 0
@@ -70,7 +72,9 @@ def open_csv(path: Path, stream: TextIO) -> CsvFile:
         elif text:
             break
     else:
-        return CsvFile((), 0, iter(()))
+        raise LogError(f'{path} is empty: expected a header t,q1..,qd1..,tau1.. and rows below it')
+    if not all(letter.isprintable() or letter.isspace() for letter in line):
+        raise LogError(f'{path} is no text: expected a header t,q1..,qd1..,tau1.. and rows below it')
     head = [(number, line), *islice(enumerate(stream, number + 1), _PREAMBLE)]
     del head[:_header_place(head, separator)]
     line, following = head[0][1], head[1][1] if len(head) > 1 else ''
@@ -87,7 +91,9 @@ def open_csv(path: Path, stream: TextIO) -> CsvFile:
         header, rest = tuple(f'{cell.strip()} [{unit}]' if unit else cell
                              for cell, unit in zip(header, units)), head[2:]
     lines = chain(rest, enumerate(stream, number + 1 + _PREAMBLE))
-    return CsvFile(tuple(cell.strip() for cell in header), head[0][0], _rows(lines, separator))
+    while header and not header[-1].strip():  # a comma at the end
+        header = header[:-1]
+    return CsvFile(tuple(cell.strip().strip("'") for cell in header), head[0][0], _rows(lines, separator))
 
 
 def _header_place(lines: list[tuple[int, str]], separator: str | None) -> int:
@@ -102,7 +108,7 @@ def _header_place(lines: list[tuple[int, str]], separator: str | None) -> int:
         used = separator or _separator(lines[above][1], lines[below][1])
         row, *before = (_cells([lines[k][1]], used)[0]
                         for k in (below, *reversed(places[:position + 1])))
-        if len(row) == 1 or not all(map(is_number, row)) or not any(map(str.strip, row)):
+        if not all(map(is_number, row)) or not 2 * row.count('') < len(row) > 1:
             continue
         fitting = takewhile(lambda cells: len(cells) == len(row) - row[len(cells):].count('')
                             and 2 * cells.count('') < len(cells), before)
@@ -115,7 +121,8 @@ def _units(line: str, separator: str, count: int) -> list[str] | None:
     """Return the units below a header of so many cells; None where the line holds none."""
     cells = [cell.strip().strip('[]()') for cell in _cells([line], separator)[0]]
     told = [cell for cell in cells if cell]
-    wrong = len(cells) != count or not told or any(map(is_number, told))
+    wrong = len(cells) != count or not told or any(
+        is_number(cell) or _DECIMAL.match(cell) for cell in told)
     return None if wrong else cells
 
 
@@ -135,24 +142,21 @@ def opened(path: Path) -> TextIO:
 
 def is_number(cell: str) -> bool:
     """Return whether a cell holds a number, maybe with a decimal comma, or a missing one."""
-    text = cell.strip().lower()
-    if text in _MISSING:
-        return True
     try:
-        float(text.replace(',', '.'))
+        number_of(cell)
     except ValueError:
         return False
     return True
 
 
 def number_of(cell: str) -> float:
-    """Return the number in a cell, NaN where it stands for a missing one.
+    """Return the number in a cell, NaN where it stands for a missing one; 1.5D-3 as in Fortran.
 
     Raises:
         ValueError: it is neither.
     """
-    text = cell.strip()
-    return float('nan') if text.lower() in _MISSING else float(text.replace(',', '.'))
+    text = cell.strip().strip("'").lower()
+    return float('nan') if text in _MISSING else float(text.replace(',', '.').replace('d', 'e'))
 
 
 def _separator(first: str, second: str) -> str:

@@ -22,6 +22,7 @@ from adaptive_blf_control.errors import LogError
 __all__ = ['csv_log', 'raw_log']
 
 _DEGREES = re.compile(r'.*[\[(<]\s*(?:°|deg(?:rees?)?)\s*(?:/\s*s\w*)?\s*[\])>]\s*', re.IGNORECASE)
+_SHOWN = 12  # names of columns in a message
 _FIRST = 2000  # rows that tell the unit of the time
 
 
@@ -49,7 +50,7 @@ def _read(path: Path, file: CsvFile, joints: Sequence[str] | None, velocity: boo
         found = find_columns(header, joints, velocity=velocity, given=given)
     except LogError as exc:
         where = f'row {file.line}' if header or not first else 'no header'
-        raise LogError(f'{path}: {where}: {exc}') from exc
+        raise LogError(f'{path}: {where}: {exc}' + _columns_shown(header)) from exc
     places = [*found.time, *(i for kind in ('q', 'qd', 'tau') for i in found.values[kind])]
     store, clock, problem = RowStore(len(places) - len(found.time)), array('d'), None
     rows = _with_last(file.rows if first is None else _again(first, file.rows))
@@ -67,6 +68,12 @@ def _read(path: Path, file: CsvFile, joints: Sequence[str] | None, velocity: boo
         store.append(values[len(found.time):])
     table = store.table()
     return raw_log(found, header, np.array(clock), table, origin or 0, problem)
+
+
+def _columns_shown(header: Sequence[str]) -> str:
+    names = [repr(name[:40]) for name in header[:_SHOWN]]
+    more = [f'{len(header) - _SHOWN} more'] if len(header) > _SHOWN else []
+    return f'; the columns are {", ".join([*names, *more])}' if names else ''
 
 
 def _again(first: tuple[int, list[str]], rows: Iterator[tuple[int, list[str]]]

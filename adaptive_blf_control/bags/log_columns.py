@@ -16,29 +16,37 @@ __all__ = ['Columns', 'KINDS', 'find_columns', 'given_columns']
 
 KINDS = {'q': 'position', 'qd': 'velocity', 'tau': 'effort'}
 _WORDS = {
-    'q': r'joint_?pos(?:itions?)?|positions?|pos|angles?|theta|q|jp',
-    'qd': r'joint_?vel(?:ocit(?:y|ies))?|velocit(?:y|ies)|vel|speeds?|omega|q_?dot|qd|dq|jv',
-    'tau': r'joint_?(?:efforts?|torques?)|efforts?|eff|torques?|trq|tau(?:_?j)?|moments?',
+    'q': r'joint[_ ]?pos(?:itions?)?|positions?|q?pos|angles?|theta|θ|q|jp',
+    'qd': r'joint[_ ]?vel(?:ocit(?:y|ies))?|velocit(?:y|ies)|q?vel|speeds?|omega|ω|q_?dot|qd|dq|jv',
+    'tau': r'joint[_ ]?(?:efforts?|torques?)|efforts?|eff|torques?|trq|tau(?:_?j)?|τ|moments?|'
+           r'qfrc(?:_actuator)?',
     'current': r'currents?|curr?',
 }
-_KIND = '|'.join(f'(?P<{name}>{words})' for name, words in _WORDS.items())
-# Tried in this order: /joint_states/a/position, position[0], pos_a, position[a], a_pos, q.
+_KIND = '(?:act)?(?:' + '|'.join(f'(?P<{name}>{words})' for name, words in _WORDS.items()) + ')'
+# Tried in this order: /joint_states/a/position, position[0], pos_a, position[a], a[position],
+# a_pos, q.
 _FORMS = tuple(re.compile(form.replace('KIND', f'(?:{_KIND})')) for form in (
     r'(?:.*/)?(?P<joint>[^/]+)/KIND', r'(?:.*[/._])?KIND[\[_./ -]*(?P<joint>\d+)\]?',
-    r'(?:.*/)?KIND[_./ ](?P<joint>[^/]+)',
+    r'(?:.*/)?KIND[_./ :-](?P<joint>[^/]+)',
     r'(?:.*[/._ ])?KIND\s*[\[({<]\s*(?P<joint>[^\[\](){}<>]+?)\s*[\])}>]',
-    r'(?:.*/)?(?P<joint>[^/]+)[_. ]KIND', r'KIND'))
+    r'(?:.*/)?(?P<joint>[^/\[\](){}<>]+?)\s*[\[({<]\s*KIND\s*[\])}>]',
+    r'(?:.*/)?(?P<joint>[^/]+)[_. :-]KIND', r'KIND'))
+# The same in one spelling: q1dot, q̇1, position_rad_1, /a/state/position, /a/position/value.
+_SPELLINGS = tuple((re.compile(form), plain) for form, plain in (
+    (r'[_. ](?:meas(?:ured)?|actual|act|msr)$', ''), (r'/(?:value|data)$', ''),
+    (r'/(?:states?|actual|measured|feedback|data)(?=/)', ''), ('[qθ]\u0307', 'qd'),
+    (r'(?<![a-z])(?:q|theta|θ)_?(\d+)_?d(?:ot)?$', r'qd\1'),
+    (r'_(?:rad(?:_?(?:per_?)?s(?:ec)?)?|n_?m)(?=_|$)', '')))
+_INNER = re.compile(r'.*[\[({<]\s*([^\[\](){}<>]+?)\s*[\])}>]')
 # What was asked for, not what was measured.
-_NOT_MEASURED = re.compile(r'(?:^|[/._ ])(?:target|desired|des|reference|ref|command(?:ed)?|cmd|'
-                           r'setpoint|goal|error|err)(?:$|[/._ \[])')
-# Of what was measured, at the end of a name: q1_meas.
-_MEASURED = re.compile(r'[_. ](?:meas(?:ured)?|actual|act|msr)$')
+_NOT_MEASURED = re.compile(r'(?:^|[/._ :-])(?:target|desired|des|reference|ref|command(?:ed)?|cmd|'
+                           r'setpoint|goal|error|err)(?:$|[/._ :\[-])')
 _GENERIC = re.compile(r'joint_?states?|joints?|states?|actual|measured|feedback|data')
 _UNIT_NAMES = {'s': 's', 'sec': 's', 'secs': 's', 'seconds': 's', 'ms': 'ms', 'msec': 'ms',
                'msecs': 'ms', 'millis': 'ms', 'milliseconds': 'ms', 'us': 'us', 'µs': 'us',
                'usec': 'us', 'micros': 'us', 'microseconds': 'us', 'ns': 'ns', 'nsec': 'ns',
                'nsecs': 'ns', 'nanosec': 'ns', 'nanosecs': 'ns', 'nanoseconds': 'ns'}
-_TIME = re.compile(r'(?:.*[/.])?_*(?:t|time|time[_ ]?stamp|stamp|elapsed(?:[_ ]?time)?|clock|'
+_TIME = re.compile(r'(?:.*[/.])?_*(?:t|time|time[_ ]?stamp|receive[_ ]?time|stamp|elapsed(?:[_ ]?time)?|clock|'
                    rf'rosbagtimestamp|seconds|secs?)(?:_?(?P<unit>{"|".join(_UNIT_NAMES)}))?')
 _ANGLE = re.compile(r'rad|deg|°')
 _BRACKETS = re.compile(r'(.*?)\s*[\[(<]\s*([^\[\](){}<>]*?\D)\s*[\])>]\s*')
@@ -155,12 +163,15 @@ def _recognised(names: Sequence[str]) -> tuple[_Found, list[str]]:
 
 
 def _kind_and_joint(name: str) -> tuple[str, str] | None:
-    name = _MEASURED.sub('', name)
+    for spelling, plain in _SPELLINGS:
+        name = spelling.sub(plain, name)
     for form in _FORMS:
         match = form.fullmatch(name)
         if match is None:
             continue
         joint = match.groupdict().get('joint') or '1'
+        if inner := _INNER.fullmatch(joint):  # joint_states[a].position
+            joint = inner[1]
         if _GENERIC.fullmatch(joint):
             continue
         kind = next(kind for kind in _WORDS if match[kind])

@@ -37,6 +37,7 @@ from adaptive_blf_control.synonyms import same_meaning
 __all__ = ['Log', 'read_log']
 
 MINIMUM_ROWS = 3
+_TEXTS = ('.csv', '.tsv', '.txt', '.dat', '.asc', '.log')
 LOG_OPTIONS = ('topic', 'joints', 'velocity', 'columns', 'degrees', 'gain', 'effort_delay')
 _TABLES = {'.xlsx': 'read_excel', '.parquet': 'read_parquet', '.json': 'read_json',
            '.pkl': 'read_pickle', '.h5': 'read_hdf', '.feather': 'read_feather'}
@@ -177,7 +178,7 @@ def _of_bag(bag: Bag, topic: str | None, joints: Sequence[str] | None, velocity:
 def _of_file(path: Path, topic: str | None, joints: Sequence[str] | None, velocity: bool,
              columns: Mapping[str, str] | None) -> RawLog:
     kind = path.suffix.lower()
-    if kind in ('.csv', '.tsv', '.txt'):
+    if kind in _TEXTS:
         return csv_log(path, joints, velocity=velocity, columns=columns)
     if kind == '.npz':
         return _load_npz(path, joints, velocity, columns)

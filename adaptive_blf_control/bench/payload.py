@@ -164,7 +164,7 @@ def _switched(source: LogPairs, settings: IdentifierNodeSettings, baseline: np.n
 
 
 def _pairs(source: LogPairs, log: MeasuredLog) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-    for times, rows in source.of(log):
+    for times, rows in source.of_read(log):
         for t, pair in zip(times.tolist(), rows, strict=True):
             yield t, pair[:, :-1], pair[:, -1]
 
@@ -174,7 +174,7 @@ def _batch_load(source: LogPairs, log: MeasuredLog, baseline: np.ndarray) -> np.
     columns = load_map(source.arm, source.settings.payload.frame)
     sums = np.zeros((source.arm.n, PER_BODY + 1, PER_BODY + 1))
     seconds = 0.0
-    for times, rows in source.of(log):
+    for times, rows in source.of_read(log):
         residuals = rows[:, :, -1] - rows[:, :, :-1] @ baseline
         sums += sums_of(rows[:, :, :-1] @ columns, residuals, np.ones(len(times)))
         seconds += len(times)

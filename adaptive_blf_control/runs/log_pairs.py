@@ -61,7 +61,15 @@ class LogPairs:
         Raises:
             LogError: the log cannot be read, cannot be right, or leaves no pair.
         """
-        log, count = self.read(source), 0
+        count = 0
+        for times, rows in self.of_read(self.read(source)):
+            count += len(times)
+            yield times, rows
+        if not count:
+            raise LogError(f'{name_of(source)}: no sample can be used: the filters never settle')
+
+    def of_read(self, log: MeasuredLog) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield the same of a log that `read` has returned; nothing where no filter settles."""
         ends = [0, *log.breaks, len(log.t)]
         for begin, end in itertools.pairwise(ends):
             self.identifier.restart()
@@ -70,7 +78,4 @@ class LogPairs:
                 t, q, qd, tau = (part[some] for part in stretch)
                 for block in self.identifier.learn_in_blocks(t, q, qd, tau, False, BLOCK):
                     usable = block.usable
-                    count += int(usable.sum())
                     yield t[block.samples][usable], block.rows[usable]
-        if not count:
-            raise LogError(f'{name_of(source)}: no sample can be used: the filters never settle')

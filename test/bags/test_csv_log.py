@@ -55,7 +55,8 @@ def test_quoted_cells_with_decimal_commas(tmp_path):
     check(read(tmp_path, '\n'.join(quoted)))
 
 
-@pytest.mark.parametrize('encoding', ['utf-8-sig', 'utf-16', 'utf-16-le', 'utf-16-be'])
+@pytest.mark.parametrize('encoding', [
+    'utf-8-sig', 'utf-16', 'utf-16-le', 'utf-16-be', 'utf-32', 'utf-32-le', 'utf-32-be'])
 def test_encodings_of_other_systems(tmp_path, encoding):
     check(read(tmp_path, text(PLAIN).replace('\n', '\r\n').encode(encoding)))
 
@@ -229,3 +230,70 @@ def test_currents_are_taken_for_the_effort_with_a_note(tmp_path):
 def test_git_lfs_pointer_is_told_from_a_log(tmp_path):
     with pytest.raises(LogError, match='git lfs pull'):
         read(tmp_path, 'version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n')
+
+
+@pytest.mark.parametrize('before', [
+    'Robot log\n', 'Robot: UR10\nDate: 2024-01-01, 12:00\n\nNotes, with, commas\n\n',
+    'Recorded by me,,,,,,\n250,,,,,,\n', 'Serial,12345\nRate,250\n', '// a comment\n// another\n',
+    'a line\n' * 300])
+@pytest.mark.parametrize('units', ['', 's,rad,rad,rad/s,rad/s,Nm,Nm\n'])
+def test_text_before_the_header_is_left_out(tmp_path, before, units):
+    header, rows = text(PLAIN).split('\n', 1)
+    check(read(tmp_path, f'{before}{header}\n{units}{rows}'))
+
+
+def test_a_header_is_named_with_its_row_and_its_columns(tmp_path):
+    content = 'Robot log\n\n' + text(PLAIN.replace('t,', 'when,'))
+    with pytest.raises(LogError, match=r"row 3: missing column t: .*the columns are 'when', 'q1'"):
+        read(tmp_path, content)
+    broken = text(PLAIN).split('\n')
+    broken[1] = broken[1].replace(',', ',x', 1)
+    with pytest.raises(LogError, match=r"row 2, column 'q1': 'x"):
+        read(tmp_path, '\n'.join(broken))
+
+
+@pytest.mark.parametrize('form', [
+    '{1}[{0}]', '{1}({0})', '{1} [{0}]', '{0}[{1}]', '{0}({1})', '/joint_states.{1}[{0}]',
+    'joint_states[{0}].{1}', '{0}:{1}', '{1}:{0}', '{0}-{1}', '{1}-{0}', '{0}/{1}/value',
+    '/robot/{0}/state/{1}'])
+@pytest.mark.parametrize('named', [True, False])
+def test_what_differs_in_brackets_is_the_joint(tmp_path, form, named):
+    header = ','.join(form.format(joint, kind) for kind in ('position', 'velocity', 'effort')
+                      for joint in JOINTS)
+    log = read(tmp_path, text('time,' + header), joints=JOINTS if named else None)
+    assert log.joints == JOINTS
+    check(log)
+
+
+@pytest.mark.parametrize('header', [
+    't,q1[rad],q2[rad],qd1[rad/s],qd2[rad/s],tau1[Nm],tau2[Nm]',
+    't,q1,q2,q1dot,q2dot,tau1,tau2', 't,q1,q2,q\u03071,q\u03072,\u03c41,\u03c42',
+    't,\u03b81,\u03b82,\u03c91,\u03c92,\u03c41,\u03c42',
+    'time,qpos1,qpos2,qvel1,qvel2,qfrc_actuator1,qfrc_actuator2',
+    'Receive Time,ActPos[1],ActPos[2],ActVel[1],ActVel[2],ActTrq[1],ActTrq[2]',
+    'time,position_rad_1,position_rad_2,velocity_rad_s_1,velocity_rad_s_2,torque_nm_1,torque_nm_2',
+    'time,joint position 1,joint position 2,joint velocity 1,joint velocity 2,joint torque 1,'
+    'joint torque 2', f'{PLAIN},'])
+def test_headers_in_other_spellings(tmp_path, header):
+    check(read(tmp_path, text(header), joints=JOINTS))
+
+
+@pytest.mark.parametrize('name', ['log.dat', 'log.asc', 'log.log', 'LOG.CSV'])
+def test_endings_of_text_files_are_those_of_tables(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(text(PLAIN))
+    check(read_log(path))
+
+
+def test_numbers_as_fortran_writes_them(tmp_path):
+    rows = [','.join(f'{cell:.14E}'.replace('E', 'D') for cell in row)
+            for row in np.column_stack([T, Q, QD, TAU])]
+    check(read(tmp_path, '\n'.join([PLAIN, *rows])))
+
+
+@pytest.mark.parametrize(('content', 'words'), [
+    (b'', 'is empty: expected a header'), (bytes(range(14, 200)) * 9, 'is no text'),
+    (b'<!DOCTYPE html>\n<html></html>\n', "row 1: missing column t.*'<!DOCTYPE'")])
+def test_what_is_no_table_is_refused_by_its_content(tmp_path, content, words):
+    with pytest.raises(LogError, match=words):
+        read(tmp_path, content)

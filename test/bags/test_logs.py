@@ -153,7 +153,7 @@ def test_csv_columns_in_any_order_with_others_between(tmp_path):
 
 
 @pytest.mark.parametrize(('lines', 'words'), [
-    ([], 'missing column t, q1, qd1, tau1'),
+    ([], 'is empty'),
     (['t,q1,q2,qd1,tau1,tau2', *ROWS], 'missing column qd2'),
     (['q1,qd1,tau1', '1,2,3'], 'missing column t'),
     (['t,q1,qd1', '0,1,2'], 'no effort'),
