@@ -11,6 +11,7 @@ from __future__ import annotations
 import codecs
 from collections.abc import Iterator
 import csv
+from functools import partial
 from itertools import chain, islice, pairwise, takewhile
 from pathlib import Path
 import re
@@ -25,8 +26,11 @@ _BOMS = ((codecs.BOM_UTF32_LE, 'utf-32'), (codecs.BOM_UTF32_BE, 'utf-32'),
          (codecs.BOM_UTF8, 'utf-8-sig'), (codecs.BOM_UTF16_LE, 'utf-16'),
          (codecs.BOM_UTF16_BE, 'utf-16'))
 # Which of four bytes are zero in a text of the Latin alphabet.
-_ZEROS = {(False, True, True, True): 'utf-32-le', (True, True, True, False): 'utf-32-be'}
+_ZEROS: dict[tuple[bool, ...], str] = {
+    (False, True, True, True): 'utf-32-le',
+    (True, True, True, False): 'utf-32-be'}
 _SEPARATORS = (';', '\t', '|', ',')  # a comma may also be inside of numbers
+_EXPECTED = 'a header t,q1..,qd1..,tau1.. and rows below it'
 _COMMENTS = ('#', '%')
 _PREAMBLE = 1000  # lines of text that may stand before the header
 _MISSING = ('', 'nan', '-nan', 'null', 'none', 'n/a', 'na', '-')
@@ -72,9 +76,9 @@ def open_csv(path: Path, stream: TextIO) -> CsvFile:
         elif text:
             break
     else:
-        raise LogError(f'{path} is empty: expected a header t,q1..,qd1..,tau1.. and rows below it')
+        raise LogError(f'{path} is empty: expected {_EXPECTED}')
     if not all(letter.isprintable() or letter.isspace() for letter in line):
-        raise LogError(f'{path} is no text: expected a header t,q1..,qd1..,tau1.. and rows below it')
+        raise LogError(f'{path} is no text: expected {_EXPECTED}')
     head = [(number, line), *islice(enumerate(stream, number + 1), _PREAMBLE)]
     del head[:_header_place(head, separator)]
     line, following = head[0][1], head[1][1] if len(head) > 1 else ''
@@ -93,7 +97,8 @@ def open_csv(path: Path, stream: TextIO) -> CsvFile:
     lines = chain(rest, enumerate(stream, number + 1 + _PREAMBLE))
     while header and not header[-1].strip():  # a comma at the end
         header = header[:-1]
-    return CsvFile(tuple(cell.strip().strip("'") for cell in header), head[0][0], _rows(lines, separator))
+    header = tuple(cell.strip().strip("'") for cell in header)
+    return CsvFile(header, head[0][0], _rows(lines, separator))
 
 
 def _header_place(lines: list[tuple[int, str]], separator: str | None) -> int:
@@ -106,15 +111,19 @@ def _header_place(lines: list[tuple[int, str]], separator: str | None) -> int:
               if k == 0 or line.strip() and not line.startswith(_COMMENTS)]
     for position, (above, below) in enumerate(pairwise(places)):
         used = separator or _separator(lines[above][1], lines[below][1])
-        row, *before = (_cells([lines[k][1]], used)[0]
-                        for k in (below, *reversed(places[:position + 1])))
+        row = _cells([lines[below][1]], used)[0]
         if not all(map(is_number, row)) or not 2 * row.count('') < len(row) > 1:
             continue
-        fitting = takewhile(lambda cells: len(cells) == len(row) - row[len(cells):].count('')
-                            and 2 * cells.count('') < len(cells), before)
-        count = sum(1 for _ in fitting)
+        before = (_cells([lines[k][1]], used)[0] for k in reversed(places[:position + 1]))
+        count = sum(1 for _ in takewhile(partial(_is_above, row), before))
         return places[position + 1 - count] if count else 0
     return 0
+
+
+def _is_above(row: list[str], cells: list[str]) -> bool:
+    """Return whether cells may head a row of numbers, which may have empty ones more."""
+    return (len(cells) == len(row) - row[len(cells):].count('')
+            and 2 * cells.count('') < len(cells))
 
 
 def _units(line: str, separator: str, count: int) -> list[str] | None:

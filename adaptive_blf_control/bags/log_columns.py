@@ -17,7 +17,8 @@ __all__ = ['Columns', 'KINDS', 'find_columns', 'given_columns']
 KINDS = {'q': 'position', 'qd': 'velocity', 'tau': 'effort'}
 _WORDS = {
     'q': r'joint[_ ]?pos(?:itions?)?|positions?|q?pos|angles?|theta|θ|q|jp',
-    'qd': r'joint[_ ]?vel(?:ocit(?:y|ies))?|velocit(?:y|ies)|q?vel|speeds?|omega|ω|q_?dot|qd|dq|jv',
+    'qd': r'joint[_ ]?vel(?:ocit(?:y|ies))?|velocit(?:y|ies)|q?vel|speeds?|omega|ω|q_?dot|qd|'
+          r'dq|jv',
     'tau': r'joint[_ ]?(?:efforts?|torques?)|efforts?|eff|torques?|trq|tau(?:_?j)?|τ|moments?|'
            r'qfrc(?:_actuator)?',
     'current': r'currents?|curr?',
@@ -46,7 +47,8 @@ _UNIT_NAMES = {'s': 's', 'sec': 's', 'secs': 's', 'seconds': 's', 'ms': 'ms', 'm
                'msecs': 'ms', 'millis': 'ms', 'milliseconds': 'ms', 'us': 'us', 'µs': 'us',
                'usec': 'us', 'micros': 'us', 'microseconds': 'us', 'ns': 'ns', 'nsec': 'ns',
                'nsecs': 'ns', 'nanosec': 'ns', 'nanosecs': 'ns', 'nanoseconds': 'ns'}
-_TIME = re.compile(r'(?:.*[/.])?_*(?:t|time|time[_ ]?stamp|receive[_ ]?time|stamp|elapsed(?:[_ ]?time)?|clock|'
+_TIME = re.compile(r'(?:.*[/.])?_*(?:t|time|time[_ ]?stamp|receive[_ ]?time|stamp|'
+                   r'elapsed(?:[_ ]?time)?|clock|'
                    rf'rosbagtimestamp|seconds|secs?)(?:_?(?P<unit>{"|".join(_UNIT_NAMES)}))?')
 _ANGLE = re.compile(r'rad|deg|°')
 _BRACKETS = re.compile(r'(.*?)\s*[\[(<]\s*([^\[\](){}<>]*?\D)\s*[\])>]\s*')

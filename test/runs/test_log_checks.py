@@ -293,7 +293,8 @@ def test_a_measured_effort_in_amperes_is_suspected(measured, robot):
 def moved(arm, t, rates) -> MeasuredLog:
     """Return a motion of 0.6 rad at a rate [rad/s] for each joint, without noise."""
     angle = np.outer(t, rates) + [0.0, 1.0]
-    q, qd, qdd = 0.6 * np.sin(angle), 0.6 * rates * np.cos(angle), -0.6 * rates ** 2 * np.sin(angle)
+    q, qd = 0.6 * np.sin(angle), 0.6 * rates * np.cos(angle)
+    qdd = -rates ** 2 * q
     tau = np.array([arm.Y(*row) @ arm.nominal for row in zip(q, qd, qdd)])
     return MeasuredLog(arm.joints, t, q, qd, tau + np.random.default_rng(4).normal(
         0.0, 0.05, q.shape), 0)
@@ -304,7 +305,7 @@ def moved(arm, t, rates) -> MeasuredLog:
     (0.002, (1.3, 2.1), 40.002, (6.0, 17.0, 23.0, 34.0))],
     ids=['slow motion', 'high rate', 'gaps at the edges'])
 def test_a_delay_is_found_in_the_blocks_of_a_long_log(arm, period, rates, seconds, gaps):
-    """Blocks are long enough for the motion and for the filters, and nothing crosses their edges."""
+    """Blocks are long enough for motion and filters, and nothing crosses their edges."""
     t = period * np.arange(round(seconds / period))
     log = moved(arm, t, np.array(rates))
     later_t = t + 0.5 * np.sum(t[:, None] >= np.array(gaps), axis=1)
