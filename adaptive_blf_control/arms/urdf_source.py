@@ -195,6 +195,8 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
     if kind in ('revolute', 'prismatic') and element.find('limit') is None:
         raise ArmError(f'joint {name!r} is {kind} and has no <limit>: expected one with lower, '
                        'upper, effort and velocity')
+    for limit in element.findall('limit'):
+        _check_limit(name, kind, limit)
     mimic = element.find('mimic')
     return UrdfJoint(name, kind, None if mimic is None else mimic.get('joint', ''))
 
@@ -209,6 +211,31 @@ def _check_mass(link: ElementTree.Element) -> None:
         if not good:
             raise ArmError(f'link {link.get("name")!r} has the mass {text!r}: expected a number '
                            'that is not negative')
+
+
+    for inertia in link.findall('inertial/inertia'):
+        for element, text in inertia.attrib.items():
+            if not math.isfinite(_number(text)):
+                raise ArmError(f'link {link.get("name")!r} has the inertia {element} = {text!r}: '
+                               'expected a finite number')
+
+
+def _check_limit(joint: str, kind: str, limit: ElementTree.Element) -> None:
+    for name in ('lower', 'upper', 'effort', 'velocity'):
+        text = limit.get(name, '0')
+        if math.isnan(_number(text)):
+            raise ArmError(f'joint {joint!r} has the limit {name} = {text!r}: expected a number')
+    lower, upper = limit.get('lower', '0'), limit.get('upper', '0')
+    if kind in ('revolute', 'prismatic') and _number(lower) > _number(upper):
+        raise ArmError(f'joint {joint!r} has the limits {lower} to {upper}: expected '
+                       'lower <= upper')
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def _check_axis(joint: str, text: str) -> None:

@@ -96,6 +96,14 @@ def test_source_that_cannot_be_found_is_named(source: str, message: str) -> None
      "link 'a' has the mass ''"),
     *((robot(link('base'), link('a'), re.sub('<limit[^>]*>', '', joint('j', 'base', 'a', kind))),
        f"joint 'j' is {kind} and has no <limit>") for kind in ('revolute', 'prismatic')),
+    *((robot(link('base'), link('a'), re.sub('<limit[^>]*>', limit, joint('j', 'base', 'a'))),
+       words) for limit, words in (
+        ('<limit lower="1" upper="-1" effort="1" velocity="1"/>', 'the limits 1 to -1'),
+        ('<limit lower="nan" upper="1" effort="1" velocity="1"/>', "the limit lower = 'nan'"),
+        ('<limit upper="1" effort="much" velocity="1"/>', "the limit effort = 'much'"))),
+    *((robot(link('base'), re.sub('<inertia ', f'<inertia ixz="{value}" ', link('a')).replace(
+        'ixz="0"', ''), joint('j', 'base', 'a')),
+       f"link 'a' has the inertia ixz = '{value}'") for value in ('inf', 'none')),
     (robot(link('base'), link('a'), '<joint name="j" type="fixed"><child link="a"/></joint>'),
      'parent link None'),
     (robot(link('base'), link('a'), joint('j', 'base', 'a', 'ball')), "type 'ball'"),
