@@ -12,18 +12,9 @@ import math
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import dot, jit
 
-__all__ = ['dot', 'inverse', 'matrix_product', 'product']
-
-
-@jit
-def dot(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the inner product of two vectors of one length."""
-    total = 0.0
-    for i in range(a.size):
-        total += a[i] * b[i]
-    return total
+__all__ = ['inverse', 'matrix_product', 'product']
 
 
 @jit
@@ -42,7 +33,10 @@ def product(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
             d += matrix[i + 3, j] * factor
         result[i], result[i + 1], result[i + 2], result[i + 3] = a, b, c, d
     for i in range(whole, rows):
-        result[i] = dot(matrix[i], vector)
+        total = 0.0
+        for j in range(columns):
+            total += matrix[i, j] * vector[j]
+        result[i] = total
     return result
 
 
@@ -70,21 +64,15 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
     factor, result = np.zeros((n, n)), np.zeros((n, n))
     for i in range(n):
         for j in range(i + 1):
-            value = matrix[i, j]
-            for k in range(j):
-                value -= factor[i, k] * factor[j, k]
+            value = matrix[i, j] - dot(factor[i], factor[j], j)
             factor[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / factor[j, j]
     for c in range(n):  # columns of L⁻¹, in the rows of `result`
         for i in range(c, n):
-            value = 1.0 if i == c else 0.0
-            for k in range(c, i):
-                value -= factor[i, k] * result[c, k]
+            value = 1.0 if i == c else -dot(factor[i, c:], result[c, c:], i - c)
             result[c, i] = value / factor[i, i]
     inverted = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
-            value = 0.0
-            for k in range(i, n):
-                value += result[i, k] * result[j, k]
+            value = dot(result[i, i:], result[j, i:], n - i)
             inverted[i, j] = inverted[j, i] = value
     return inverted

@@ -22,7 +22,8 @@ from adaptive_blf_control.compiled.notices import (
 )
 from adaptive_blf_control.compiled.references import borrowed, Handle, handle
 from adaptive_blf_control.compiled.scalars import all_finite, cos_sin
+from adaptive_blf_control.compiled.vectors import dot
 
 __all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'around_each_compilation',
            'around_own_compilations', 'before_each_compilation', 'borrowed', 'by_type', 'cos_sin',
-           'handle', 'jit', 'jit_apart', 'jit_without_gil', 'jitable', 'uncompiled']
+           'dot', 'handle', 'jit', 'jit_apart', 'jit_without_gil', 'jitable', 'uncompiled']

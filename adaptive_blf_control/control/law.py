@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptive_blf_control.compiled import jit
+from adaptive_blf_control.compiled import dot, jit
 from adaptive_blf_control.control.barrier import (
     active_bound,
     barrier_gradient,
@@ -17,7 +17,6 @@ from adaptive_blf_control.control.barrier import (
     INTERIOR,
     interior,
 )
-from adaptive_blf_control.linear_algebra import dot
 
 __all__ = ['add_unwound', 'errors', 'growing_errors', 'joint_errors', 'limited',
            'limited_answer', 'limited_joint', 'per_joint_coupling', 'pseudoinverse_coupling',
@@ -60,10 +59,10 @@ def per_joint_coupling(e1: Each, e2: Each, b: Each, weight: Each) -> Each:
 def pseudoinverse_coupling(e1: np.ndarray, e2: np.ndarray, b: np.ndarray,
                            weight: np.ndarray) -> np.ndarray:
     """The paper's (e2ᵀ)⁺ L with L = gᵀ e2 (28), (34): discontinuous at e2 = 0; [N·m]."""
-    square = dot(e2, e2)
+    square = dot(e2, e2, e2.size)
     if square <= 0.0:
         return np.zeros_like(e2)
-    return e2 * (dot(barrier_gradient(e1, b, weight), e2) / square)
+    return e2 * (dot(barrier_gradient(e1, b, weight), e2, e2.size) / square)
 
 
 @jit

@@ -23,9 +23,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, by_type, jit, jit_apart, uncompiled
+from adaptive_blf_control.compiled import borrowed, by_type, dot, jit, jit_apart, uncompiled
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.history import facts, History, pairs, sums
+from adaptive_blf_control.identification.squares import combine_rows
 from adaptive_blf_control.linear_algebra import inverse, product
 
 __all__ = ['ChangeMonitor', 'ExternalTorque', 'MONITORS', 'ResidualArrays', 'ResidualMonitor',
@@ -54,15 +55,11 @@ def residual_with_scale(regressor: np.ndarray, torque: float, theta: np.ndarray,
         variance: Its mean square residual in the stack [N²·m²].
         floor: What is added, (ρ t_i)² + (f_i (1 − |c_i|))² [N²·m²].
     """
-    predicted, spread = 0.0, 0.0
-    for i in range(theta.size):
-        predicted += regressor[i] * theta[i]
-        if regressor[i] != 0.0:
-            row, total = inverse[i], 0.0
-            for j in range(i):
-                total += row[j] * regressor[j]
-            spread += regressor[i] * (2.0 * total + row[i] * regressor[i])
-    return torque - predicted, variance * (1.0 + spread) + floor
+    m = theta.size
+    image = np.empty(m)
+    combine_rows(inverse, regressor, m, image)
+    spread = dot(regressor, image, m)
+    return torque - dot(regressor, theta, m), variance * (1.0 + spread) + floor
 
 
 class ChangeMonitor(Protocol):

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, dot, jit
 from adaptive_blf_control.identification.tridiagonal import Tridiagonal
 
 __all__ = ['direction_below']
@@ -66,10 +66,8 @@ def _substitute(upper: np.ndarray, last: int, x: np.ndarray) -> None:
     x[:] = 0.0
     x[last] = 1.0
     for i in range(last - 1, -1, -1):
-        row, total = upper[i], 0.0
-        for j in range(i + 1, last + 1):
-            total += row[j] * x[j]
-        x[i] = -total / row[i]
+        row = upper[i]
+        x[i] = -dot(row[i + 1:], x[i + 1:], last - i) / row[i]
         square += x[i] * x[i]
     norm = 1.0 / math.sqrt(square)
     for i in range(last + 1):

@@ -15,6 +15,7 @@ import numpy as np
 
 from adaptive_blf_control.compiled import borrowed, jit
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification.squares import add_lower_square
 
 __all__ = ['PARTS', 'Excitation', 'ExcitationArrays', 'accumulate', 'add_sample']
 
@@ -25,13 +26,7 @@ PARTS = 20
 @jit
 def add_sample(gram: np.ndarray, regressor: np.ndarray, dt: float) -> None:
     """Add Y_fᵀY_f dt of a regressor of shape (n, m) to the lower triangle of ``gram``, (m, m)."""
-    n, m = regressor.shape
-    for k in range(n):
-        seen = regressor[k]
-        for i in range(m):
-            row, weight = gram[i], dt * seen[i]
-            for j in range(i + 1):
-                row[j] += weight * seen[j]
+    add_lower_square(gram, regressor, regressor.shape[0], dt)
 
 
 class ExcitationArrays(NamedTuple):

@@ -18,12 +18,11 @@ import math
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, dot, jit
 from adaptive_blf_control.identification.definiteness import direction_below
 from adaptive_blf_control.identification.squares import (
     add_square,
     assign,
-    dot,
     energy,
     project,
     seen_square,
@@ -169,11 +168,16 @@ def _joint_bound(directions: Directions, slot: int, wanted: float) -> float:
     size, form = directions.counters[SET], directions.form
     candidate, seen = directions.candidate, directions.seen[slot]
     for i in range(size):
+        row = form.matrix[i]
         for j in range(i + 1):
-            total = directions.gram[i, j]
-            for k in range(candidate.shape[0]):
-                total += candidate[k, i] * candidate[k, j] - seen[k, i] * seen[k, j]
-            form.matrix[i, j] = form.matrix[j, i] = total
+            row[j] = directions.gram[i, j]
+        for k in range(candidate.shape[0]):
+            new, old = candidate[k], seen[k]
+            a, b = new[i], old[i]
+            for j in range(i + 1):
+                row[j] += a * new[j] - b * old[j]
+        for j in range(i):
+            form.matrix[j, i] = row[j]
     if direction_below(form, size, wanted, directions.weights):
         return energy(form.matrix, directions.weights, size)
     reduce(form, size)

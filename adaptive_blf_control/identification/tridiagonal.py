@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, dot, jit
+from adaptive_blf_control.identification.squares import combine_rows
 
 __all__ = ['EPSILON', 'Tridiagonal', 'count_up_to', 'eigenvector', 'largest_eigenvalue', 'reduce',
            'smallest_eigenvalue', 'tridiagonal', 'turned_axes']
@@ -65,10 +66,7 @@ def reduce(form: Tridiagonal, size: int) -> None:
         for i in range(k):
             u[i] = row[i]
         _fold(form.matrix, k, v, w, u, p)
-        half = 0.0
-        for i in range(k):
-            half += p[i] * u[i]
-        half *= 0.5 * beta
+        half = 0.5 * beta * dot(p, u, k)
         for i in range(k):
             w[i] = beta * (p[i] - half * u[i])
             v[i] = u[i]
@@ -84,9 +82,7 @@ def reduce(form: Tridiagonal, size: int) -> None:
 def _reflector(form: Tridiagonal, row: np.ndarray, k: int) -> float:
     """Make the first k elements of a row the reflector that leaves only the last of them."""
     form = borrowed(form)
-    last, rest = row[k - 1], 0.0
-    for i in range(k - 1):
-        rest += row[i] * row[i]
+    last, rest = row[k - 1], dot(row, row, k - 1)
     beta, scale, norm = 0.0, 0.0, last
     if rest > 0.0:
         norm = -math.copysign(math.sqrt(last * last + rest), last)
@@ -105,9 +101,19 @@ def _fold(matrix: np.ndarray, k: int, v: np.ndarray, w: np.ndarray, u: np.ndarra
     """A −= v wᵀ + w vᵀ and p = A u for the first k rows and columns of A, in one pass."""
     for i in range(k):
         p[i] = 0.0
-    for j in range(k):
-        row = matrix[j]
+    for j in range(k // 2):
+        j = 2 * j
+        row, other = matrix[j], matrix[j + 1]
         a, b, c = v[j], w[j], u[j]
+        d, e, f = v[j + 1], w[j + 1], u[j + 1]
+        for i in range(k):
+            x = row[i] - (a * w[i] + b * v[i])
+            y = other[i] - (d * w[i] + e * v[i])
+            row[i], other[i] = x, y
+            p[i] += c * x + f * y
+    if k % 2 == 1:
+        row = matrix[k - 1]
+        a, b, c = v[k - 1], w[k - 1], u[k - 1]
         for i in range(k):
             x = row[i] - (a * w[i] + b * v[i])
             row[i] = x
@@ -226,10 +232,8 @@ def _turn_back(form: Tridiagonal, size: int, x: np.ndarray) -> None:
     """Replace x by Z x."""
     form = borrowed(form)
     for k in range(1, size):
-        row, total = form.matrix[k], 0.0
-        for i in range(k):
-            total += row[i] * x[i]
-        total *= form.factor[k]
+        row = form.matrix[k]
+        total = form.factor[k] * dot(row, x, k)
         for i in range(k):
             x[i] -= total * row[i]
 
@@ -238,7 +242,7 @@ def _turn_back(form: Tridiagonal, size: int, x: np.ndarray) -> None:
 def turned_axes(form: Tridiagonal, axes: np.ndarray) -> None:
     """Set ``axes``, shape (m, m), to Z of a matrix of m rows."""
     form = borrowed(form)
-    size, total = axes.shape[0], form.work[0]
+    size, total, weights = axes.shape[0], form.work[0], form.work[1]
     for i in range(size):
         row = axes[i]
         for j in range(size):
@@ -246,12 +250,9 @@ def turned_axes(form: Tridiagonal, axes: np.ndarray) -> None:
         row[i] = 1.0
     for k in range(1, size):  # Z ← H_k Z: so far only its first k rows and columns are of interest
         reflector = form.matrix[k]
-        for j in range(k):
-            total[j] = 0.0
         for i in range(k):
-            row, weight = axes[i], form.factor[k] * reflector[i]
-            for j in range(k):
-                total[j] += weight * row[j]
+            weights[i] = form.factor[k] * reflector[i]
+        combine_rows(axes, weights, k, total)
         for i in range(k):
             row, weight = axes[i], reflector[i]
             for j in range(k):

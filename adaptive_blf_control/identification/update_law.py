@@ -20,7 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, dot, jit
+from adaptive_blf_control.identification.squares import combine_rows
 from adaptive_blf_control.identification.tridiagonal import (
     reduce,
     Tridiagonal,
@@ -108,26 +109,23 @@ def advance(kept: KeptHistory, theta: np.ndarray, dt: float, gamma: np.ndarray, 
     n, m = yf.shape
     increment, factor = kept.increment, kept.factor
     _history_slope(kept.scaled, kept.root, theta, kh, gram, moment, adaptation_term)
-    _turned(kept.axes, kept.scaled, increment)
+    combine_rows(kept.axes, kept.scaled, m, increment)
     _factorise(kept.pivot, factor, kept.form.diagonal, kept.form.off, dt * kh)
     _eliminate(factor, increment)
     for j in range(n):
-        rest = tf[j]
         for i in range(m):
-            rest -= yf[j, i] * theta[i]
             kept.scaled[i] = yf[j, i] * kept.root[i]
-        kept.system[j, n] = rest
-        _turned(kept.axes, kept.scaled, kept.rows[j])
-        _eliminate(factor, kept.rows[j])
+        kept.system[j, n] = tf[j] - dot(yf[j], theta, m)
+        combine_rows(kept.axes, kept.scaled, m, kept.rows[j])
+    for i in range(1, m):  # L⁻¹ of all rows at once: each element waits for the one before
+        for j in range(n):
+            kept.rows[j, i] -= factor[i] * kept.rows[j, i - 1]
     for i in range(m):
         increment[i] *= dt / kept.pivot[i]
     _correct(increment, kept.rows, kept.pivot, kept.system, kept.scaled, dt * kt)
     _substitute(factor, increment)
     for i in range(m):
-        row, total = kept.axes[i], 0.0
-        for k in range(m):
-            total += row[k] * increment[k]
-        theta[i] += kept.root[i] * total
+        theta[i] += kept.root[i] * dot(kept.axes[i], increment, m)
 
 
 @jit
@@ -166,29 +164,9 @@ def _history_slope(scaled: np.ndarray, root: np.ndarray, theta: np.ndarray, kh: 
                    gram: np.ndarray, moment: np.ndarray, adaptation_term: np.ndarray) -> None:
     """Set ``scaled`` to √Γ (k_h (g − G θ̂) − Xᵀe2)."""
     m = theta.size
+    combine_rows(gram, theta, m, scaled)
     for i in range(m):
-        row, total = gram[i], 0.0
-        for k in range(m):
-            total += row[k] * theta[k]
-        scaled[i] = root[i] * (kh * (moment[i] - total) - adaptation_term[i])
-
-
-@jit
-def _turned(axes: np.ndarray, x: np.ndarray, result: np.ndarray) -> None:
-    """Set ``result`` to Zᵀ x, four rows of Z at a time."""
-    m = x.size
-    for k in range(m):
-        result[k] = 0.0
-    for i in range(m // 4):
-        i = 4 * i
-        z0, z1, z2, z3 = axes[i], axes[i + 1], axes[i + 2], axes[i + 3]
-        x0, x1, x2, x3 = x[i], x[i + 1], x[i + 2], x[i + 3]
-        for k in range(m):
-            result[k] += (x0 * z0[k] + x1 * z1[k]) + (x2 * z2[k] + x3 * z3[k])
-    for i in range(m - m % 4, m):
-        z0, x0 = axes[i], x[i]
-        for k in range(m):
-            result[k] += x0 * z0[k]
+        scaled[i] = root[i] * (kh * (moment[i] - scaled[i]) - adaptation_term[i])
 
 
 @jit
@@ -227,16 +205,12 @@ def _correct(increment: np.ndarray, rows: np.ndarray, pivot: np.ndarray, system:
     """
     n, m = rows.shape
     for i in range(n):
-        row, rest = rows[i], 0.0
+        row = rows[i]
         for k in range(m):
             scaled[k] = row[k] / pivot[k]
-            rest += row[k] * increment[k]
-        system[i, n] = gain * (system[i, n] - rest)
+        system[i, n] = gain * (system[i, n] - dot(row, increment, m))
         for j in range(i, n):
-            other, total = rows[j], 0.0
-            for k in range(m):
-                total += scaled[k] * other[k]
-            system[i, j] = system[j, i] = gain * total
+            system[i, j] = system[j, i] = gain * dot(scaled, rows[j], m)
         system[i, i] += 1.0
     _solve(system)
     for j in range(n):

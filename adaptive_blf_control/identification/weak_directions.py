@@ -14,10 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, dot, jit
 from adaptive_blf_control.identification.squares import (
     add_square,
-    dot,
     energy,
     project,
     seen_square,

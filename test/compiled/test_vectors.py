@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Facts about inner products in lanes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from adaptive_blf_control.compiled import COMPILED, dot, jit
+
+
+@jit
+def _compiled(x: np.ndarray, y: np.ndarray, size: int) -> float:
+    return dot(x, y, size)
+
+
+def _in_order(x: np.ndarray, y: np.ndarray) -> float:
+    """Add up as `dot` says that compiled functions do."""
+    size = len(x)
+    pairs, whole, lanes = size - size % 8, size - size % 4, np.zeros((2, 4))
+    for i in range(0, pairs, 8):
+        lanes += (x[i:i + 8] * y[i:i + 8]).reshape(2, 4)
+    if pairs < whole:
+        lanes[0] += x[pairs:whole] * y[pairs:whole]
+    a, b, c, d = lanes[0] + lanes[1]
+    total = (a + c) + (b + d)
+    for i in range(whole, size):
+        total += x[i] * y[i]
+    return float(total)
+
+
+@pytest.mark.parametrize('size', [0, 1, 3, 4, 5, 7, 8, 11, 12, 15, 16, 50])
+def test_the_first_elements_are_multiplied_and_added_up(size):
+    x, y = np.random.default_rng(size).normal(size=(2, 53))
+    expected = float(x[:size] @ y[:size])
+    assert dot(x, y, size) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+    assert _compiled(x, y, size) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba decides on the order')
+@pytest.mark.parametrize('size', [5, 12, 20, 31, 50])
+def test_the_order_of_the_sum_is_the_one_that_is_said(size):
+    x, y = np.random.default_rng(size).normal(size=(2, size)) * 10.0 ** np.arange(size).clip(0, 9)
+    assert _compiled(x, y, size) == _in_order(x, y)
+
+
+@pytest.mark.skipif(not COMPILED, reason='plain numpy takes any array')
+def test_vectors_with_gaps_are_refused_while_it_is_compiled():
+    with pytest.raises(Exception, match='dot'):
+        _compiled(np.zeros(8)[::2], np.zeros(4), 4)
