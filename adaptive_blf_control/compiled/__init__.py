@@ -22,8 +22,9 @@ from adaptive_blf_control.compiled.notices import (
 )
 from adaptive_blf_control.compiled.references import borrowed, Handle, handle
 from adaptive_blf_control.compiled.scalars import all_finite, cos_sin
-from adaptive_blf_control.compiled.vectors import dot
+from adaptive_blf_control.compiled.vectors import add_multiple, dot, fold_row
 
-__all__ = ['ByType', 'COMPILED', 'Handle', 'all_finite', 'around_each_compilation',
-           'around_own_compilations', 'before_each_compilation', 'borrowed', 'by_type', 'cos_sin',
-           'dot', 'handle', 'jit', 'jit_apart', 'jit_without_gil', 'jitable', 'uncompiled']
+__all__ = ['ByType', 'COMPILED', 'Handle', 'add_multiple', 'all_finite',
+           'around_each_compilation', 'around_own_compilations', 'before_each_compilation',
+           'borrowed', 'by_type', 'cos_sin', 'dot', 'fold_row', 'handle', 'jit', 'jit_apart',
+           'jit_without_gil', 'jitable', 'uncompiled']

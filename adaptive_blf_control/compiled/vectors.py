@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inner products of contiguous vectors, in four lanes.
+"""Sums and products of contiguous vectors, in lanes.
 
 A sum that a loop adds up one by one waits for every addition, and a compiler may not change its
 order. Here the order is fixed to one that does not wait, so that the sum has the same bits
-wherever it is compiled into, and on every processor.
+wherever it is compiled into, and on every processor. Where a loop changes several arrays, a
+compiler does not know that they do not overlap, and takes one element at a time; here they do not.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,7 +27,7 @@ if COMPILED:
         signature,
     )
 
-__all__ = ['dot']
+__all__ = ['add_multiple', 'dot', 'fold_row']
 
 LANES = 4
 
@@ -39,50 +41,136 @@ def dot(x: np.ndarray, y: np.ndarray, size: int) -> float:
     return float(np.dot(x[:size], y[:size]))
 
 
+def add_multiple(target: np.ndarray, factor: float, x: np.ndarray, size: int) -> None:
+    """Add ``factor`` times the first ``size`` elements of x to those of another vector."""
+    target[:size] += factor * x[:size]
+
+
+def fold_row(row: np.ndarray, a: float, w: np.ndarray, b: float, v: np.ndarray, total: np.ndarray,
+             c: float, size: int) -> None:
+    """Subtract a w + b v from the first ``size`` elements of a row, then add c row to ``total``."""
+    row[:size] -= a * w[:size] + b * v[:size]
+    total[:size] += c * row[:size]
+
+
 if COMPILED:
-    @infer_global(dot)
-    class _Dot(AbstractTemplate):  # type: ignore[misc]
+    _WORD, _NUMBER = ir.IntType(64), ir.DoubleType()
+    _LANES = ir.VectorType(_NUMBER, LANES)
+    _ARRAY, _FLOAT, _SIZE = numba.types.Array, numba.types.float64, numba.types.intp
+
+    class _OfVectors(AbstractTemplate):  # type: ignore[misc]
+        """Types of a function of contiguous vectors and numbers, the last one their size."""
+
+        result = numba.types.none
+
         def generic(self, arguments: Any, keywords: Any) -> Any:
-            x, y, size = arguments
-            for each in (x, y):
-                if not (isinstance(each, numba.types.Array) and each.ndim == 1
-                        and each.layout == 'C' and each.dtype == numba.types.float64):
-                    return None
-            return signature(numba.types.float64, x, y, numba.types.intp)
+            arrays = [each for each in arguments if isinstance(each, numba.types.Array)]
+            if any((each.ndim, each.layout, each.dtype) != (1, 'C', _FLOAT) for each in arrays):
+                return None
+            *others, _ = arguments
+            return signature(self.result, *(each if each in arrays else _FLOAT
+                                            for each in others), _SIZE)
 
-    @lower_builtin(dot, numba.types.Array, numba.types.Array, numba.types.intp)
+    @infer_global(dot)
+    class _Dot(_OfVectors):
+        result = numba.types.float64
+
+    @infer_global(add_multiple)
+    class _AddMultiple(_OfVectors):
+        pass
+
+    @infer_global(fold_row)
+    class _FoldRow(_OfVectors):
+        pass
+
+    def _data(context: Any, builder: Any, signature: Any, arguments: Any) -> list[Any]:
+        """Return arguments with the addresses of their first elements in place of arrays."""
+        return [context.make_array(kind)(context, builder, value).data
+                if isinstance(kind, numba.types.Array) else value
+                for kind, value in zip(signature.args, arguments)]
+
+    def _place(builder: Any, data: Any, first: Any, kind: Any) -> Any:
+        where = builder.gep(data, [first], inbounds=True)
+        return builder.bitcast(where, kind.as_pointer())
+
+    def _load(builder: Any, data: Any, first: Any, kind: Any) -> Any:
+        loaded = builder.load(_place(builder, data, first, kind))
+        loaded.align = 8
+        return loaded
+
+    def _add_to(builder: Any, data: Any, first: Any, kind: Any, value: Any,
+                subtract: bool = False) -> Any:
+        """Add to elements, and return the sums."""
+        before = _load(builder, data, first, kind)
+        after = builder.fsub(before, value) if subtract else builder.fadd(before, value)
+        builder.store(after, _place(builder, data, first, kind)).align = 8
+        return after
+
+    def _times(builder: Any, factor: Any, value: Any) -> Any:
+        """Return the product of a number and a number or lanes."""
+        if value.type == _LANES:
+            one = builder.insert_element(ir.Constant(_LANES, ir.Undefined), factor,
+                                         ir.IntType(32)(0))
+            factor = builder.shuffle_vector(one, ir.Constant(_LANES, ir.Undefined), ir.Constant(
+                ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+        return builder.fmul(factor, value)
+
+    def _whole(builder: Any, size: Any, lanes: int) -> Any:
+        """Return the largest multiple of a power of two up to ``size``."""
+        return builder.and_(size, _WORD(-lanes))
+
+    def _for_each(builder: Any, size: Any, change: Callable[[Any, Any], None]) -> None:
+        """Change elements, four at a time, then the rest one by one."""
+        whole = _whole(builder, size, LANES)
+        for begin, end, step, kind in ((_WORD(0), whole, LANES, _LANES),
+                                       (whole, size, 1, _NUMBER)):
+            with cgutils.for_range_slice(builder, begin, end, _WORD(step), _WORD) as (i, _):
+                change(i, kind)
+
+    @lower_builtin(add_multiple, _ARRAY, _FLOAT, _ARRAY, _SIZE)
+    def _lower_add_multiple(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        target, factor, x, size = _data(context, builder, signature, arguments)
+
+        def change(i: Any, kind: Any) -> None:
+            _add_to(builder, target, i, kind,
+                    _times(builder, factor, _load(builder, x, i, kind)))
+
+        _for_each(builder, size, change)
+        return context.get_dummy_value()
+
+    @lower_builtin(fold_row, _ARRAY, _FLOAT, _ARRAY, _FLOAT, _ARRAY, _ARRAY, _FLOAT, _SIZE)
+    def _lower_fold_row(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        row, a, w, b, v, total, c, size = _data(context, builder, signature, arguments)
+
+        def change(i: Any, kind: Any) -> None:
+            both = builder.fadd(_times(builder, a, _load(builder, w, i, kind)),
+                                _times(builder, b, _load(builder, v, i, kind)))
+            folded = _add_to(builder, row, i, kind, both, subtract=True)
+            _add_to(builder, total, i, kind, _times(builder, c, folded))
+
+        _for_each(builder, size, change)
+        return context.get_dummy_value()
+
+    @lower_builtin(dot, _ARRAY, _ARRAY, _SIZE)
     def _lower_dot(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        x, y = (context.make_array(kind)(context, builder, value).data
-                for kind, value in zip(signature.args[:2], arguments))
-        size = arguments[2]
-        word, number = size.type, ir.DoubleType()
-        lanes = ir.VectorType(number, LANES)
+        x, y, size = _data(context, builder, signature, arguments)
 
-        def product(first: Any, kind: Any) -> Any:
-            factors = []
-            for data in (x, y):
-                where = builder.gep(data, [first], inbounds=True)
-                loaded = builder.load(builder.bitcast(where, kind.as_pointer()))
-                loaded.align = 8
-                factors.append(loaded)
-            return builder.fmul(*factors)
+        def add_to(total: Any, first: Any, kind: Any = _LANES) -> None:
+            product = builder.fmul(_load(builder, x, first, kind), _load(builder, y, first, kind))
+            builder.store(builder.fadd(builder.load(total), product), total)
 
-        def add_to(total: Any, first: Any, kind: Any = lanes) -> None:
-            builder.store(builder.fadd(builder.load(total), product(first, kind)), total)
-
-        even, odd = (cgutils.alloca_once_value(builder, ir.Constant(lanes, [0.0] * LANES))
+        even, odd = (cgutils.alloca_once_value(builder, ir.Constant(_LANES, [0.0] * LANES))
                      for _ in range(2))
-        pairs = builder.and_(size, word(-2 * LANES))
-        with cgutils.for_range_slice(builder, word(0), pairs, word(2 * LANES), word) as (i, _):
+        pairs, whole = _whole(builder, size, 2 * LANES), _whole(builder, size, LANES)
+        with cgutils.for_range_slice(builder, _WORD(0), pairs, _WORD(2 * LANES), _WORD) as (i, _):
             add_to(even, i)
-            add_to(odd, builder.add(i, word(LANES)))
-        whole = builder.and_(size, word(-LANES))
+            add_to(odd, builder.add(i, _WORD(LANES)))
         with builder.if_then(builder.icmp_signed('<', pairs, whole)):
             add_to(even, pairs)
         sums = builder.fadd(builder.load(even), builder.load(odd))
         a, b, c, d = (builder.extract_element(sums, ir.IntType(32)(k)) for k in range(LANES))
         total = cgutils.alloca_once_value(
             builder, builder.fadd(builder.fadd(a, c), builder.fadd(b, d)))
-        with cgutils.for_range_slice(builder, whole, size, word(1), word) as (i, _):
-            add_to(total, i, number)
+        with cgutils.for_range_slice(builder, whole, size, _WORD(1), _WORD) as (i, _):
+            add_to(total, i, _NUMBER)
         return builder.load(total)

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, dot, jit
+from adaptive_blf_control.compiled import add_multiple, borrowed, dot, jit
 from adaptive_blf_control.identification.tridiagonal import Tridiagonal
 
 __all__ = ['direction_below']
@@ -46,9 +46,7 @@ def direction_below(form: Tridiagonal, size: int, bound: float, x: np.ndarray) -
             last = k
             break
         for i in range(k + 1, size):
-            other, part = matrix[i], row[i] / pivot
-            for j in range(i, size):
-                other[j] -= part * row[j]
+            add_multiple(matrix[i, i:], -row[i] / pivot, row[i:], size - i)
     if last >= 0:
         _substitute(matrix, last, x)
     for i in range(size):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, dot, jit
+from adaptive_blf_control.compiled import add_multiple, borrowed, dot, fold_row, jit
 from adaptive_blf_control.identification.squares import combine_rows
 
 __all__ = ['EPSILON', 'Tridiagonal', 'count_up_to', 'eigenvector', 'largest_eigenvalue', 'reduce',
@@ -101,23 +101,8 @@ def _fold(matrix: np.ndarray, k: int, v: np.ndarray, w: np.ndarray, u: np.ndarra
     """A −= v wᵀ + w vᵀ and p = A u for the first k rows and columns of A, in one pass."""
     for i in range(k):
         p[i] = 0.0
-    for j in range(k // 2):
-        j = 2 * j
-        row, other = matrix[j], matrix[j + 1]
-        a, b, c = v[j], w[j], u[j]
-        d, e, f = v[j + 1], w[j + 1], u[j + 1]
-        for i in range(k):
-            x = row[i] - (a * w[i] + b * v[i])
-            y = other[i] - (d * w[i] + e * v[i])
-            row[i], other[i] = x, y
-            p[i] += c * x + f * y
-    if k % 2 == 1:
-        row = matrix[k - 1]
-        a, b, c = v[k - 1], w[k - 1], u[k - 1]
-        for i in range(k):
-            x = row[i] - (a * w[i] + b * v[i])
-            row[i] = x
-            p[i] += c * x
+    for j in range(k):
+        fold_row(matrix[j], v[j], w, w[j], v, p, u[j], k)
 
 
 @jit
@@ -233,9 +218,7 @@ def _turn_back(form: Tridiagonal, size: int, x: np.ndarray) -> None:
     form = borrowed(form)
     for k in range(1, size):
         row = form.matrix[k]
-        total = form.factor[k] * dot(row, x, k)
-        for i in range(k):
-            x[i] -= total * row[i]
+        add_multiple(x, -form.factor[k] * dot(row, x, k), row, k)
 
 
 @jit
@@ -254,6 +237,4 @@ def turned_axes(form: Tridiagonal, axes: np.ndarray) -> None:
             weights[i] = form.factor[k] * reflector[i]
         combine_rows(axes, weights, k, total)
         for i in range(k):
-            row, weight = axes[i], reflector[i]
-            for j in range(k):
-                row[j] -= weight * total[j]
+            add_multiple(axes[i], -reflector[i], total, k)

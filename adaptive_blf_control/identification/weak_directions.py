@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, dot, jit
+from adaptive_blf_control.compiled import add_multiple, borrowed, dot, jit
 from adaptive_blf_control.identification.squares import (
     add_square,
     energy,
@@ -120,8 +120,7 @@ def add_direction(directions: Directions, direction: np.ndarray, regressors: np.
         for i in range(directions.counters[SET]):
             if i != row:
                 part = dot(directions.basis[i], vector, m)
-                for k in range(m):
-                    vector[k] -= part * directions.basis[i, k]
+                add_multiple(vector, -part, directions.basis[i], m)
         norm = math.sqrt(dot(vector, vector, m))
         if not norm > KNOWN:
             return

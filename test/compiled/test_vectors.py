@@ -1,17 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Facts about inner products in lanes."""
+"""Facts about sums and products of vectors in lanes."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from adaptive_blf_control.compiled import COMPILED, dot, jit
+from adaptive_blf_control.compiled import add_multiple, COMPILED, dot, fold_row, jit
 
 
 @jit
 def _compiled(x: np.ndarray, y: np.ndarray, size: int) -> float:
     return dot(x, y, size)
+
+
+@jit
+def _add_multiple(target: np.ndarray, factor: float, x: np.ndarray, size: int) -> None:
+    add_multiple(target, factor, x, size)
+
+
+@jit
+def _fold_row(row: np.ndarray, a: float, w: np.ndarray, b: float, v: np.ndarray,
+              total: np.ndarray, c: float, size: int) -> None:
+    fold_row(row, a, w, b, v, total, c, size)
 
 
 def _in_order(x: np.ndarray, y: np.ndarray) -> float:
@@ -48,3 +59,19 @@ def test_the_order_of_the_sum_is_the_one_that_is_said(size):
 def test_vectors_with_gaps_are_refused_while_it_is_compiled():
     with pytest.raises(Exception, match='dot'):
         _compiled(np.zeros(8)[::2], np.zeros(4), 4)
+
+
+@pytest.mark.parametrize('size', [0, 1, 3, 4, 7, 8, 13, 50])
+def test_the_first_elements_change_as_in_numpy_and_no_others(size):
+    random = np.random.default_rng(size)
+    row, w, v, total = random.normal(size=(4, 53))
+    for add, fold in ((add_multiple, fold_row), (_add_multiple, _fold_row)):
+        target, folded, sums = row.copy(), row.copy(), total.copy()
+        add(target, 0.3, w, size)
+        np.testing.assert_array_equal(target[:size], row[:size] + 0.3 * w[:size])
+        fold(folded, 0.3, w, -0.7, v, sums, 1.9, size)
+        expected = row[:size] - (0.3 * w[:size] + -0.7 * v[:size])
+        np.testing.assert_array_equal(folded[:size], expected)
+        np.testing.assert_array_equal(sums[:size], total[:size] + 1.9 * expected)
+        for changed, before in ((target, row), (folded, row), (sums, total)):
+            np.testing.assert_array_equal(changed[size:], before[size:])
