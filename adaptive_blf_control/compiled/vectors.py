@@ -35,10 +35,19 @@ LANES = 4
 def dot(x: np.ndarray, y: np.ndarray, size: int) -> float:
     """Return Σ x_i y_i over the first ``size`` elements of two contiguous vectors.
 
-    Compiled functions add up elements 0, 8, 16 …, 1, 9, 17 … to 7, 15, 23 … apart, then these
-    sums, then what is left behind the last whole four.
+    Products 0, 8, 16 …, 1, 9, 17 … to 7, 15, 23 … are added up apart, the last whole four to the
+    first four of these sums; then the sums, then what is left.
     """
-    return float(np.dot(x[:size], y[:size]))
+    pairs, whole, products = size - size % (2 * LANES), size - size % LANES, x[:size] * y[:size]
+    lanes = np.add.reduce(products[:pairs].reshape(-1, 2 * LANES))
+    even, odd = lanes[:LANES], lanes[LANES:]
+    if pairs < whole:
+        even = even + products[pairs:whole]
+    a, b, c, d = even + odd
+    total = (a + c) + (b + d)
+    for product in products[whole:]:
+        total += product
+    return float(total)
 
 
 def add_multiple(target: np.ndarray, factor: float, x: np.ndarray, size: int) -> None:
@@ -48,7 +57,7 @@ def add_multiple(target: np.ndarray, factor: float, x: np.ndarray, size: int) ->
 
 def fold_row(row: np.ndarray, a: float, w: np.ndarray, b: float, v: np.ndarray, total: np.ndarray,
              c: float, size: int) -> None:
-    """Subtract a w + b v from the first ``size`` elements of a row, then add c row to ``total``."""
+    """Subtract a w + b v from the first ``size`` elements of a row, and add c row to ``total``."""
     row[:size] -= a * w[:size] + b * v[:size]
     total[:size] += c * row[:size]
 

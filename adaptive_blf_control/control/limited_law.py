@@ -63,10 +63,11 @@ class LimitedLaw:
         t, q, qd, _, point, bounds, theta = sample
         if self._handle is None:
             self._handle = handle(self.arrays)
-        answer, x = answer_sample(self._handle, t, q, qd, theta, point, bounds)
-        return ControlOutput(answer.torque, answer.term,
-                             MotionState(t, q, qd, answer.e1, bounds), answer.e2, point, x,
-                             answer.bound, answer.wanted)
+        rows, products = np.empty((7, q.size)), np.empty((q.size + 1, theta.size))
+        answer_sample(self._handle, t, q, qd, theta, *point, *bounds, rows, products)
+        given, e1, e2, bound, wanted = rows[:5]
+        return ControlOutput(given, products[-1], MotionState(t, q, qd, e1, bounds), e2, point,
+                             products[:-1], bound, wanted)
 
     def filtered(self, safety_filter: SafetyFilter, sample: LawSample) -> ControlOutput:
         """Answer a sample with what a safety filter lets through, likewise within the limits."""

@@ -161,8 +161,18 @@ def controller_step(controller: ControllerArrays, answer: Answer, t: float, q: n
 
 @jit
 def answer_sample(controller: Handle, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
-                  point: ReferencePoint, bounds: Bounds) -> tuple[Answer, np.ndarray]:
-    """Answer one sample as `controller_step` does, called from Python; with the regressor X."""
-    arrays = controller.value
-    answer = new_answer(q.size, theta.size)
-    return answer, controller_step(arrays, answer, t, q, qd, theta, point, bounds)
+                  yd: np.ndarray, yd_dot: np.ndarray, yd_ddot: np.ndarray, lower: np.ndarray,
+                  upper: np.ndarray, lower_rate: np.ndarray, upper_rate: np.ndarray,
+                  rows: np.ndarray, products: np.ndarray) -> None:
+    """Answer one sample as `controller_step` does, called from Python.
+
+    From there a NamedTuple costs ten times what an array does, and an array that is returned five
+    times. So the arrays of reference and bounds come one by one, and ``rows``, shape (7, n), is
+    filled with torque, e1, e2, active bound and torque before the limits (the other two are
+    room), ``products``, shape (n + 1, m), with X and below it the adaptation term.
+    """
+    n = q.size
+    answer = Answer(rows[0], products[n], rows[1], rows[2], rows[5], rows[6], rows[3], rows[4])
+    products[:n] = controller_step(
+        controller.value, answer, t, q, qd, theta, ReferencePoint(yd, yd_dot, yd_ddot),
+        Bounds(lower, upper, lower_rate, upper_rate))
