@@ -47,7 +47,7 @@ def folders(package: Path, **environment: str) -> dict[str, Path]:
     ('compiled/references.py', set(MODULES)),
     ('report/page.py', set()), ('errors.py', set()), ('parameters/table.py', set()),
     ('control/settings.py', {'control.law', 'control.barrier', 'control.step'}),
-    ('linear_algebra.py', {'arms.two_link', 'arms.integrator', 'control.law', 'control.step',
+    ('linear_algebra.py', {'arms.two_link', 'arms.integrator', 'control.step',
                            'identification.step'}),
 ])
 def test_a_changed_source_renews_what_is_compiled_from_it_and_nothing_else(copy, changed,
