@@ -10,6 +10,7 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
 from adaptive_blf_control.calls import checked_call
+from adaptive_blf_control.compiled import uncompiled
 from adaptive_blf_control.identification.change_monitor import (
     ChangeMonitor,
     ExternalTorque,
@@ -26,8 +27,9 @@ from adaptive_blf_control.identification.determination import undetermined
 from adaptive_blf_control.identification.parts import AnyHistory
 from adaptive_blf_control.identification.running_parts import RunningParts
 from adaptive_blf_control.identification.step import (
-    AGE,
+    AT_LIMIT,
     CHANGES,
+    has_settled,
     IdentifierState,
     NOT_FINITE,
     REPEATED,
@@ -177,9 +179,16 @@ class Knowledge(Guided, instead={
 
     @property
     def settled(self) -> bool:
-        """Whether the filters have forgotten their start (see ``settings.filter.settle``)."""
-        pair = self._parts.state.pair
-        return bool(pair.clock[AGE] >= pair.settling)
+        """Whether the filters have forgotten their start (see ``settings.filter.settle``).
+
+        They have not either after a joint was at a position limit of the arm.
+        """
+        return uncompiled(has_settled)(self._parts.state.pair)
+
+    @property
+    def at_limit(self) -> int:
+        """How many samples had a joint at a position limit of the arm."""
+        return int(self._parts.state.pair.counts[AT_LIMIT])
 
     @property
     def updates(self) -> int:

@@ -20,11 +20,16 @@ from adaptive_blf_control.identification.change_response import (
 from adaptive_blf_control.identification.excitation import Excitation
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.parts import AnyHistory, PartMaker
+from adaptive_blf_control.identification.position_limits import (
+    position_limits_of,
+    PositionLimits,
+)
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.state_filter import LowPass, StateFilter
 from adaptive_blf_control.identification.step import (
     AGE,
     BEGUN,
+    has_settled,
     IdentifierState,
     learn_pair,
     learn_step,
@@ -85,7 +90,8 @@ class RunningParts:
         self._filter = TorqueFilter(arm.n, arm.m, settings.filter.time_constant,
                                     instant=settings.filter.effort == 'instant')
         self._theta = np.array(settings.initial_estimate, dtype=float)
-        self._counts, self._clock = np.zeros(8, dtype=np.int64), np.zeros(2)
+        self._counts, self._clock = np.zeros(9, dtype=np.int64), np.zeros(2)
+        self._since_limit = np.full(arm.n, np.inf)
         self._join()
 
     def _new_noisy_history(self) -> NoisyHistory:
@@ -103,7 +109,7 @@ class RunningParts:
         self.state = IdentifierState(
             state_filter,
             PairState(self._filter.arrays, self._counts, self._clock, float(filters.gap),
-                      float(filters.settle * self.memory)),
+                      float(filters.settle * self.memory), self._limits()),
             LearnerState(self._theta, history, self._noisy.arrays, monitor,
                          self._joined_response(arrays is not None), self.excitation.arrays, law))
         observes = state_filter is not self.state_filter and not isinstance(
@@ -111,6 +117,11 @@ class RunningParts:
         self.compiled = observes and arrays is not None
         self._learns = arrays is not None
         self._made: Any = None
+
+    def _limits(self) -> PositionLimits:
+        settings = self._settings
+        return position_limits_of(self._make.arm, settings.position_limit_margin,
+                                  settings.change.settle * self.memory, self._since_limit)
 
     def _joined_response(self, ours: bool) -> ResponseArrays:
         """Return the response with its settings; off where history or monitor is not ours."""
@@ -194,7 +205,7 @@ class RunningParts:
             if dt > 0.0 and learning[k]:
                 self._learn(dt, term)
             recorded[k] = self.history.revision != revision
-            usable[k] = dt > 0.0 and pair.clock[AGE] >= pair.settling
+            usable[k] = dt > 0.0 and uncompiled(has_settled)(pair)
             rows[k, :, :m], rows[k, :, m] = pair.filter.regressor, pair.filter.torque
 
     def restart(self) -> None:

@@ -191,6 +191,12 @@ class IdentifierSettings(Settings, where='identifier'):
     known_contact: bool = parameter(
         False, 'Something is known to touch the arm: theta_hat stays, and nothing is recorded.',
         live=True)
+    position_limit_margin: float = parameter(
+        0.01, 'A joint that is nearer to a position limit of the URDF, or beyond it, may rest on '
+        'its mechanical stop: until the filters have forgotten that (change.settle) nothing is '
+        'learned from its torque, and X^T e2 does not move theta_hat. A negative value counts '
+        'only what is that far beyond.',
+        'rad', -1e6, 1e6, live=True)
     filter: FilterSettings = group(FilterSettings)
     history: HistorySettings = group(HistorySettings)
     change: ChangeSettings = group(ChangeSettings)

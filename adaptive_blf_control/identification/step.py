@@ -33,6 +33,12 @@ from adaptive_blf_control.identification.change_response import (
 )
 from adaptive_blf_control.identification.excitation import accumulate, ExcitationArrays
 from adaptive_blf_control.identification.history import facts, forget_pairs, offer, sums, UNJUDGED
+from adaptive_blf_control.identification.position_limits import (
+    any_limited,
+    follow_limits,
+    PositionLimits,
+    true_rows,
+)
 from adaptive_blf_control.identification.state_filter import filtered, forget_states
 from adaptive_blf_control.identification.torque_filter import (
     filter_pair,
@@ -41,17 +47,18 @@ from adaptive_blf_control.identification.torque_filter import (
 )
 from adaptive_blf_control.identification.update_laws import Evidence, stepped
 
-__all__ = ['AGE', 'BEGUN', 'CHANGES', 'IdentifierState', 'LearnerState', 'Learning', 'NOT_FINITE',
-           'PairState', 'REPEATED', 'RESTARTS', 'Running', 'TIME', 'TOO_LARGE', 'UPDATES',
-           'WENT_BACK', 'identifier_step', 'learn_pair', 'learn_step', 'observe_sample',
-           'observe_step', 'take_sample', 'take_samples']
+__all__ = ['AGE', 'AT_LIMIT', 'BEGUN', 'CHANGES', 'IdentifierState', 'LearnerState', 'Learning',
+           'NOT_FINITE', 'PairState', 'REPEATED', 'RESTARTS', 'Running', 'TIME', 'TOO_LARGE',
+           'UPDATES', 'WENT_BACK', 'has_settled', 'identifier_step', 'learn_pair', 'learn_step',
+           'observe_sample', 'observe_step', 'take_sample', 'take_samples']
 
 # Filtered regressors (rad/s², rad²/s², m/s² and the like) and torques [N·m] of a robot stay far
 # below this; the squares of what does not would drown the update law in rounding.
 LARGEST = 1e6
 
 # Elements of `PairState.counts` ...
-RESTARTS, NOT_FINITE, TOO_LARGE, REPEATED, WENT_BACK, CHANGES, UPDATES, BEGUN = range(8)
+(RESTARTS, NOT_FINITE, TOO_LARGE, REPEATED, WENT_BACK, CHANGES, UPDATES, BEGUN,
+ AT_LIMIT) = range(9)
 # ... and of `PairState.clock`.
 TIME, AGE = range(2)
 
@@ -62,11 +69,12 @@ class PairState(NamedTuple):
     Attributes:
         filter: The torque filter, which has the pair.
         counts: By name: RESTARTS of the filters; samples dropped as NOT_FINITE, TOO_LARGE, with a
-            stamp that was REPEATED or WENT_BACK; CHANGES of the arm; UPDATES of θ̂; and whether
-            there is a last sample, BEGUN; shape (8,).
+            stamp that was REPEATED or WENT_BACK; CHANGES of the arm; UPDATES of θ̂; whether
+            there is a last sample, BEGUN; and samples with a joint AT_LIMIT; shape (9,).
         clock: By name: TIME of the last sample and AGE of the filters [s], shape (2,).
         gap: Longest interval that is filtered across [s].
         settling: Age at which the filters have forgotten their start [s].
+        limits: Between which positions a joint's row is that of the arm alone.
     """
 
     filter: TorqueFilterArrays
@@ -74,6 +82,7 @@ class PairState(NamedTuple):
     clock: np.ndarray
     gap: float
     settling: float
+    limits: PositionLimits
 
 
 class LearnerState(NamedTuple):
@@ -175,6 +184,8 @@ def observe_step(arm: Any, state_filter: Any, pair: PairState, t: float, q: np.n
         forget_pair(pair.filter)
     clock[TIME] = t
     counts[BEGUN] = 1
+    if follow_limits(pair.limits, dt if dt <= pair.gap else 0.0, q):
+        counts[AT_LIMIT] += 1
     q, qd, tau = filtered(state_filter, dt, q, qd, tau)
     y1, y2 = regressors(arm, q, qd)
     if not filter_pair(pair.filter, dt, y1, y2, tau):
@@ -191,6 +202,13 @@ def observe_step(arm: Any, state_filter: Any, pair: PairState, t: float, q: np.n
     return dt
 
 
+@jit
+def has_settled(pair: PairState) -> bool:
+    """Return whether the filters have forgotten their start, and any joint at a limit."""
+    pair = borrowed(pair)
+    return bool(pair.clock[AGE] >= pair.settling and not any_limited(pair.limits))
+
+
 @jit_apart
 def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarray) -> None:
     """Record the present pair, or forget the recorded ones, and advance θ̂.
@@ -203,7 +221,10 @@ def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarr
     """
     pair = borrowed(pair)
     learner = borrowed(learner)
-    counts, regressor, torque = pair.counts, pair.filter.regressor, pair.filter.torque
+    counts = pair.counts
+    regressor, torque = true_rows(pair.limits, pair.filter.regressor, pair.filter.torque)
+    if any_limited(pair.limits):
+        term = np.zeros_like(term)
     settled = bool(pair.clock[AGE] >= pair.settling)
     verdict = judged(learner.monitor, learner.response, learner.history, learner.theta, dt,
                      regressor, torque, settled)
@@ -320,6 +341,6 @@ def take_samples(running: Handle, t: np.ndarray, q: np.ndarray, qd: np.ndarray, 
         if dt > 0.0 and learning[k]:
             learn_step(pair, learner, dt, term)
         recorded[k] = facts(learner.history)[3] != revision
-        usable[k] = dt > 0.0 and pair.clock[AGE] >= pair.settling
+        usable[k] = dt > 0.0 and has_settled(pair)
         rows[k, :, :m] = pair.filter.regressor
         rows[k, :, m] = pair.filter.torque

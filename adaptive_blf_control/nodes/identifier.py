@@ -266,6 +266,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
             'pairs': stack.count, 'insertions': stack.insertions,
             'change of theta_hat per second, norm': f'{self._drift():.6g}',
             'filter restarts': identifier.restarts,
+            'samples with a joint at its position limit': identifier.at_limit,
             'changes of the arm': identifier.changes, 'response': identifier.response,
             **{f'{reason} found': identifier.found[reason]
                for reason in ('alarms', 'contacts', 'loads')},
