@@ -18,6 +18,7 @@ from adaptive_blf_control.identification.change_response import (
     ResponseArrays,
 )
 from adaptive_blf_control.identification.excitation import Excitation
+from adaptive_blf_control.identification.filter_distortion import distortion_of
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.parts import AnyHistory, PartMaker
 from adaptive_blf_control.identification.position_limits import (
@@ -91,7 +92,7 @@ class RunningParts:
                                     instant=settings.filter.effort == 'instant')
         self._theta = np.array(settings.initial_estimate, dtype=float)
         self._counts, self._clock = np.zeros(9, dtype=np.int64), np.zeros(2)
-        self._since_limit = np.full(arm.n, np.inf)
+        self._since_limit, self._distortion = np.full(arm.n, np.inf), np.zeros(1)
         self._join()
 
     def _new_noisy_history(self) -> NoisyHistory:
@@ -109,7 +110,8 @@ class RunningParts:
         self.state = IdentifierState(
             state_filter,
             PairState(self._filter.arrays, self._counts, self._clock, float(filters.gap),
-                      float(filters.settle * self.memory), self._limits()),
+                      float(filters.settle * self.memory), self._limits(),
+                      distortion_of(filters, self._distortion)),
             LearnerState(self._theta, history, self._noisy.arrays, monitor,
                          self._joined_response(arrays is not None), self.excitation.arrays, law))
         observes = state_filter is not self.state_filter and not isinstance(

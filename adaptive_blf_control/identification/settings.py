@@ -47,6 +47,11 @@ class FilterSettings(Settings, where='identifier.filter'):
     state_time_constant: float = parameter(
         0.03, 'Time constant T of each of its N stages. Changing it restarts the filters.',
         's', 0.0, 100.0, exclusive=True, live=True)
+    distortion: float = parameter(
+        0.0,
+        'Largest part of the torque that the low-pass may distort, N T^2 qd^2 / 2 for the fastest '
+        'joint: from a faster motion nothing is recorded. 0: whatever the speed is.',
+        '', 0.0, 1e6, live=True)
 
     def _check(self) -> None:
         if self.state_order == 1:

@@ -32,6 +32,11 @@ from adaptive_blf_control.identification.change_response import (
     ResponseArrays,
 )
 from adaptive_blf_control.identification.excitation import accumulate, ExcitationArrays
+from adaptive_blf_control.identification.filter_distortion import (
+    Distortion,
+    follow_distortion,
+    is_distorted,
+)
 from adaptive_blf_control.identification.history import facts, forget_pairs, offer, sums, UNJUDGED
 from adaptive_blf_control.identification.position_limits import (
     any_limited,
@@ -75,6 +80,7 @@ class PairState(NamedTuple):
         gap: Longest interval that is filtered across [s].
         settling: Age at which the filters have forgotten their start [s].
         limits: Between which positions a joint's row is that of the arm alone.
+        distortion: Of the present pair by the state filter.
     """
 
     filter: TorqueFilterArrays
@@ -83,6 +89,7 @@ class PairState(NamedTuple):
     gap: float
     settling: float
     limits: PositionLimits
+    distortion: Distortion
 
 
 class LearnerState(NamedTuple):
@@ -184,9 +191,11 @@ def observe_step(arm: Any, state_filter: Any, pair: PairState, t: float, q: np.n
         forget_pair(pair.filter)
     clock[TIME] = t
     counts[BEGUN] = 1
-    if follow_limits(pair.limits, dt if dt <= pair.gap else 0.0, q):
+    followed = dt if dt <= pair.gap else 0.0
+    if follow_limits(pair.limits, followed, q):
         counts[AT_LIMIT] += 1
     q, qd, tau = filtered(state_filter, dt, q, qd, tau)
+    follow_distortion(pair.distortion, followed, qd)
     y1, y2 = regressors(arm, q, qd)
     if not filter_pair(pair.filter, dt, y1, y2, tau):
         counts[RESTARTS] += 1
@@ -204,9 +213,16 @@ def observe_step(arm: Any, state_filter: Any, pair: PairState, t: float, q: np.n
 
 @jit
 def has_settled(pair: PairState) -> bool:
-    """Return whether the filters have forgotten their start, and any joint at a limit."""
+    """Return whether the pair is that of the arm alone, with nothing that the filters do to it."""
     pair = borrowed(pair)
-    return bool(pair.clock[AGE] >= pair.settling and not any_limited(pair.limits))
+    return bool(_follow_the_arm(pair) and not any_limited(pair.limits))
+
+
+@jit
+def _follow_the_arm(pair: PairState) -> bool:
+    """Return whether what the filters have is the present motion."""
+    pair = borrowed(pair)
+    return bool(pair.clock[AGE] >= pair.settling and not is_distorted(pair.distortion))
 
 
 @jit_apart
@@ -225,7 +241,7 @@ def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarr
     regressor, torque = true_rows(pair.limits, pair.filter.regressor, pair.filter.torque)
     if any_limited(pair.limits):
         term = np.zeros_like(term)
-    settled = bool(pair.clock[AGE] >= pair.settling)
+    settled = _follow_the_arm(pair)
     verdict = judged(learner.monitor, learner.response, learner.history, learner.theta, dt,
                      regressor, torque, settled)
     if verdict == FORGET:

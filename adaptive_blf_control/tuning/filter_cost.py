@@ -21,7 +21,7 @@ from adaptive_blf_control.identification.settings import FilterSettings
 from adaptive_blf_control.identification.state_filter import cascade_step
 from adaptive_blf_control.tuning.inertia import reference_states, ReferenceStates
 
-__all__ = ['filter_cost', 'filter_warnings']
+__all__ = ['ACCEPTED', 'filter_cost', 'filter_warnings']
 
 STEP, FINE, SPAN = 0.01, 0.25, 12.0  # s, time constants, s: grid after the filter has settled
 SETTLED = 5.0  # times its memory

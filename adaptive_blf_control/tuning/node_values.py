@@ -17,6 +17,7 @@ from adaptive_blf_control.configuration.node_settings import (
     RuntimeSettings,
 )
 from adaptive_blf_control.control.barrier import INTERIOR
+from adaptive_blf_control.tuning.filter_cost import ACCEPTED
 from adaptive_blf_control.tuning.gains import REACH, total_rate
 from adaptive_blf_control.tuning.recipe import Recipe
 
@@ -74,6 +75,7 @@ def _identifier(recipe: Recipe) -> dict[str, Any]:
         'filter.time_constant': filters.time_constant, 'filter.state_order': filters.state_order,
         'filter.state_time_constant': filters.state_time_constant,
         'filter.gap': max(0.05, 5.0 / recipe.robot.rate),
+        'filter.distortion': ACCEPTED if filters.state_order else 0.0,
         'change.settle': SETTLE, 'change.suspicion': SUSPICION,
         'change.adapt': recipe.robot.payload > 0.0}
     if filters.state_order:
@@ -117,6 +119,9 @@ def reasons_of(recipe: Recipe) -> Mapping[str, str]:
                             f'loop with {ms} of delay bears.',
         'identifier.kh': 'So that the noise of the torque is weighted against Gamma.',
         'identifier.filter.time_constant': _filter_reason(recipe),
+        'identifier.filter.distortion': 'Ten times what the fastest joint of this reference makes '
+                                        'of it would still be little: an arm that falls or is '
+                                        'thrown does not teach what the filter does.',
         'identifier.change.suspicion': 'So that a contact does not teach, and a load at the tip '
                                        'leaves what was learned of the arm.',
         'identifier.change.adapt': 'True where a payload is stated.',
