@@ -17,7 +17,7 @@ from adaptive_blf_control.runs.torque_use import oscillation_text
 from adaptive_blf_control.tuning.node_values import node_settings_of
 from adaptive_blf_control.tuning.recipe import recipe
 from adaptive_blf_control.tuning.robot import Robot
-from adaptive_blf_control.tuning.stated_friction import arm_with_friction
+from adaptive_blf_control.tuning.stated_friction import arm_with_friction, sliding_velocity
 
 __all__ = ['ARMS', 'add_options', 'node_data', 'off_by', 'run']
 
@@ -68,7 +68,8 @@ def run(options: argparse.Namespace) -> None:
     for name in options.arm or ARMS:
         urdf, joints = ARMS[name]
         address = f'package://{urdf}'
-        arm = arm_with_friction(address, joints)
+        arm = arm_with_friction(address, joints,
+                                coulomb_velocity=sliding_velocity(Robot(**REAL)))
         for start in STARTS:
             runs = [_figures(_Case(name, arm, address, start, seed), options.arm_seconds)
                     for seed in range(options.seeds)]

@@ -30,7 +30,7 @@ from adaptive_blf_control.simulation.sample import Sample
 from adaptive_blf_control.tuning.node_values import node_settings_of
 from adaptive_blf_control.tuning.recipe import Recipe, recipe
 from adaptive_blf_control.tuning.robot import Robot
-from adaptive_blf_control.tuning.stated_friction import arm_with_friction
+from adaptive_blf_control.tuning.stated_friction import arm_with_friction, sliding_velocity
 
 __all__ = ['CONDITIONS', 'add_options', 'run']
 
@@ -254,11 +254,12 @@ def _run(case: Case) -> Run:
     urdf, joints = ARMS[arm_name]
     payload = LOADS[arm_name] if name.startswith('load') else 0.0
     robot = Robot(delay=0.005, payload=payload, **condition.stated)
-    arm = arm_with_friction(f'package://{urdf}', joints, coulomb=condition.learned or None)
+    make = partial(arm_with_friction, f'package://{urdf}', joints,
+                   coulomb_velocity=sliding_velocity(robot))
+    arm = make(coulomb=condition.learned or None)
     found = recipe(arm, robot)
     if condition.learned:
-        arm = arm_with_friction(f'package://{urdf}', joints, coulomb=True,
-                                rotor_inertia=_stated_rotors(found.torque_limit, seed))
+        arm = make(coulomb=True, rotor_inertia=_stated_rotors(found.torque_limit, seed))
         found = recipe(arm, replace(robot, torque_limit=tuple(found.torque_limit)))
     changes = {'arm_driver.plant': 'mujoco', 'arm_driver.sensors.seed': seed,
                **condition.plant(arm_name, found)}

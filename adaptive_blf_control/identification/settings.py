@@ -201,7 +201,7 @@ class IdentifierSettings(Settings, where='identifier'):
         'its mechanical stop: until the filters have forgotten that (change.settle) nothing is '
         'learned from its torque, and X^T e2 does not move theta_hat. A negative value counts '
         'only what is that far beyond.',
-        'rad', -1e6, 1e6, live=True)
+        'rad', -10.0, 10.0, live=True)
     filter: FilterSettings = group(FilterSettings)
     history: HistorySettings = group(HistorySettings)
     change: ChangeSettings = group(ChangeSettings)

@@ -20,7 +20,7 @@ from adaptive_blf_control.tuning.node_values import node_settings_of, reasons_of
 from adaptive_blf_control.tuning.recipe import recipe
 from adaptive_blf_control.tuning.recipe_text import recipe_text
 from adaptive_blf_control.tuning.robot import Robot
-from adaptive_blf_control.tuning.stated_friction import arm_with_friction
+from adaptive_blf_control.tuning.stated_friction import arm_with_friction, sliding_velocity
 
 __all__ = ['main']
 
@@ -91,7 +91,8 @@ def main(args: list[str] | None = None) -> int:
                       **{name: getattr(options, name) for name in _OF_ROBOT})
         found = recipe(arm_with_friction(
             options.urdf, joint_names(options.joints), coulomb=options.coulomb,
-            rotor_inertia=_rotors(options.rotor_inertia)), robot)
+            rotor_inertia=_rotors(options.rotor_inertia),
+            coulomb_velocity=sliding_velocity(robot)), robot)
         text = written_file(node_settings_of(found, _address(options.urdf)),
                             _title(sys.argv[1:] if args is None else args), reasons_of(found))
         if options.output is not None:

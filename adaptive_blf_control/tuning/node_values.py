@@ -41,6 +41,8 @@ def node_settings_of(recipe: Recipe, urdf: str) -> dict[str, RuntimeSettings]:
            'friction.coulomb': _has(recipe, 'fc'),
            'friction.rotor_inertia': any(name.startswith('Ia_')
                                          for name in recipe.arm.parameters)}
+    if _has(recipe, 'fc'):
+        arm['friction.coulomb_velocity'] = recipe.arm.chain.coulomb_velocity
     rotor = recipe.arm.rotor
     if rotor.any():
         arm['friction.nominal_rotor_inertia'] = rotor
@@ -119,9 +121,8 @@ def reasons_of(recipe: Recipe) -> Mapping[str, str]:
                             f'loop with {ms} of delay bears.',
         'identifier.kh': 'So that the noise of the torque is weighted against Gamma.',
         'identifier.filter.time_constant': _filter_reason(recipe),
-        'identifier.filter.distortion': 'Ten times what the fastest joint of this reference makes '
-                                        'of it would still be little: an arm that falls or is '
-                                        'thrown does not teach what the filter does.',
+        'identifier.filter.distortion': 'An arm that falls or is thrown, several times as fast as '
+                                        'this reference, does not teach what the filter does.',
         'identifier.change.suspicion': 'So that a contact does not teach, and a load at the tip '
                                        'leaves what was learned of the arm.',
         'identifier.change.adapt': 'True where a payload is stated.',

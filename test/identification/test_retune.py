@@ -34,14 +34,16 @@ LIVE = {
     'history__epsilon': 0.3, 'history__minimum_growth': 0.5, 'change__window': 0.3,
     'change__threshold': 9.0, 'change__resolution': 0.1, 'excitation__window': 0.2,
     'history__noise': 0.1, 'history__noise_seed': 3, 'change__suspicion': 4.0,
-    'change__settle': 2.0, 'change__patience': 1.0, 'change__adapt': True, 'known_contact': True}
+    'change__settle': 2.0, 'change__patience': 1.0, 'change__adapt': True, 'known_contact': True,
+    'position_limit_margin': 0.1, 'filter__distortion': 0.02}
 BAD = {
     'gamma': np.ones(4), 'kt': -1.0, 'update_law': 'guess', 'filter__time_constant': 0.0,
     'filter__gap': float('nan'), 'filter__settle': float('inf'), 'filter__state_order': 1,
     'history__size': 0, 'history__epsilon': 1.5, 'history__minimum_growth': -1.0,
     'change__window': -0.1, 'change__threshold': 1.0, 'change__resolution': float('inf'),
     'excitation__window': float('inf'), 'history__noise': -0.1, 'change__suspicion': 30.0,
-    'change__settle': -1.0, 'change__patience': 0.0}
+    'change__settle': -1.0, 'change__patience': 0.0, 'position_limit_margin': float('nan'),
+    'filter__distortion': -0.1}
 
 
 def identifier(**changes) -> Identifier:

@@ -70,6 +70,7 @@ NEW: dict[str, dict[str, Any]] = {
         'excitation.window': 3.0, 'update_law': 'gradient', 'adaptation_term_timeout': 0.5,
         'filter.effort': 'instant', 'change.suspicion': 4.0, 'change.settle': 2.0,
         'change.patience': 1.0, 'change.adapt': True, 'known_contact': True,
+        'position_limit_margin': 0.1, 'filter.distortion': 0.02,
         'external_torque_decimation': 3, 'composed_decimation': 3,
     },
     'controller': {
@@ -160,6 +161,7 @@ def _identifier_uses(node: IdentifierNode) -> dict[str, Any]:
         'history.size': identifier.stack.size,
         'excitation.window': settings.excitation.window, 'update_law': settings.update_law,
         'known_contact': settings.known_contact,
+        'position_limit_margin': settings.position_limit_margin,
         'external_torque_decimation': node._stream.decimation,  # nothing public tells it
     }
 

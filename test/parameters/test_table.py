@@ -150,7 +150,7 @@ def test_everything_about_learning_is_live():
                 if p.name.split('.')[0] in ('gamma', 'kt', 'kh', 'filter', 'change', 'history',
                                             'excitation', 'update_law', 'estimate_file',
                                             'estimate_period', *structure)}
-    assert len(learning) == 31
+    assert len(learning) == 32
     assert {name for name, p in learning.items() if p.read_only} == structure
 
 

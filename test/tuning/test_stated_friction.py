@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import pytest
 
+from adaptive_blf_control.tuning.node_values import node_settings_of
 from adaptive_blf_control.tuning.recipe import recipe
 from adaptive_blf_control.tuning.robot import Robot
-from adaptive_blf_control.tuning.stated_friction import arm_with_friction
+from adaptive_blf_control.tuning.stated_friction import arm_with_friction, sliding_velocity
 
 
 @pytest.fixture
@@ -37,3 +38,17 @@ def test_it_is_said_that_it_is_learned(urdf: str, dry_urdf: str) -> None:
             for each in (urdf, dry_urdf)]
     assert 'Coulomb' not in said[0]
     assert 'shoulder 0.7 N·m (--no-coulomb' in said[1]
+
+
+def test_the_sign_of_friction_is_as_sharp_as_the_measured_velocity_allows():
+    sharp = [sliding_velocity(Robot(encoder_counts=counts))
+             for counts in (None, 1000000, 150000, 4096)]
+    assert sharp == [0.01, 0.01, 0.014, 0.02]
+
+
+def test_the_files_have_the_sliding_velocity_of_the_arm_where_friction_is_learned(urdf: str):
+    for coulomb, expected in ((True, 0.013), (False, 0.02)):
+        arm = arm_with_friction(urdf, coulomb=coulomb, coulomb_velocity=0.013)
+        nodes = node_settings_of(recipe(arm, Robot()), urdf)
+        for node in ('arm_driver', 'identifier', 'controller'):
+            assert nodes[node].friction.coulomb_velocity == expected
