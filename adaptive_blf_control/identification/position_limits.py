@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joints at a position limit, where a mechanical stop may carry what no drive has measured.
 
-The torque of a stop acts between the two links of its joint, so of the equation Y_f θ = τ_f the row
-of that joint is wrong, and no other: it would say that what the stop carries weighs nothing. While
-a joint is within a margin of a position limit of its URDF, or beyond it, and until the filters
-have forgotten it, its row is therefore left out of the pair, and Xᵀe2, to which an error that no
-torque can reduce adds more and more, does not move θ̂.
+The torque of a stop acts between the two links of its joint, so of the equation Y_f θ = τ_f the
+row of that joint is wrong, and no other: it would say that what the stop carries weighs nothing.
+While a joint is within a margin of a position limit of its URDF, or beyond it, and until the
+filters have forgotten it, its row is therefore left out of the pair, and Xᵀe2, to which an error
+that no torque can reduce adds more and more, does not move θ̂.
 """
 
 from __future__ import annotations
