@@ -14,8 +14,11 @@ the missing torque behind a low-pass of time constant 1/K. Two explanations are 
 * gravity turned besides, to where D1 = (r − B Δg)ᵀ C⁻¹ (r − B Δg) + tilt²/TILT² is smallest. B Δg
   is the weight of the links of the URDF, behind the same low-pass.
 
-Told gravity does not fit where D0 is beyond any chance, a turned one explains it, and the first
-EARLY seconds had asked for it already: a contact comes later. What pulls or holds the arm from its
+Told gravity does not fit where a turned one explains D0 and the first EARLY seconds had asked for
+it already: a contact comes later. Either D0 is beyond any chance, or it is not, as where much
+friction is possible, but r is that of a turned gravity in all joints: of n torques a turn makes
+two, so errors of links, a load and friction look like one to a part ε of D0 with the
+probability ε^(n/2 − 1) only, however large they may be. What pulls or holds the arm from its
 start on can look the same; a turn about the vertical makes no torque, and one by less than what
 the covariance allows is not noticed.
 """
@@ -45,8 +48,10 @@ DRY, ROTOR = 0.015, 1e-3  # friction [N·m] and rotor inertia [kg·m²] over the
 DRIVES = 0.04  # part by which the torques of the drives may be off
 LEAST = 0.05  # N·m
 TILT = 1.0  # rad, standard deviation of a tilt
-BEYOND = 10.0  # D0, with what it is next to that much explained: no chance makes both
-EXPLAINED = 0.1  # part of D0 that may be left beside a turned gravity
+BEYOND = 10.0  # D0 that no chance makes where a turned gravity explains most of it ...
+EXPLAINED = 0.1  # ... but for this part
+SHOWN = 0.5  # D0 that may well be chance, but hardly where all of it looks like turned gravity ...
+ALIKE = 0.03  # ... but for this part, the tilt's own share of D1 not counted
 SMALLEST = np.radians(5.0)  # rad: less is not called a tilt
 FEWEST = 4  # joints: fewer torques can always be explained by a tilt
 STEPS = 8
@@ -172,14 +177,14 @@ class GravityCheck:
             return
         misfit = float(seen @ np.linalg.solve(without, seen))
         early = self._begin is not None and t - self._begin < EARLY
-        if misfit < BEYOND and not early:
+        if misfit < SHOWN and not early:
             self._agree = 0
             return
         gravity, left = self._turned(seen, other)
         if early:
             self._early = gravity
         tilt = _angle(self._told, gravity)
-        if (misfit < BEYOND or left > EXPLAINED * misfit or tilt < SMALLEST
+        if (not _explained(misfit, left, tilt) or tilt < SMALLEST
                 or not self._was_there(gravity)):
             self._agree = 0
             return
@@ -233,6 +238,19 @@ class GravityCheck:
             gravity = gravity + across @ step
             gravity = gravity * (size / np.linalg.norm(gravity))
         return best, least
+
+
+def _explained(misfit: float, left: float, tilt: float) -> bool:
+    """Return whether a turned gravity, and hardly anything else, explains what was seen.
+
+    Args:
+        misfit: D0.
+        left: D1.
+        tilt: Angle of the turn [rad].
+    """
+    beyond = misfit >= BEYOND and left <= EXPLAINED * misfit
+    alike = misfit >= SHOWN and left - (tilt / TILT) ** 2 <= ALIKE * misfit
+    return beyond or alike
 
 
 def gravity_check_of(arm: Arm) -> GravityCheck | None:
