@@ -94,6 +94,35 @@ def test_drives_that_show_no_torque_are_no_tilt(panda: UrdfArm) -> None:
     assert _at_rest(panda, np.full(panda.n, np.nan)) is None
 
 
+@pytest.fixture(scope='module')
+def rubbing_panda() -> UrdfArm:
+    """Return a Panda whose friction may be so large that no size of a misfit proves anything."""
+    pytest.importorskip('pinocchio')
+    return UrdfArm(PANDA, JOINTS, friction_coulomb=True, coulomb=8.0)
+
+
+def test_where_friction_may_be_large_the_shape_of_the_torques_shows_a_tilt(
+        rubbing_panda: UrdfArm, monkeypatch: pytest.MonkeyPatch) -> None:
+    tilt = _holding(_tilted([30.0, 0.0, 0.0])) - _holding(_tilted([0.0, 0.0, 0.0]))
+    torque = _holding(rubbing_panda) + tilt
+    misfit = _at_rest(rubbing_panda, torque)
+    assert misfit is not None
+    assert misfit.t < 0.2
+    monkeypatch.setattr('adaptive_blf_control.identification.gravity_check.ALIKE', -1.0)
+    assert _at_rest(rubbing_panda, torque) is None  # its size alone does not
+
+
+@pytest.mark.parametrize('seed', range(10))
+def test_friction_and_links_that_are_off_do_not_look_like_a_tilt(
+        rubbing_panda: UrdfArm, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    scale = np.exp(random.normal(0.0, 0.25, (rubbing_panda.n, 1)))
+    theta = np.concatenate([rubbing_panda.base_from_inertial(rubbing_panda.inertial * scale),
+                            rubbing_panda.nominal[rubbing_panda.base_count:]])
+    torque = _holding(rubbing_panda, theta) + random.uniform(-8.0, 8.0, rubbing_panda.n)
+    assert _at_rest(rubbing_panda, torque) is None
+
+
 @pytest.mark.filterwarnings('ignore:.*encountered:RuntimeWarning')
 @pytest.mark.parametrize('size', [1e30, 1e200, 1e308])
 def test_numbers_beyond_reason_end_the_check_and_nothing_else(
