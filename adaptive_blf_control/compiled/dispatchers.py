@@ -114,6 +114,18 @@ if COMPILED:
             if all(map(_is_ours, arguments)):
                 super().save_overload(sig, data)
 
+    class _WithoutWrapper(_WithCalled):
+        """Keeps what compiled functions alone may call, beside what Python may."""
+
+        def get_filename_base(self, *arguments: Any) -> str:
+            """Return how the names of the files begin."""
+            return f'{super().get_filename_base(*arguments)}.apart'
+
+    class _CacheOfApart(_CacheOfOurTypes):
+        """As that of the functions which Python calls; it would crash in those from here."""
+
+        _impl_class = _WithoutWrapper
+
     class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
         """Code that is optimised, and made machine code, in the functions that it is linked to.
 
@@ -162,13 +174,22 @@ if COMPILED:
             self.targetctx.insert_user_function(key, found.fndesc, libraries)
             return found._replace(entry_point=key)
 
+    def _cache_in(folder: str, kind: type[FunctionCache], function: Any) -> FunctionCache:
+        before = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = folder
+        try:
+            return kind(function)
+        finally:
+            numba.config.CACHE_DIR = before
+
     class _Apart(Part):
         """A function whose machine code compiled functions call where it is, see `jit_apart`."""
 
-        def __init__(self, function: Any, options: dict[str, Any], folder: str,
-                     cache: Any) -> None:
+        def __init__(self, function: Any, options: dict[str, Any], folder: str) -> None:
             super().__init__(function, targetoptions=options)
-            self._folder, self._cache = folder, cache
+            self._folder = folder
+            if folder:
+                self._cache = _cache_in(folder, _CacheOfApart, function)
 
         def _found(self, arguments: Any, result: Any) -> Any:
             name = self.py_func.__name__
@@ -206,13 +227,8 @@ if COMPILED:
             super().__init__(function, targetoptions=options)
             self._folder = folder
             if folder:
-                before = numba.config.CACHE_DIR
-                numba.config.CACHE_DIR = folder
-                try:
-                    self._cache = _CacheOfOurTypes(function)
-                finally:
-                    numba.config.CACHE_DIR = before
-            self.part: Any = (_Apart(function, options, folder, self._cache) if apart else
+                self._cache = _cache_in(folder, _CacheOfOurTypes, function)
+            self.part: Any = (_Apart(function, options, folder) if apart else
                               Part(function, targetoptions=options))
 
         @property

@@ -116,6 +116,28 @@ def test_history_and_update_give_the_same_bits_compiled_and_in_python():
     assert compiled[2] == plain[2]
 
 
+APART = """
+from adaptive_blf_control.compiled import jit, jit_apart
+@jit_apart
+def halved(x):
+    return 0.5 * x[0]
+@jit
+def caller(x):
+    return halved(x)
+"""
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
+def test_what_compiled_functions_call_apart_is_not_what_another_process_calls(tmp_path):
+    (tmp_path / 'a_module_of_the_test.py').write_text(APART, encoding='utf-8')
+    for called in ('caller', 'halved', 'caller', 'halved'):
+        run = subprocess.run(
+            [sys.executable, '-c', 'import numpy, a_module_of_the_test as module\n'
+             f'print(module.{called}(numpy.ones(3)))'], capture_output=True, text=True,
+            env={**os.environ, 'PYTHONPATH': os.pathsep.join([str(tmp_path), *sys.path])})
+        assert (run.returncode, run.stdout) == (0, '0.5\n'), (called, run.stderr)
+
+
 @pytest.mark.parametrize(('values', 'expected'), [
     ([0.0, 1e308], True), ([], True), ([np.nan, 0.0], False), ([0.0, np.inf], False),
     ([-np.inf, 0.0], False)])
