@@ -174,6 +174,7 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
             return
         for k in range(count):
             spare.update(t[k], *samples[:, k])
+        spare.retune(history={'size': max(spare.stack.count - 1, 1)})
 
     def restart(self) -> None:
         """Restart the filters with the next sample; θ̂ and the stack stay."""

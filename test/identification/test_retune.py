@@ -4,11 +4,15 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.settings import IdentifierSettings
@@ -277,3 +281,37 @@ def test_pairs_with_artificial_noise_follow_the_size_of_the_history():
     noisy = subject.state.learner.noise.history
     assert noisy is not subject.stack.pairs
     assert (noisy.counters[SIZE], noisy.figures[THRESHOLD]) == (4, 0.2)
+
+
+_WARM = """
+import gc
+import numpy as np
+from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.compiled import COMPILED
+from adaptive_blf_control.compiled.dispatchers import Entry
+from adaptive_blf_control.identification.identifier import Identifier
+
+
+def loaded():
+    return sum(len(each.overloads) for each in gc.get_objects() if isinstance(each, Entry))
+
+
+random = np.random.default_rng(1)
+identifier = Identifier(TwoLinkArm(), history={'size': 6}, filter={'settle': 0.0})
+identifier.warm_up()
+before = loaded()
+for k in range(40):
+    identifier.update(k * 1e-3, *random.normal(size=(3, 2)))
+identifier.retune(history={'size': 5})
+for k in range(40, 50):
+    identifier.update(k * 1e-3, *random.normal(size=(3, 2)))
+assert identifier.stack.count == 5, identifier
+print(loaded() - before)
+"""
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
+def test_a_smaller_history_asks_for_no_function_that_warming_up_has_not_compiled():
+    run = subprocess.run([sys.executable, '-c', _WARM], capture_output=True, text=True,
+                         env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
+    assert run.stdout == '0\n', run.stderr
