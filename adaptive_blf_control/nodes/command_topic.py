@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from functools import partial
+import math
 import time
 
 import numpy as np
@@ -53,6 +54,8 @@ class CommandTopic:
         self.confirmed = False
         self._first_at = self._begun_at = 0.0
         self._sent = 0
+        self._asked_at = self._sent_at = 0.0  # monotonic [s]
+        self._quickest = math.inf  # from `interval` to the torque [s]
         self._depth = max(round(HISTORY * node.settings.loop.rate), 1)
         self.senders = Endpoints(partial(node.get_publishers_info_by_topic, COMMANDS))
         self.listeners = Endpoints(partial(node.get_subscriptions_info_by_topic, COMMANDS))
@@ -111,6 +114,15 @@ class CommandTopic:
         self._begun_at = time.monotonic()
         return True
 
+    def interval(self) -> float:
+        """Return the time between the last torque and the one that is computed from now on [s].
+
+        That is sent as long after now as the quickest was, or later: a limit of its rate holds on
+        the topic, however long this process was kept from sending the last one.
+        """
+        self._asked_at = time.monotonic()
+        return self._asked_at + self._quickest - self._sent_at
+
     @property
     def shared(self) -> bool:
         """Whether another node sends commands, too."""
@@ -140,8 +152,9 @@ class CommandTopic:
             if not self.pushes:
                 self.pushes, self.confirmed, self._sent = True, False, 0
                 self._first_at = self._begun_at = time.monotonic()
-            self._sent += 1
             self._publisher.publish(self._codec.encode(torque, stamp))
+            self._sent, self._sent_at = self._sent + 1, time.monotonic()
+            self._quickest = min(self._quickest, self._sent_at - self._asked_at)
 
     def send_zero(self) -> None:
         """Send the zero torque, unless the topic is released or ROS is shut down."""

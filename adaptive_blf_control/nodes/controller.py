@@ -10,7 +10,6 @@ goes on with the last one.
 from __future__ import annotations
 
 from functools import partial
-import math
 import time
 from typing import Any
 
@@ -97,8 +96,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.handover = handover
         self.hears_states = False
         self.heard_at: float | None = None
-        self._looked_at = self._taken_at = self._sent_at = 0.0
-        self._quickest = math.inf  # from a state to its torque [s]
+        self._looked_at = 0.0
         self._configured = False
         super().__init__('controller', ControllerNodeSettings, context=context, **options)
 
@@ -239,8 +237,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         The newest state decides: where it cannot be answered, none is.
         """
         self._watch_silence()
-        second = self.states.refuse(sample)
-        if second is not None:
+        if (second := self.states.refuse(sample)) is not None:
             self.faults.refuse(second)
             return False
         if self.handover is not None and self.estimates.wanted:
@@ -292,14 +289,9 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         return self.motion.controller is not None or self.commands.heard
 
     def _elapsed(self, info: dict[str, int]) -> float | None:
-        """Return the real time between the last torque and this one [s]; None in lockstep.
-
-        It is sent as long after now as the quickest was, or later: its rate holds on the topic,
-        however long this process was kept from sending the last one.
-        """
-        self._taken_at = time.monotonic()
+        """Return the real time between the last torque and this one [s]; None in lockstep."""
         received = not self.lockstep and 'source_timestamp' in info
-        return self._taken_at + self._quickest - self._sent_at if received else None
+        return self.commands.interval() if received else None
 
     def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
                 controller: Controller, elapsed: float | None) -> ControlOutput:
@@ -308,8 +300,6 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self.motion.lost:  # the process was stopped while it computed
             return output
         self.commands.send(output.torque, stamp)
-        self._sent_at = time.monotonic()
-        self._quickest = min(self._quickest, self._sent_at - self._taken_at)
         self.monitors.publish_term(stamp, output)
         inside = self.monitors.watch(controller, stamp, output, self.theta)
         self.sampled(stamp)
