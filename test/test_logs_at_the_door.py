@@ -85,3 +85,16 @@ def test_the_joints_of_a_saved_run_are_those_of_its_log(tmp_path):
         door.Identifier(ARM).learn({**saved, 'joints': ['a', 'b']})
     with pytest.raises(door.LogError, match=r"'joints' is \['a'\]: expected 2 different names"):
         door.read_log({**saved, 'joints': ['a']})
+
+
+@pytest.mark.parametrize(('unit', 'refused'), [(1.0, False), (180.0 / np.pi, True)])
+def test_a_log_in_degrees_of_an_arm_with_limits_is_not_learned_without_a_word(unit, refused):
+    arm = door.TwoLinkArm()
+    arm.position_lower, arm.position_upper = np.full(2, -2.0), np.full(2, 2.0)
+    learn = door.Identifier(arm).learn
+    q = unit * (Q + [1.5, 0.0])  # one beyond its limit at some time, all of them in degrees
+    if not refused:
+        learn(T, q, QD, Q)
+        return
+    with pytest.raises(door.ParameterError, match=r'no sample is within the limits.*deg2rad'):
+        learn(T, q + 10.0, unit * QD, Q)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arm's own limits, those of a URDF, against what the controller is set to."""
+"""Limits that are not kept: those of the arm's URDF, and those that no safety filter looks at."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from adaptive_blf_control.control.settings import (
     ReferenceSettings,
     SinusoidSettings,
 )
+from adaptive_blf_control.parameters.settings import changed_names
 
 __all__ = ['limit_warnings']
 
@@ -21,8 +22,9 @@ __all__ = ['limit_warnings']
 def limit_warnings(arm: Arm, settings: ControllerSettings) -> Iterator[str]:
     """Yield a sentence for each joint whose own limits the settings go beyond.
 
-    Safety set against positions, torque limit against efforts, and the largest velocity that the
-    sinusoids can reach against velocities. An arm without such limits is not compared.
+    And one where limits are set that nothing keeps. Safety set against positions, torque limit
+    against efforts, and the largest velocity that the sinusoids can reach against velocities. An
+    arm without such limits is not compared.
 
     Args:
         arm: Its ``position_lower``, ``position_upper`` [rad], ``velocity_limit`` [rad/s] and
@@ -30,6 +32,11 @@ def limit_warnings(arm: Arm, settings: ControllerSettings) -> Iterator[str]:
         settings: Of the controller.
     """
     settings = settings.resolved(joints=arm.n)
+    idle = sorted(changed_names(
+        ControllerSettings().resolved(joints=arm.n).limits, settings.limits))
+    if idle and settings.safety_filter == 'none':
+        yield (f'nothing keeps {", ".join(f"limits.{name}" for name in idle)}: safety_filter is '
+               "'none', safety_filter='limits' keeps them")
     lower, upper, velocity, effort = (
         np.broadcast_to(getattr(arm, name, free), arm.n) for name, free in (
             ('position_lower', -np.inf), ('position_upper', np.inf), ('velocity_limit', np.inf),

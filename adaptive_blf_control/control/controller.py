@@ -17,6 +17,7 @@ from adaptive_blf_control.arrays import (
     checked_vectors,
 )
 from adaptive_blf_control.calls import checked_call
+from adaptive_blf_control.control.arm_limits import limit_warnings
 from adaptive_blf_control.control.bounded_motion import BoundedMotion
 from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.given_parts import (
@@ -147,8 +148,11 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
 
     def __repr__(self) -> str:
         """Name the arm and its sets."""
+        notes = len(self.notes)
         return (f'<Controller of {self.arm!r}: safety {self.safety.lower.tolist()} to '
-                f'{self.safety.upper.tolist()} rad>')
+                f'{self.safety.upper.tolist()} rad'
+                + (f', see its {notes} notes>' if notes > 1 else ', see its note>' if notes else
+                   '>'))
 
     def __copy__(self) -> Controller:
         """Return a controller that goes on from here and leaves this one unchanged."""
@@ -164,6 +168,11 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
     def _take(self, tuned: TunedParts, sets: MotionSets) -> None:
         self._use(tuned, sets)
         self._answers = LimitedLaw(self.arm, tuned, self._memory)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where the settings go beyond the limits of the arm, or name limits nobody keeps."""
+        return tuple(limit_warnings(self.arm, self.settings))
 
     @property
     def law(self) -> Law:
@@ -294,13 +303,22 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
 
         Returns:
             The torque and what it was made of. Nothing is raised for a state that cannot be used:
-            with q, q̇ or θ̂ not finite the torque is zero. Outside a set nothing is guaranteed, and
-            the torque leads back as far as its limit lets it; :meth:`margins` is then negative.
+            with q, q̇ or θ̂ not finite the torque goes to zero as fast as ``torque_rate_limit``
+            lets it, and stays where it was with a t that repeats or is not finite. Outside a set
+            nothing is guaranteed, and the torque leads back as far as its limit lets it;
+            :meth:`margins` is then negative.
+
+        Raises:
+            ParameterError: an array has another shape, or t is before that of the last sample.
         """
         t, torque = checked_number('t', t), self._not_measured if torque is None else torque
         if not are_vectors(self._n, q, qd, torque):
             q, qd, torque = checked_vectors(self.arm.joints, q=q, qd=qd, torque=torque)
         theta = checked_array('theta', theta, self._m, self.arm.parameters)
+        if t < self._memory.time[0]:
+            raise ParameterError('t', t, f'a time from {self._memory.time[0]:.9g} s on, that of '
+                                 'the last sample: a Controller belongs to one motion, another '
+                                 'one is made for the next')
         if self.safety_filter is not None:
             point, bounds = self._governed(self.safety_filter, t, q)
             return self._answers.filtered(

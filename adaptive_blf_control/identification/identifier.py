@@ -249,8 +249,8 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
             θ̂ after the last sample, shape (m,).
 
         Raises:
-            ParameterError: an array has another shape, or no two samples follow each other so
-                that the filter can take them.
+            ParameterError: an array has another shape, no two samples follow each other so
+                that the filter can take them, or no position is within the limits of the arm.
             LogError: the joints of the log have other names than those of the arm.
         """
         if q is None and qd is None and tau is None:
@@ -261,7 +261,7 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
         for name, value in (('q', q), ('qd', qd), ('tau', tau)):
             if value is None:
                 raise without_argument(Identifier.learn, name)
-        unused = self.restarts + sum(self.dropped.values())
+        unused, beyond = self.restarts + sum(self.dropped.values()), self.at_limit
         for _ in self.learn_in_blocks(t, q, qd, tau):
             pass
         unused = self.restarts + sum(self.dropped.values()) - unused
@@ -272,6 +272,11 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
                                  f'{self.settings.filter.gap:g} s: no sample could be used'
                                  + ('; are they in ms? t / 1000 are seconds' if np.median(
                                      np.diff(times)) >= 0.5 else ''))
+        largest = float(np.nanmax(np.abs(np.asarray(q, dtype=float)), initial=0.0))
+        if self.at_limit - beyond == times.size and largest > 2.0 * np.pi:
+            raise ParameterError('q', f'up to {largest:.4g}', 'positions in rad: no sample is '
+                                 'within the limits of the arm; are they in degrees? '
+                                 'np.deg2rad(q) and np.deg2rad(qd) are radians')
         return self.theta
 
     def learn_in_blocks(self, t: Any, q: Any, qd: Any, tau: Any, learning: Any = True,

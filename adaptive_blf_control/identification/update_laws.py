@@ -66,7 +66,12 @@ class UpdateLaw(Protocol):
 
     @abstractmethod
     def step(self, theta: np.ndarray, dt: float, evidence: Evidence) -> np.ndarray:
-        """Return θ̂ after ``dt`` [s], shape (m,); ``theta`` is not changed."""
+        """Return θ̂ after ``dt`` [s], shape (m,); ``theta`` is not changed.
+
+        Gains that are usual in continuous time make the equation stiff: an explicit Euler step
+        diverges where dt times the largest eigenvalue of Γ (k_t Y_fᵀ Y_f + k_h Q) exceeds 2. Ours
+        are implicit (docs/theory.md).
+        """
         ...
 
 

@@ -21,6 +21,7 @@ __all__ = ['effort_findings', 'motion_findings', 'position_findings', 'rate_find
 WINDOW = 0.05  # s, over which velocities are compared with positions
 STILL = 1e-3  # rad (or m): a joint whose range is smaller never moves
 LONGEST_DELAY = 0.2  # s
+TURNS = 4.0 * math.pi  # rad; joints without limits seldom turn more often in a log
 STRETCH = 20_000  # rows that delays are looked for in
 
 
@@ -128,11 +129,17 @@ def _delay_finding(log: Excerpt, joint: int, name: str) -> Finding | None:
 
 
 def position_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
-    """Positions and velocities beyond the limits of the URDF."""
+    """Positions beyond the limits of the URDF; without limits, those of many turns."""
     free = np.full(len(arm.joints), np.inf)
     lower, upper = getattr(arm, 'position_lower', -free), getattr(arm, 'position_upper', free)
     for joint, name in enumerate(arm.joints):
         q = log.q[:, joint]
+        if np.isinf(upper[joint] - lower[joint]):
+            if (most := float(np.abs(q).max())) > TURNS:
+                yield Finding('position', name, WARNING, most, f'the position reaches {most:.3g} '
+                              f'rad, {most / (2.0 * math.pi):.1f} turns: degrees?',
+                              f'{option("degrees")} converts positions and velocities')
+            continue
         beyond = np.maximum(lower[joint] - q, q - upper[joint])
         worst = float(beyond.max())
         if worst < 0.05:

@@ -41,3 +41,17 @@ def test_an_arm_without_limits_and_settings_within_them_give_no_warning(arm):
 def test_a_limit_that_the_settings_go_beyond_is_named_with_both_numbers(arm, name, value, text):
     setattr(arm, name, np.array(value))
     assert list(limit_warnings(arm, SETTINGS)) == [text]
+
+
+@pytest.mark.parametrize('given', [{'velocity': [0.1, 0.1]},
+                                   {'obstacles': {'spheres': [0.5, 0.0, 0.5, 0.2]}}])
+def test_limits_that_no_safety_filter_keeps_are_named(given):
+    name = 'velocity' if 'velocity' in given else 'obstacles.spheres'
+    text = (f"nothing keeps limits.{name}: safety_filter is 'none', safety_filter='limits' keeps "
+            'them')
+    idle = SETTINGS.replace(limits=given)
+    assert list(limit_warnings(door.TwoLinkArm(), idle)) == [text]
+    assert list(limit_warnings(door.TwoLinkArm(), idle.replace(safety_filter='limits'))) == []
+    controller = door.Controller(door.TwoLinkArm(), idle)
+    assert controller.notes == (text,)
+    assert repr(controller).endswith(', see its note>')

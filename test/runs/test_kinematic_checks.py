@@ -179,6 +179,14 @@ def test_positions_beyond_the_limits(position, level, words):
     assert all(words in text for _, _, text in found)
 
 
+@pytest.mark.parametrize(('position', 'found'), [(12.5, 0), (-12.6, 1), (60.0, 1)])
+def test_a_joint_without_limits_that_turns_twice_may_be_in_degrees(position, found):
+    free = ARM._replace(position_upper=np.array([2.0, np.inf]))
+    told_of = told(position_findings, with_elbow(moving(), 'q', position), free)
+    assert [each[:2] for each in told_of] == found * [('elbow', WARNING)]
+    assert all('turns: degrees?' in text for _, _, text in told_of)
+
+
 @pytest.mark.parametrize(('effort', 'level'), [(260.0, None), (280.0, WARNING), (-280.0, WARNING)])
 def test_an_effort_beyond_three_times_the_limit_is_another_unit(effort, level):
     log = moving()
