@@ -304,21 +304,17 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         Returns:
             The torque and what it was made of. Nothing is raised for a state that cannot be used:
             with q, q̇ or θ̂ not finite the torque goes to zero as fast as ``torque_rate_limit``
-            lets it, and stays where it was with a t that repeats or is not finite. Outside a set
-            nothing is guaranteed, and the torque leads back as far as its limit lets it;
-            :meth:`margins` is then negative.
+            lets it, and stays where it was with a t that repeats, goes back or is not finite.
+            Outside a set nothing is guaranteed, and the torque leads back as far as its limit
+            lets it; :meth:`margins` is then negative.
 
         Raises:
-            ParameterError: an array has another shape, or t is before that of the last sample.
+            ParameterError: an array has another shape.
         """
         t, torque = checked_number('t', t), self._not_measured if torque is None else torque
         if not are_vectors(self._n, q, qd, torque):
             q, qd, torque = checked_vectors(self.arm.joints, q=q, qd=qd, torque=torque)
         theta = checked_array('theta', theta, self._m, self.arm.parameters)
-        if t < self._memory.time[0]:
-            raise ParameterError('t', t, f'a time from {self._memory.time[0]:.9g} s on, that of '
-                                 'the last sample: a Controller belongs to one motion, another '
-                                 'one is made for the next')
         if self.safety_filter is not None:
             point, bounds = self._governed(self.safety_filter, t, q)
             return self._answers.filtered(

@@ -482,15 +482,3 @@ def test_no_number_is_answered_with_zero_torque(smooth_start, place):
     sample[place] = sample[place] * np.nan
     controller = Controller(ARM, start=[0.0, 0.0], reference={'smooth_start': smooth_start})
     np.testing.assert_array_equal(controller.update(*sample).torque, 0.0)
-
-
-def test_a_time_before_that_of_the_last_sample_is_refused_and_changes_nothing():
-    controller, twin = (Controller(ARM, start=[0.0, 0.0]) for _ in range(2))
-    state = np.array([0.1, 0.0]), np.array([0.1, 0.0]), np.ones(5)
-    for each in (controller, twin):
-        each.update(0.1, *state)
-    with pytest.raises(ParameterError, match=r"'t' is 0.05.*belongs to one motion"):
-        controller.update(0.05, *state)
-    for t in (0.1, 0.101):  # the same stamp again is answered
-        np.testing.assert_array_equal(controller.update(t, *state).torque,
-                                      twin.update(t, *state).torque)
