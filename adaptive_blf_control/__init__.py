@@ -132,6 +132,15 @@ _INSTEAD = {
     **dict.fromkeys(('mass_matrix', 'crba'), 'arm.mass_matrix(q) of a URDF arm'),
     **dict.fromkeys(('gravity', 'gravity_vector'),
                     'inverse_dynamics(arm, theta, q, 0 * q, 0 * q) is the torque at rest'),
+    **dict.fromkeys(('robots', 'list_arms', 'available_arms'),
+                    "TwoLinkArm(), ThreeLinkArm() and load_arm(urdf); simulate('panda') drives a "
+                    'shipped scenario'),
+    **dict.fromkeys(('scenarios', 'list_scenarios', 'examples', 'configs'),
+                    "simulate('panda') runs one that is shipped; its error for a wrong name "
+                    'lists all of them'),
+    **dict.fromkeys(('Panda', 'PandaArm', 'panda', 'Franka', 'UR5', 'UR10', 'Robot'),
+                    'load_arm(urdf) returns the arm of a URDF; '
+                    "simulate('panda').arm is that of a shipped scenario"),
     'load': 'load_arm(urdf), read_log(file), read_bag(folder); simulate(file) takes a parameter '
             'file, Identifier(arm, initial_estimate=file) a saved estimate',
     'payload': 'docs/identification.md: the load',

@@ -71,7 +71,10 @@ def learned():
     (lambda: door.ControllerSettings, 'from_yaml', r'from_values\(values\)'),
     (lambda: door.Simulation, 'load', r'numpy\.load'),
     (lambda: door.Identification, 'load', 'initial_estimate=path'),
-    (lambda: door.Identification, 'theta_hat', 'theta is the estimate')])
+    (lambda: door.Identification, 'theta_hat', 'theta is the estimate'),
+    (lambda: door.Arm, 'from_urdf', r'load_arm\(urdf\) returns the arm'),
+    (lambda: door.UrdfArm, 'from_file', r'load_arm\(urdf\) returns the arm'),
+    (lambda: door.TwoLinkArm, 'M', r'Y1\(q, e\) @ theta')])
 def test_a_class_says_what_its_objects_would(subject, name, hint):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
         getattr(subject(), name)
@@ -121,7 +124,20 @@ def test_what_an_object_of_a_class_will_have_is_plainly_missing_in_the_class():
     (lambda: door.Controller(ARM).update(0.0, [0.0] * 2, [0.0] * 2, [0.0] * 5), 'margin',
      r'controller\.margins\(output\)'),
     (lambda: door.Controller(ARM).update(0.0, [0.0] * 2, [0.0] * 2, [0.0] * 5), 'q', r'state\.q'),
-    (lambda: door.Controller(ARM), 'save', r'settings\.values\(\)')])
+    (lambda: door.Controller(ARM), 'save', r'settings\.values\(\)'),
+    (lambda: door.Controller(ARM), 'notes', r'simulate\(arm, \.\.\.\)\.notes'),
+    (lambda: door.Identifier(ARM), 'copy', r'copy\.deepcopy\(identifier\)'),
+    (lambda: door.Identifier(ARM), 'standard_deviations', 'its result has std'),
+    (lambda: ARM, 'gravload', r'inverse_dynamics\(arm, theta, q, 0'),
+    (lambda: ARM, 'rne', r'inverse_dynamics\(arm, theta, q, qd, qdd\)'),
+    (lambda: ARM, 'to_urdf', r'identify\(log, urdf\)\.urdf\(path\)'),
+    (lambda: ARM.dynamics(ARM.nominal), 'gravity', 'is the torque at rest'),
+    (lambda: ARM.dynamics(ARM.nominal), 'inverse_dynamics', 'of the package'),
+    (learned, 'score', r'test_rmse.*identify\(log, \.\.\., validate=other\)'),
+    (learned, 'rms', 'validate=other'), (learned, 'validate', 'validate=other'),
+    (learned, 'to_frame', r'pandas\.Series\(result\.estimate\)'),
+    (lambda: door.Evidence(*[None] * 6), 'Y', 'regressor is the present Y_f'),
+    (lambda: door.Evidence(*[None] * 6), 'pairs', 'gram and moment')])
 def test_words_of_other_programs_are_told_ours(subject, name, hint):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
         getattr(subject(), name)
@@ -138,6 +154,7 @@ def test_an_arm_of_a_urdf_has_hints_of_its_own():
     pytest.importorskip('pinocchio')
     arm = door.load_arm(PENDULUM)
     for name, hint in (('M', r'mass_matrix\(q\)'), ('gravity', r'load_arm\(urdf, gravity='),
+                       ('gravity', 'is the torque at rest'), ('to_urdf', 'xml is its text'),
                        ('jacobian', 'link_points'), ('theta', 'nominal has'),
                        ('effort_limits', r'did you mean torque_limit\?')):
         with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
@@ -148,10 +165,21 @@ def test_an_arm_of_a_urdf_has_hints_of_its_own():
     ('compare', 'python -m adaptive_blf_control compare` is a command'),
     ('regressor', r'arm\.X\(q, qd, qd, qdd\)'), ('load_config', r'simulate\(file\)'),
     ('PD', r"law='pd'"), ('load', r'load_arm\(urdf\), read_log'),
-    ('gravity', r'inverse_dynamics\(arm, theta, q, 0 \* q, 0 \* q\)')])
+    ('gravity', r'inverse_dynamics\(arm, theta, q, 0 \* q, 0 \* q\)'),
+    ('Panda', r'load_arm\(urdf\)'), ('scenarios', r"simulate\('panda'\)")])
 def test_what_is_not_at_the_door_is_told_where_it_is(name, hint):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
         getattr(door, name)
+
+
+@pytest.mark.parametrize(('subject', 'hint'), [
+    (lambda: ARM.dynamics(ARM.nominal), r'acceleration\(q, qd, tau\) returns qdd'),
+    (lambda: door.Controller(ARM), r'update\(t, q, qd, theta\)'),
+    (lambda: door.Identifier(ARM), r'learn\(t, q, qd, tau\)')])
+def test_an_object_that_is_called_says_which_method_is_meant(subject, hint):
+    with pytest.raises(TypeError, match=f"' object is not callable: .*{hint}"):
+        subject()([0.0, 0.0], [0.0, 0.0], [0.0, 0.0])
+    assert not callable(learned())
 
 
 def test_the_theta_of_an_arm_cannot_be_set_without_effect():

@@ -18,7 +18,18 @@ from adaptive_blf_control.arrays import (
     dimensions,
 )
 from adaptive_blf_control.compiled import uncompiled
-from adaptive_blf_control.errors import ArmError, ParameterError, shown, without_attribute
+from adaptive_blf_control.errors import (
+    ArmError,
+    ParameterError,
+    shown,
+    TypeWithHints,
+    without_attribute,
+)
+
+if TYPE_CHECKING:
+    from abc import ABCMeta as ProtocolType
+else:
+    ProtocolType = type(Protocol)
 
 __all__ = ['Arm', 'ClosedArm', 'ForwardDynamics', 'checked_arm']
 
@@ -71,10 +82,12 @@ def _acceleration(arm: ForwardDynamics, q: np.ndarray, qd: np.ndarray,
 integrator.acceleration.register(ForwardDynamics, _acceleration)
 
 
+LOADED = 'load_arm(urdf) returns the arm of a URDF'
 _INSTEAD = {
+    **dict.fromkeys(('from_urdf', 'from_file', 'from_xml', 'load'), LOADED),
     'names': 'joints has the names of the joints, parameters those of the parameters',
     'theta': 'nominal has the nominal parameters, in the order of parameters',
-    **dict.fromkeys(('inverse_dynamics', 'rnea', 'torque', 'tau'),
+    **dict.fromkeys(('inverse_dynamics', 'rnea', 'rne', 'torque', 'tau'),
                     'inverse_dynamics(arm, theta, q, qd, qdd) of the package'),
     'step': 'dynamics(theta).advance(q, qd, tau, dt)',
     'advance': 'dynamics(theta).advance(q, qd, tau, dt)',
@@ -86,14 +99,20 @@ _INSTEAD = {
     **dict.fromkeys(('C', 'coriolis', 'bias', 'nle'),
                     'inverse_dynamics(arm, theta, q, qd, 0 * q) of the package is their sum '
                     'C qd + G + F qd'),
-    **dict.fromkeys(('G', 'g', 'gravity', 'gravity_vector'),
+    **dict.fromkeys(('G', 'g', 'gravity', 'gravity_vector', 'gravload', 'gravity_torque'),
                     'inverse_dynamics(arm, theta, q, 0 * q, 0 * q) of the package'),
+    **dict.fromkeys(('to_urdf', 'export_urdf', 'save_urdf'),
+                    'identify(log, urdf).urdf(path) writes a URDF with what was learned'),
     'friction': 'the last entries of nominal, named in parameters',
     'lengths': 'the regressors have none; link_points(q) has what is drawn',
     'masses': 'theta has combinations of masses, lengths and inertias, named in parameters'}
 
 
-class Arm(Protocol):
+class _ArmType(TypeWithHints, ProtocolType):
+    """Type of arms: their classes have the hints of their objects."""
+
+
+class Arm(Protocol, metaclass=_ArmType):
     """A serial arm, linear in its dynamic parameters: Y(q, q̇, q̈) θ = τ (2).
 
     A class that inherits from it has to have joints, parameters, Y1, Y2 and X; with nominal and

@@ -86,6 +86,15 @@ def _stage(position: np.ndarray, velocity: np.ndarray, q: np.ndarray, qd: np.nda
 
 
 class CompiledDynamics(Guided, instead={
+        '()': 'acceleration(q, qd, tau) returns qdd, advance(q, qd, tau, dt) the next q and qd',
+        **dict.fromkeys(('gravity', 'gravity_vector', 'G', 'g', 'gravload'),
+                        'inverse_dynamics(arm, theta, q, 0 * q, 0 * q) of the package is the '
+                        'torque at rest'),
+        **dict.fromkeys(('inverse_dynamics', 'rnea', 'rne', 'torque', 'tau'),
+                        'inverse_dynamics(arm, theta, q, qd, qdd) of the package'),
+        **dict.fromkeys(('mass_matrix', 'M', 'crba', 'inertia'),
+                        'mass_matrix(q, theta) of the arm of a URDF; Y1(q, e) @ theta of any arm '
+                        'is the product of M(q) with a vector e'),
         'step': 'advance(q, qd, tau, dt) returns the next q and qd',
         'q': 'no state is kept: advance(q, qd, tau, dt) returns the next q and qd',
         'qd': 'no state is kept: advance(q, qd, tau, dt) returns the next q and qd',

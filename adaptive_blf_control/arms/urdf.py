@@ -49,7 +49,10 @@ class UrdfArm(ClosedArm, instead={
         **dict.fromkeys(('M', 'inertia'), 'mass_matrix(q)'),
         **dict.fromkeys(('jacobian', 'frames', 'placement'),
                         'link_points(q) has positions; model is the arm in Pinocchio'),
-        'gravity': 'load_arm(urdf, gravity=...) takes it; model.gravity has it',
+        'gravity': 'load_arm(urdf, gravity=...) takes the vector, model.gravity has it; '
+                   'inverse_dynamics(arm, theta, q, 0 * q, 0 * q) is the torque at rest',
+        **dict.fromkeys(('to_urdf', 'export_urdf', 'save_urdf'),
+                        'xml is its text; identify(log, urdf).urdf(path) writes what was learned'),
         **dict.fromkeys(('masses', 'mass'),
                         'inertial[:, 0] has the masses of the URDF by joint')}):
     """A sub-chain of a URDF's joints as an `Arm`; the other joints are locked at zero.

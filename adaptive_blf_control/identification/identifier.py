@@ -51,6 +51,8 @@ BLOCK = 64
 
 
 class Identifier(Knowledge, settings=IdentifierSettings, instead={
+        '()': 'update(t, q, qd, tau) takes a sample, learn(t, q, qd, tau) a log',
+        'copy': 'copy.deepcopy(identifier) of the standard library',
         'reset': 'reset_history empties the history, restart restarts the filters; an Identifier '
                  'that knows nothing is a new one',
         **dict.fromkeys(('publish', 'subscribe', 'spin'),

@@ -80,7 +80,8 @@ class Knowledge(Guided, instead={
                         'has test_rmse and prediction'),
         **dict.fromkeys(('plot', 'show', 'draw'), 'matplotlib draws arrays; identify(log, '
                         'arm=...).prediction has measured and predicted torques'),
-        **dict.fromkeys(('std', 'covariance', 'uncertainty', 'confidence'),
+        **dict.fromkeys(('std', 'stds', 'standard_deviations', 'standard_errors',
+                         'covariance', 'uncertainty', 'confidence'),
                         'identify(log, arm=...) tells it of a log: its result has std and '
                         'uncertainty'),
         **dict.fromkeys(('condition', 'condition_number', 'cond'),

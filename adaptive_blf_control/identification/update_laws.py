@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+import functools
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.compiled import borrowed, by_type, jit
+from adaptive_blf_control.errors import with_hints
 from adaptive_blf_control.identification.update_law import advance, kept_history, KeptHistory
 from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made
 
@@ -41,6 +43,16 @@ class Gains(Protocol):
         ...
 
 
+@functools.partial(with_hints, instead={
+    **dict.fromkeys(('Y', 'Yf', 'Y_f', 'phi', 'W'), 'regressor is the present Y_f'),
+    **dict.fromkeys(('tau', 'tau_f', 'y'), 'torque is the present tau_f'),
+    **dict.fromkeys(('e', 'error', 'residual', 'prediction_error'),
+                    'torque - regressor @ theta, with the theta that step is given'),
+    **dict.fromkeys(('q', 'qd', 'X', 'e1', 'e2'),
+                    'the state is not among it; adaptation_term is X.T @ e2 of the controller'),
+    **dict.fromkeys(('Q', 'history', 'stack', 'pairs', 'regressors', 'torques'),
+                    'gram and moment are the sums over the recorded pairs'),
+    **dict.fromkeys(('dt', 'theta'), 'step is given it, beside the evidence')})
 class Evidence(NamedTuple):
     """What there is to learn from at one sample.
 

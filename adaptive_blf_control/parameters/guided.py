@@ -5,12 +5,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import dataclasses
-from typing import Any, ClassVar, TYPE_CHECKING
+from typing import Any, ClassVar, NoReturn, TYPE_CHECKING
 
 from adaptive_blf_control.errors import TypeWithHints, without_attribute
 from adaptive_blf_control.parameters.settings import Settings
 
 __all__ = ['Guided']
+
+
+def _not_called(subject: Guided, *_: Any, **__: Any) -> NoReturn:
+    raise TypeError(f"{type(subject).__name__!r} object is not callable: {subject._instead['()']}")
 
 
 class Guided(metaclass=TypeWithHints):
@@ -22,7 +26,7 @@ class Guided(metaclass=TypeWithHints):
 
     _settings_names: ClassVar[frozenset[str]] = frozenset()
     _instead: ClassVar[Mapping[str, str]] = {}
-    """What to write, by names that the object does not have."""
+    """What to write, by names that the object does not have; ``()`` where it is called."""
 
     def __init_subclass__(cls, settings: type[Settings] | None = None,
                           instead: Mapping[str, str] | None = None, **options: Any) -> None:
@@ -31,6 +35,8 @@ class Guided(metaclass=TypeWithHints):
         if settings is not None:
             cls._settings_names = frozenset(item.name for item in dataclasses.fields(settings))
         cls._instead = {**cls._instead, **(instead or {})}
+        if '()' in (instead or {}):  # no other object of ours looks as if it could be called
+            cls.__call__ = _not_called  # type: ignore[method-assign, assignment]
 
     if not TYPE_CHECKING:  # type checkers go on to refuse unknown names
         def __getattr__(self, name: str) -> Any:

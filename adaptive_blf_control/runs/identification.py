@@ -54,6 +54,11 @@ __all__ = ['Identification', 'identify']
 _DRAWN = ('matplotlib draws arrays: plt.plot(result.prediction.t, result.prediction.measured); '
           '`python -m adaptive_blf_control identify LOG --html page.html` draws all of it')
 _NOT_THERE = {
+    **dict.fromkeys(('score', 'rms', 'rmse', 'evaluate', 'test_on', 'validate', 'validation'),
+                    'test_rmse is the error on the test span; identify(log, ..., validate=other) '
+                    'predicts another log'),
+    **dict.fromkeys(('to_frame', 'to_dataframe', 'dataframe', 'df', 'to_pandas'),
+                    'pandas.Series(result.estimate) has the parameters, figures the rest'),
     'load': 'Identifier(arm, initial_estimate=path) starts from what save(path) wrote',
     **dict.fromkeys(('weakly', 'determined_weakly', 'weak'),
                     "figures['confidence'] says of each parameter whether it is determined, "
