@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['are_vectors', 'checked_array', 'checked_count', 'checked_finite', 'checked_number',
-           'checked_vectors', 'dimensions', 'joint_places']
+           'checked_theta', 'checked_vectors', 'dimensions', 'joint_places']
 
 _FLOAT64 = np.dtype(np.float64)  # not the same object as that of an array numba returns
 _NUMBERS = 'biuf'  # kinds of dtype; no text, no complex numbers, no objects
@@ -43,8 +43,8 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
     except (TypeError, ValueError):  # rows of different lengths
         given = np.array(None)
     if given.dtype.kind not in _NUMBERS and given.size:
-        whole = ': its theta' if isinstance(getattr(value, 'theta', None), np.ndarray) else ''
-        raise ParameterError(name, value, f'numbers of shape {_text(shape)}{_each(each)}{whole}')
+        raise ParameterError(name, value, f'numbers of shape {_text(shape)}{_each(each)}'
+                             + _member(name, value))
     if given.ndim == len(shape) - 1 and shape[-1] == 1:
         given = given[..., None]
     if given.ndim != len(shape) or any(
@@ -53,6 +53,24 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
                              f'{_text(given.shape)}')
     array = np.ascontiguousarray(given, dtype=np.float64)
     return array if array.flags.writeable else array.copy()
+
+
+def checked_theta(name: str, value: Any, parameters: Sequence[str]) -> np.ndarray:
+    """Return parameters of an arm as an array, shape (m,); see `checked_array`.
+
+    Args:
+        name: What the caller calls them, for the message.
+        value: An array or list; values by name; or what has such an ``estimate``: an identifier,
+            or what `identify` returns.
+        parameters: Names of the parameters, length m.
+
+    Raises:
+        ParameterError: they are not the m parameters of the arm.
+    """
+    given = getattr(value, 'estimate', value)
+    if isinstance(given, Mapping) and set(given) == set(parameters):
+        value = [given[each] for each in parameters]
+    return checked_array(name, value, (len(parameters),), parameters)
 
 
 def are_vectors(shape: tuple[int, ...], *values: Any) -> bool:
@@ -128,6 +146,13 @@ def joint_places(joints: Sequence[str], known: Sequence[str]) -> list[int] | Non
               small.index(name.lower()) if small.count(name.lower()) == 1 else -1
               for name in joints]
     return None if -1 in places else places
+
+
+def _member(name: str, value: Any) -> str:
+    """Return what is said of an object that has the array which is meant, such as a result."""
+    members = ('torque', 'theta') if name in ('tau', 'torque') else ('theta',)
+    has = [each for each in members if isinstance(getattr(value, each, None), np.ndarray)]
+    return f': its {has[0]}' if has else ''
 
 
 def _text(shape: tuple[int, ...]) -> str:

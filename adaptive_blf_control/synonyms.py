@@ -38,7 +38,7 @@ kept ok success safe violations is_safe inside valid
 wall_s runtime elapsed wall_time
 figures summary stats statistics metrics results report info
 identifier estimator learner model
-update_law law adaptation_law rls forgetting forgetting_factor kalman
+update_law law adaptation_law rls forgetting forgetting_factor kalman method algorithm solver
 margins is_safe inside safe margin distance
 lyapunov barrier V energy
 check_start check
@@ -60,6 +60,7 @@ mass_matrix M inertia inertia_matrix crba
 link_points fk forward_kinematics kinematics fkine tip_position
 initial_estimate theta theta_hat
 initial_estimate initial theta0 theta_0 initial_guess initial_theta theta_init initial_parameters
+initial_estimate regularization regularisation ridge
 start q0 q_0 initial_position initial_posture x0 start_position
 initial_position start q0 q_0 initial_posture x0 start_position
 velocity qd0 initial_velocity v0
@@ -74,7 +75,8 @@ gamma learning_rate lr adaptation_gain adaptation_gains gain
 k1 kp p_gain
 k2 kd d_gain
 torque_limit max_torque tau_max torque_limits effort_limit u_max
-torque_noise noise sensor_noise measurement_noise
+torque_noise effort_noise tau_noise noise sensor_noise measurement_noise
+encoder_counts position_noise velocity_noise q_noise
 encoder_counts encoder encoders counts ticks cpr noise sensor_noise measurement_noise
 size P history_size stack_size buffer_size memory
 safety bounds limits joint_limits position_limits safety_set
@@ -95,6 +97,7 @@ urdf path file filename model robot xml robot_description description
 arm robot model
 plant robot env environment simulator system
 observer callback hook on_sample
+bag save save_to output out record
 save to_csv to_file dump write store to_npz to_yaml to_json export
 time_constant cutoff bandwidth tau_filter
 progress verbose

@@ -235,7 +235,7 @@ def test_a_setting_that_is_set_is_told_what_changes_it():
     (lambda: door.load_arm(robot_description='x'), r'did you mean urdf\?'),
     (lambda: door.ClosedLoop(ARM, door.Controller(ARM)), r'simulate\(arm\) drives a simulated'),
     (lambda: door.ClosedLoop(ARM.dynamics(ARM.nominal), door.Controller(ARM)), 'from Plant'),
-    (lambda: door.simulate(ARM, 0.01, law=lambda sample: 0.0), 'with answer; .*inherits from Law'),
+    (lambda: door.simulate(ARM, 0.01, law=lambda sample: 0.0), 'with answer\(sample\) -> LawAnswer\(torque, e2, regressor\); .*from Law'),
     (lambda: door.simulate(ARM, 0.01, constraints=[lambda state: 0.0]), 'from Constraint'),
     (lambda: door.simulate(ARM, 0.01, plant={'payload': 2}), r'payload=2\.0, or as arm_driver='),
     (lambda: door.simulate(ARM, 0.01, constraints=[Halves()]), 'no name, .*bodies, bounded$'),

@@ -199,7 +199,7 @@ class Arm(Protocol, metaclass=_ArmType):
         ...
 
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
-        """Forward dynamics with the parameters ``theta``, shape (m,)."""
+        """Forward dynamics with the parameters ``theta``, shape (m,), or by name."""
         raise ArmError(f'{type(self).__name__} has no dynamics: it cannot be simulated')
 
     def link_points(self, q: np.ndarray) -> np.ndarray:

@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm, checked_arm
-from adaptive_blf_control.arrays import checked_array, dimensions
+from adaptive_blf_control.arrays import checked_array, checked_theta, dimensions
 from adaptive_blf_control.calls import checked_call
 
 __all__ = ['inverse_dynamics']
@@ -23,7 +22,8 @@ def inverse_dynamics(arm: Arm, theta: Any, q: Any, qd: Any, qdd: Any) -> np.ndar
 
     Args:
         arm: The arm.
-        theta: Parameters, shape (m,); or by name, as the ``estimate`` of an identifier.
+        theta: Parameters, shape (m,); or by name, as the ``estimate`` of an identifier;
+            or what has one, such as what `identify` returns.
         q: Positions, shape (n,) or (N, n) [rad]; of one joint also (N,), or a number.
         qd: Velocities, likewise [rad/s].
         qdd: Accelerations, likewise [rad/s²].
@@ -35,9 +35,7 @@ def inverse_dynamics(arm: Arm, theta: Any, q: Any, qd: Any, qdd: Any) -> np.ndar
         ParameterError: an array has another shape.
     """
     arm = checked_arm('arm', arm)
-    if isinstance(theta, Mapping) and set(theta) == set(arm.parameters):
-        theta = [theta[name] for name in arm.parameters]
-    theta = checked_array('theta', theta, (arm.m,), arm.parameters)
+    theta = checked_theta('theta', theta, arm.parameters)
     axes, one = dimensions(q), arm.n == 1
     shape = (arm.n,) if axes == (0 if one else 1) else (-1, arm.n)
     q = checked_array('q', q, shape, arm.joints)

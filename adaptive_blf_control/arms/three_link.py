@@ -23,7 +23,7 @@ from adaptive_blf_control.arms.planar import (
     refuse_lengths,
 )
 from adaptive_blf_control.arms.regressors import law_regressor, regressors
-from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.arrays import checked_theta
 from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ArmError, ParameterError
@@ -290,7 +290,7 @@ class ThreeLinkArm(PlanarArm):
     @checked_call
     def dynamics(self, theta: np.ndarray) -> ForwardDynamics:
         """Forward dynamics; ArmError where M(q) would not be positive definite."""
-        theta = checked_array('theta', theta, (self.m,), self.parameters)
+        theta = checked_theta('theta', theta, self.parameters)
         _check_mass_matrix(theta)
         return CompiledDynamics(_TrueThreeLink(theta.copy()), self.joints)
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import os
 from typing import Any
 
@@ -36,7 +36,13 @@ from adaptive_blf_control.arms.urdf_model import (
 )
 from adaptive_blf_control.arms.urdf_nominal import nominal_friction, nominal_rotor
 from adaptive_blf_control.arms.urdf_source import read_urdf, UrdfSource
-from adaptive_blf_control.arrays import are_vectors, checked_array, checked_vectors, dimensions
+from adaptive_blf_control.arrays import (
+    are_vectors,
+    checked_array,
+    checked_theta,
+    checked_vectors,
+    dimensions,
+)
 from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.errors import ArmError, ParameterError
 
@@ -376,6 +382,8 @@ class UrdfArm(ClosedArm, instead={
         return standard.reshape(-1, PER_BODY)
 
     def _checked(self, theta: np.ndarray) -> np.ndarray:
+        if isinstance(getattr(theta, 'estimate', theta), Mapping):
+            theta = checked_theta('theta', theta, self.parameters)
         theta = checked_array('theta', theta, np.shape(theta)) if dimensions(theta) == 1 else (
             np.empty(0))
         if theta.shape != (self.m,) or not np.all(np.isfinite(theta)):

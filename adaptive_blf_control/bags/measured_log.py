@@ -67,6 +67,15 @@ class MeasuredLog:
     measured_velocity: bool = True
     named: bool = True
 
+    def __new__(cls, *values: Any, **named: Any) -> MeasuredLog:
+        """Refuse arrays alone, with what makes a log of them; a copy gives nothing here."""
+        needed = ('joints', 't', 'q', 'qd', 'tau', 'dropped')
+        if (values or named) and not set(needed[len(values):]) <= set(named) or (
+                values and isinstance(values[0], np.ndarray)):
+            raise LogError("read_log({'t': t, 'q': q, 'qd': qd, 'tau': tau}) makes a log of "
+                           'arrays; identify and learn take such a dictionary itself')
+        return super().__new__(cls)
+
     def __len__(self) -> int:
         """Return N, the number of rows."""
         return len(self.t)

@@ -245,8 +245,22 @@ class Constraints:
 
 def _along(part: Constraint, run: MotionState) -> np.ndarray:
     if getattr(part, 'whole_runs', False):
-        return part.bounded(run).margin()
+        return _of_run(part, run)
     margins = np.empty((len(run.q), len(part.bodies)))
     for k, (t, q, qd, e1) in enumerate(zip(np.asarray(run.t), run.q, run.qd, run.e1)):
         margins[k] = part.bounded(MotionState(float(t), q, qd, e1, run.bounds)).margin()
+    return margins
+
+
+def _of_run(part: Constraint, run: MotionState) -> np.ndarray:
+    shape = (len(run.q), len(part.bodies))
+    what = (f'margins of a whole run, N = {shape[0]} samples, of shape (N, k) = {shape} with k = '
+            f'{shape[1]} bodies, as whole_runs is True')
+    try:
+        margins = np.asarray(part.bounded(run).margin())
+    except Exception as error:  # a plug-in may raise anything
+        raise ParameterError('constraints', part.name,
+                             f'{what} ({type(error).__name__}: {error})') from error
+    if margins.shape != shape:
+        raise ParameterError('constraints', part.name, f'{what}: their shape is {margins.shape}')
     return margins

@@ -24,7 +24,7 @@ from adaptive_blf_control.identification.parts import AnyHistory, named, PartMak
 from adaptive_blf_control.identification.running_parts import RunningParts
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.state_filter import StateFilter
-from adaptive_blf_control.identification.update_laws import UpdateLaw
+from adaptive_blf_control.identification.update_laws import check_answers, UpdateLaw
 from adaptive_blf_control.identification.whole_log import log_arrays
 
 __all__ = ['BLOCK', 'Identifier', 'IdentifierSettings', 'LearnedBlock']
@@ -269,6 +269,7 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
         unused = self.restarts + sum(self.dropped.values()) - unused
         times = np.asarray(t, dtype=float)
         if times.size > 1 and unused >= times.size:
+            check_answers(self._parts.law, self.dropped['not finite'], q, qd, tau)
             raise ParameterError('t', f'{times.size} times from {times[0]:g} to {times[-1]:g}',
                                  'times in s that rise by less than filter.gap = '
                                  f'{self.settings.filter.gap:g} s: no sample could be used'

@@ -11,12 +11,13 @@ import numpy as np
 
 from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.compiled import borrowed, by_type, jit
-from adaptive_blf_control.errors import with_hints
+from adaptive_blf_control.errors import ParameterError, with_hints
 from adaptive_blf_control.identification.update_law import advance, kept_history, KeptHistory
-from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made
+from adaptive_blf_control.parameters.plugin import is_plugin, load_plugin, made, require_call
 
 __all__ = ['AblfConcurrent', 'Concurrent', 'Evidence', 'Gains', 'Gradient', 'ImplicitArrays',
-           'UPDATE_LAWS', 'UpdateLaw', 'make_update_law', 'plugin_update_law', 'stepped']
+           'UPDATE_LAWS', 'UpdateLaw', 'check_answers', 'make_update_law',
+           'plugin_update_law', 'stepped']
 
 
 class Gains(Protocol):
@@ -202,6 +203,19 @@ def make_update_law(settings: Gains) -> UpdateLaw:
         'identifier.update_law', settings.update_law), settings)
 
 
+def check_answers(law: UpdateLaw, unused: int, *samples: Any) -> None:
+    """Raise ParameterError where samples were of no use because a law answered none of them.
+
+    Args:
+        law: The law.
+        unused: How many samples were left out because a value was not finite.
+        samples: What was measured, as it was given.
+    """
+    if unused and all(np.isfinite(np.asarray(each, dtype=float)).all() for each in samples):
+        raise ParameterError(f'{type(law).__name__}.step', np.nan, 'finite parameters: it '
+                             f'returned NaN or infinity for {unused} samples')
+
+
 def plugin_update_law(name: str, value: object, given: Any, settings: Gains) -> UpdateLaw:
     """Return an update law that is not one of ours.
 
@@ -212,7 +226,8 @@ def plugin_update_law(name: str, value: object, given: Any, settings: Gains) -> 
         settings: With arrays of full length.
 
     Raises:
-        ParameterError: it cannot be made or has no ``step``.
+        ParameterError: it cannot be made, has no ``step``, or its ``step`` takes other arguments.
     """
     law: UpdateLaw = made(name, value, given, ('step',), settings)
+    require_call(name, value, law, 'step', 'theta', 'dt', 'evidence')
     return law

@@ -10,9 +10,16 @@ from typing import Any, TypeVar
 
 from adaptive_blf_control.errors import BlfError, ParameterError
 
-__all__ = ['NamesIn', 'is_plugin', 'load_plugin', 'made', 'require',
+__all__ = ['CALLED_AS', 'NamesIn', 'is_plugin', 'load_plugin', 'made', 'require',
            'require_call', 'to_be_written']
 
+
+CALLED_AS = {
+    'answer': 'answer(sample) -> LawAnswer(torque, e2, regressor)',
+    'bounded': 'bounded(state) -> Bounded(value, lower, upper)',
+    'step': 'step(theta, dt, evidence) -> theta',
+    'measure': 'measure(q, qd, torque, dt) -> Measurement(q, qd, torque)'}
+"""How what a user writes most often is called and what it returns, for messages."""
 
 Method = TypeVar('Method', bound=Callable[..., Any])
 
@@ -110,7 +117,7 @@ def made(parameter: str, value: object, given: Any, names: Sequence[str], *argum
             kinds = ', '.join(type(argument).__name__ for argument in arguments)
             raise ParameterError(parameter, value, 'an object, or what can be called with '
                                  f'{kinds} ({type(error).__name__}: {error}) and returns one, '
-                                 f'with {", ".join(names)}{_inherited(base)}') from error
+                                 f'with {_spelt(names)}{_inherited(base)}') from error
     require(parameter, value, part, names, base)
     return part
 
@@ -131,7 +138,7 @@ def require(parameter: str, value: object, part: object, names: Sequence[str],
         raise ParameterError(parameter, value, f'a part with {", ".join(names)}: '
                              f'an object such as {part.__name__}(), not the class')
     if missing:
-        raise ParameterError(parameter, value, f'a part with {", ".join(names)}: '
+        raise ParameterError(parameter, value, f'a part with {_spelt(names)}: '
                              f'{type(part).__name__} has no {", ".join(missing)}'
                              + _inherited('' if base in [
                                  each.__name__ for each in type(part).__mro__] else base))
@@ -181,6 +188,11 @@ def to_be_written(method: Method) -> Method:
 
 def _lacks(part: object, name: str) -> bool:
     return not hasattr(part, name) or getattr(getattr(part, name), 'to_be_written', False)
+
+
+def _spelt(names: Sequence[str]) -> str:
+    """Return the names that a protocol asks for, of the best known with arguments and result."""
+    return ', '.join(CALLED_AS.get(name, name) for name in names)
 
 
 def _inherited(base: str) -> str:

@@ -155,7 +155,7 @@ def _element_problem(parameter: Parameter, value: Any) -> str | None:
     if kind == 'double' and type(value) is int:
         return f'a floating-point number: write {value}.0'
     if type(value) is not python_type:
-        return words
+        return f'one of {parameter.choices_text()}' if parameter.choices else words
     if kind == 'double' and math.isnan(number):
         return 'a number, not NaN'
     if kind == 'double' and math.isinf(number):
@@ -188,10 +188,13 @@ def value_problem(parameter: Parameter, value: Any, sizes: Mapping[str, int]) ->
         known = value == NOMINAL or value.endswith(('.yaml', '.yml'))
         return None if known else f'one of {parameter.choices_text()}'
     if isinstance(value, (str, bytes, type, Mapping, Set)) or not hasattr(value, '__len__'):
-        return f'a list of {kind}s'
+        whole = isinstance(getattr(value, 'theta', None), np.ndarray)
+        return f'a list of {kind}s' + ': its theta' * whole
     if len(value) > LONGEST_LIST:
         return f'at most {LONGEST_LIST} elements'
     for element in value:
+        if isinstance(element, (Mapping, list, tuple)):
+            return f'one flat list of {kind}s: {parameter.description.removesuffix(".")}'
         problem = _element_problem(parameter, element)
         if problem:
             return f'a list in which every element is {problem}'

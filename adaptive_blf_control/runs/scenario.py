@@ -140,6 +140,7 @@ def _by_value(changes: Mapping[str, Any], arm: Arm | None,
             raise ParameterError(node, changes[node], "parameters by name, such as {'k2': 30.0}; "
                                  'ClosedLoop(plant, controller, identifier) joins objects')
     values = changes.get('initial_estimate')
+    values = getattr(values, 'estimate', values)  # of an identifier, or of a log
     if not isinstance(values, Mapping):
         return dict(changes)
     if arm is None:

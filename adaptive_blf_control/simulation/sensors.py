@@ -17,7 +17,7 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.parameters.plugin import load_plugin, made
+from adaptive_blf_control.parameters.plugin import load_plugin, made, require_call
 from adaptive_blf_control.simulation.settings import SensorSettings
 from adaptive_blf_control.simulation.step import (
     encoder_step,
@@ -184,14 +184,20 @@ def made_sensor(settings: SensorSettings, arm: Arm,
     Raises:
         ParameterError: it cannot be imported or made, or lacks what a `Sensor` has.
     """
+    if isinstance(given, Mapping):
+        names = ', '.join(row.name for row in SensorSettings.table())
+        raise ParameterError('sensor', given, "a sensor, a class of sensors, or a name such as "
+                             "'encoder'; settings are given by name, torque_noise=0.1, or as "
+                             f"arm_driver={{'sensors': {{...}}}} with {names}")
     if given is None and settings.model in _OURS:
         sensor = _OURS[settings.model](settings, arm)  # type: ignore[call-arg]
     else:
         name = 'arm_driver.sensors.model' if given is None else 'sensor'
         value = settings.model if given is None else given
         part = load_plugin(name, settings.model) if given is None else given
-        sensor = _Checked(made(name, value, part, _REQUIRED, settings, arm,
-                               base='Sensor'), arm)
+        own = made(name, value, part, _REQUIRED, settings, arm, base='Sensor')
+        require_call(name, value, own, 'measure', 'q', 'qd', 'torque', 'dt')
+        sensor = _Checked(own, arm)
     if settings.torque_noise > 0.0:
         return NoisyTorque(sensor, settings.torque_noise, settings.seed)
     return sensor

@@ -45,6 +45,10 @@ from adaptive_blf_control.tools.progress_bar import ProgressBar
 
 __all__ = ['main']
 
+_ARMS = ('the arm is that of a URDF, --urdf FILE, or one in closed form, --set arm=two_link or '
+         '--set arm=three_link')
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='identify', description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -102,6 +106,8 @@ def _arguments(args: list[str] | None) -> argparse.Namespace:
     if others and options.joints is not None and not any(each.startswith('-') for each in others):
         parser.error('--joints takes one word: expected --joints '
                      + ','.join([options.joints.rstrip(','), *others]))
+    if any(each.partition('=')[0] == '--arm' for each in others):
+        parser.error(_ARMS)
     return parser.parse_args(args)
 
 
@@ -111,6 +117,8 @@ def _settings(options: argparse.Namespace) -> IdentifierNodeSettings:
         '/**/identifier': {'ros__parameters': copy.deepcopy(REAL_ROBOT)}}
     data = apply_settings(data, options.settings)
     settings = node_settings(data, IdentifierNodeSettings)
+    if options.urdf in ('two_link', 'three_link') and not Path(options.urdf).exists():
+        raise ParameterError('--urdf', options.urdf, f'a file: {_ARMS}')
     if options.urdf is not None:
         settings = settings.replace(arm='urdf', urdf=options.urdf)
     if settings.arm == 'urdf' and (not settings.urdf or settings.urdf.startswith('topic:')):
