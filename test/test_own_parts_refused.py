@@ -57,7 +57,7 @@ class Upset(Turned):
     """One that cannot answer for a whole run."""
 
     def bounded(self, state):
-        return door.Bounded(state.q, np.full(state.q.size, -3.0), 3.0)  # of a run too many
+        return door.Bounded(state.q, np.full(state.q.size, -3.0), 3.0)
 
 
 @functools.cache
