@@ -25,7 +25,7 @@ from adaptive_blf_control.arms.chain_regressors import (
     chain_Y12,
     ChainParameters,
 )
-from adaptive_blf_control.arms.joint_friction import finite_array, FRICTION_KINDS, JointFriction
+from adaptive_blf_control.arms.joint_friction import FRICTION_KINDS, JointFriction
 from adaptive_blf_control.arms.pseudo_inertia import pseudo_inertias
 from adaptive_blf_control.arms.urdf_dynamics import UrdfDynamics
 from adaptive_blf_control.arms.urdf_model import (
@@ -34,7 +34,7 @@ from adaptive_blf_control.arms.urdf_model import (
     reduced_model,
     with_gravity,
 )
-from adaptive_blf_control.arms.urdf_nominal import nominal_friction, nominal_rotor
+from adaptive_blf_control.arms.urdf_nominal import checked_gravity, nominal_friction, nominal_rotor
 from adaptive_blf_control.arms.urdf_source import read_urdf, UrdfSource
 from adaptive_blf_control.arrays import (
     are_vectors,
@@ -44,7 +44,7 @@ from adaptive_blf_control.arrays import (
     dimensions,
 )
 from adaptive_blf_control.calls import checked_call
-from adaptive_blf_control.errors import ArmError, ParameterError
+from adaptive_blf_control.errors import ArmError
 
 __all__ = ['UrdfArm']
 
@@ -57,7 +57,7 @@ class UrdfArm(ClosedArm, instead={
                         'link_points(q) has positions; model is the arm in Pinocchio'),
         'gravity': 'load_arm(urdf, gravity=...) takes the vector, model.gravity has it; '
                    'inverse_dynamics(arm, theta, q, 0 * q, 0 * q) is the torque at rest',
-        **dict.fromkeys(('to_urdf', 'export_urdf', 'save_urdf'),
+        **dict.fromkeys(('to_urdf', 'export_urdf'),
                         'xml is its text; identify(log, urdf).urdf(path) writes what was learned'),
         **dict.fromkeys(('masses', 'mass'),
                         'inertial[:, 0] has the masses of the URDF by joint')}):
@@ -145,7 +145,7 @@ class UrdfArm(ClosedArm, instead={
         self.xml = read_urdf(source, package_dirs)
         model, self.joints = reduced_model(self.xml, joints)
         self._shape = (len(self.joints),)
-        self.model = with_gravity(model, _checked_gravity(gravity))
+        self.model = with_gravity(model, checked_gravity(gravity))
         self._order = JointOrder(self.model, self.joints)
         self._data = self.model.createData()
         self._set_limits()
@@ -390,12 +390,6 @@ class UrdfArm(ClosedArm, instead={
             raise ArmError(f'theta has the shape {theta.shape}: expected {self.m} finite '
                            f'parameters ({self.base_count} base parameters and friction)')
         return theta
-
-
-def _checked_gravity(gravity: Any) -> np.ndarray:
-    if dimensions(gravity) != 1:
-        raise ParameterError('gravity', gravity, 'three finite numbers')
-    return finite_array('gravity', gravity, 3)
 
 
 def _limit(value: np.ndarray) -> np.ndarray:

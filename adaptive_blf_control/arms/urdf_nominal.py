@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nominal friction and rotor inertias of an arm from a URDF: its own, or those given."""
+"""Gravity, nominal friction and rotor inertias of an arm from a URDF: its own, or those given."""
 
 from __future__ import annotations
 
@@ -9,9 +9,17 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.arms.joint_friction import finite_array
+from adaptive_blf_control.arrays import dimensions
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['nominal_friction', 'nominal_rotor']
+__all__ = ['checked_gravity', 'nominal_friction', 'nominal_rotor']
+
+
+def checked_gravity(gravity: Any) -> np.ndarray:
+    """Return gravity as an array of shape (3,) [m/s²]; ParameterError where it is none."""
+    if dimensions(gravity) != 1:
+        raise ParameterError('gravity', gravity, 'three finite numbers')
+    return finite_array('gravity', gravity, 3)
 
 
 def nominal_friction(choice: Mapping[str, tuple[bool, Any]], model: Any,
