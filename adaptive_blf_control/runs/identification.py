@@ -54,7 +54,7 @@ __all__ = ['Identification', 'identify']
 _DRAWN = ('matplotlib draws arrays: plt.plot(result.prediction.t, result.prediction.measured); '
           '`python -m adaptive_blf_control identify LOG --html page.html` draws all of it')
 _NOT_THERE = {
-    **dict.fromkeys(('score', 'rms', 'rmse', 'evaluate', 'test_on', 'validate', 'validation'),
+    **dict.fromkeys(('score', 'rms', 'evaluate', 'test_on', 'validate', 'validation'),
                     'test_rmse is the error on the test span; identify(log, ..., validate=other) '
                     'predicts another log'),
     **dict.fromkeys(('to_frame', 'to_dataframe', 'dataframe', 'df', 'to_pandas'),
