@@ -177,6 +177,14 @@ class Motion:
         """Note that the torque is zero now; the next state begins another motion."""
         self.lost, self.torque = reason, np.zeros(self.arm.n)
 
+    @property
+    def begins_quickly(self) -> bool:
+        """Whether there is a motion that can begin again between two samples.
+
+        Some milliseconds; a safety filter takes 0.1 s to make, in which the arm is left alone.
+        """
+        return self.controller is not None and self.controller.safety_filter is None
+
     def start_over(self) -> None:
         """Let the next state begin this motion again: its torques have not reached the arm."""
         self.controller = None

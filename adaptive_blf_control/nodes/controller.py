@@ -252,7 +252,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if not self._ready(stamp, q, qd):
             self.topics.later(partial(self.on_state, sample))
             return True
-        if self.motion.controller is not None and self.commands.unheard():
+        if self.motion.begins_quickly and self.commands.unheard():
             self.faults.report('unheard', 'nobody confirms the torques: the motion begins again')
             self.motion.start_over()
         begins = self.motion.controller is None

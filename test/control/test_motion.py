@@ -290,3 +290,12 @@ def test_a_reference_that_is_set_ends_the_following_of_points(arm):
 def test_points_that_cannot_be_followed_are_refused(arm, goals, error, message):
     with pytest.raises(error, match=message):
         way_through(points(*goals), arm.motion.controller, 0.1)
+
+
+@pytest.mark.parametrize(('safety_filter', 'quickly'), [('none', True), ('limits', False)])
+def test_a_motion_with_a_safety_filter_does_not_begin_again_between_two_samples(
+        safety_filter, quickly):
+    arm = Arm(SETTINGS.replace(safety_filter=safety_filter, limits={'velocity': [9.0, 9.0]}))
+    assert not arm.motion.begins_quickly  # nothing has begun
+    assert arm.answers(0.0)
+    assert arm.motion.begins_quickly is quickly
