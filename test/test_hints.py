@@ -125,7 +125,6 @@ def test_what_an_object_of_a_class_will_have_is_plainly_missing_in_the_class():
      r'controller\.margins\(output\)'),
     (lambda: door.Controller(ARM).update(0.0, [0.0] * 2, [0.0] * 2, [0.0] * 5), 'q', r'state\.q'),
     (lambda: door.Controller(ARM), 'save', r'settings\.values\(\)'),
-    (lambda: door.Controller(ARM), 'notes', r'simulate\(arm, \.\.\.\)\.notes'),
     (lambda: door.Identifier(ARM), 'copy', r'copy\.deepcopy\(identifier\)'),
     (lambda: door.Identifier(ARM), 'standard_deviations', 'its result has std'),
     (lambda: ARM, 'gravload', r'inverse_dynamics\(arm, theta, q, 0'),

@@ -67,7 +67,6 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
                         'settings.values() has all that it was made with by name; what is '
                         'learned is in the Identifier'),
         '()': 'update(t, q, qd, theta) returns the output, whose torque is to be sent',
-        'notes': 'simulate(arm, ...).notes has those of a run',
         'theta': 'update is given it: the theta of an Identifier',
         'gains': 'settings has them, retune(k2=...) changes them',
         'set_reference': 'retune(t, q, reference=...) changes it'}):
