@@ -115,14 +115,14 @@ if COMPILED:
                 super().save_overload(sig, data)
 
     class _WithoutWrapper(_WithCalled):
-        """Keeps what compiled functions alone may call, beside what Python may."""
+        """Keeps code without a wrapper for Python in files of its own."""
 
         def get_filename_base(self, *arguments: Any) -> str:
             """Return how the names of the files begin."""
             return f'{super().get_filename_base(*arguments)}.apart'
 
     class _CacheOfApart(_CacheOfOurTypes):
-        """As that of the functions which Python calls; it would crash in those from here."""
+        """The cache of `_Apart`: Python would crash in code that only compiled functions call."""
 
         _impl_class = _WithoutWrapper
 

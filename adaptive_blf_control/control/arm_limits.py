@@ -20,10 +20,11 @@ __all__ = ['limit_warnings']
 
 
 def limit_warnings(arm: Arm, settings: ControllerSettings) -> Iterator[str]:
-    """Yield a sentence for each joint whose own limits the settings go beyond.
+    """Yield sentences about limits that are not kept.
 
-    And one where limits are set that nothing keeps. Safety set against positions, torque limit
-    against efforts, and the largest velocity that the sinusoids can reach against velocities. An
+    One where ``limits`` are set that no safety filter keeps; and one for each joint whose own
+    limits the settings go beyond: the safety set those of positions, the torque limit those of
+    efforts, the sinusoids, by the largest velocity that they can reach, those of velocities. An
     arm without such limits is not compared.
 
     Args:

@@ -475,6 +475,26 @@ def test_a_safety_filter_stays_within_limit_and_rate_from_what_it_let_through(mo
     np.testing.assert_allclose(least, 4.0, rtol=1e-12)
 
 
+class RetunedFilter(PushingFilter):
+    """A safety filter that knows which one it goes on from."""
+
+    def retuned(self, settings):
+        other = RetunedFilter(None, settings)
+        other.goes_on_from = self
+        return other
+
+
+def test_a_copy_that_is_retuned_goes_on_from_its_own_safety_filter(monkeypatch):
+    monkeypatch.setattr('adaptive_blf_control.control.safety_filter.RetunedFilter', RetunedFilter,
+                        raising=False)
+    law = Controller(ARM, safety_filter='adaptive_blf_control.control.safety_filter:RetunedFilter')
+    other = copy.copy(law)
+    own = other.safety_filter
+    other.retune(k2=5.0)
+    assert own is not law.safety_filter
+    assert other.safety_filter.goes_on_from is own
+
+
 @pytest.mark.parametrize('smooth_start', [0.0, 1.0])
 @pytest.mark.parametrize('place', range(4))
 def test_no_number_is_answered_with_zero_torque(smooth_start, place):

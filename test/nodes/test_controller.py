@@ -197,7 +197,6 @@ def test_a_motion_whose_torques_nobody_confirms_begins_again_where_the_arm_has_c
         return errors[-1] < 0.01
 
     wait_until(begins_again, what='another beginning')
-    assert errors[0] > 0.09 or len(errors) == 1
     assert 'nobody confirms the torques' in rig.node.faults.last
     deaf_listener.send_signal(signal.SIGCONT)
     wait_until(lambda: not commands.unheard() and commands.confirmed, what='the confirmation')
