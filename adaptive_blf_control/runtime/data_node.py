@@ -36,7 +36,7 @@ from adaptive_blf_control.runtime.sample_clock import SampleClock
 from adaptive_blf_control.runtime.status_report import Status, StatusReport
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['DataNode']
+__all__ = ['PAUSE', 'DataNode']
 
 DELIVERY_TIMEOUT = 0.3  # s for the last messages at the end
 DRAIN_TIMEOUT = 5.0  # s
@@ -71,8 +71,6 @@ class DataNode(Node, Generic[NodeSettings]):
         topics: What the loop hears and sends.
         faults: Dropped messages and faults.
         statistics: How well the loop holds its rate.
-        listening_since: When the loop last went on after a pause longer than PAUSE, monotonic [s]:
-            it heard nothing meanwhile. Minus infinity before the first.
         between_samples: Held while messages are handled; its holder is between two samples.
         label: What its messages say of their source; '' in lockstep, where every run is to send
             the same bytes.
@@ -108,7 +106,7 @@ class DataNode(Node, Generic[NodeSettings]):
         self.label = '' if self.lockstep else _new_label(self.get_fully_qualified_name())
         self.stop = stop or StopFlag()
         self.exit_code = 0
-        self.listening_since = float('-inf')
+        self._listening_since = float('-inf')
         self._passed_at = float('inf')  # when the loop last waited for data
         self.between_samples = threading.RLock()
         self._compose()
@@ -184,14 +182,29 @@ class DataNode(Node, Generic[NodeSettings]):
         if sent and not self.lockstep:
             self.statistics.age.add(time.time_ns() - sent)
 
+    @property
+    def listening_since(self) -> float:
+        """When the loop last went on after a pause longer than PAUSE, monotonic [s].
+
+        E.g. because the process was stopped: it heard nothing meanwhile. Minus infinity before
+        the first pause. Ask for it after the time that it is compared with.
+        """
+        self._note_pause()  # one that a handler is in
+        return self._listening_since
+
+    def _note_pause(self) -> float:
+        """Note a pause that ends now, and return the time [s]."""
+        now = time.monotonic()
+        if now - self._passed_at > PAUSE:
+            self._listening_since = now
+        return now
+
     def spin_data(self, timeout: float = LONGEST_WAIT) -> int:
         """Wait for data for at most ``timeout`` [s], handle what is there, return how much."""
         with self.between_samples:
             wait = self.topics.ready()
         wait.wait(min(timeout, LONGEST_WAIT))
-        before, self._passed_at = self._passed_at, time.monotonic()
-        if self._passed_at - before > PAUSE:  # e.g. the process was stopped
-            self.listening_since = self._passed_at
+        self._passed_at = self._note_pause()
         return self.work(self.topics.handle)
 
     def work(self, handle: Callable[[], int]) -> int:

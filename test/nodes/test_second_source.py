@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import itertools
 import signal
+import threading
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -23,6 +25,7 @@ from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
 from adaptive_blf_control.nodes.recorder import Recorder
 from adaptive_blf_control.runs.bag_run import bag_parameters
+from adaptive_blf_control.runtime.data_node import PAUSE
 
 PARAMETERS = TwoLinkArm().parameters
 LABEL = '/identifier#0000abcd'
@@ -138,6 +141,18 @@ def test_a_second_controllers_terms_do_not_reach_the_estimate(graph, wait_until)
     assert not np.any([term for _, term in identifier.terms.terms])
     wait_until(lambda: _says(diagnostics, 'identifier', 'several publishers of',
                              ADAPTATION_TERM, '/peer'))
+
+
+@pytest.mark.parametrize('within_a_pass', [False, True])
+def test_a_pause_of_the_loop_is_one_wherever_it_begins(graph, within_a_pass) -> None:
+    node, longer = graph.make(ArmDriver, rate=100.0), threading.Event()
+    node.spin_data(0.0)
+    assert node.listening_since == -np.inf
+    longer.wait(1.5 * PAUSE)  # as if the process were stopped
+    paused_until = time.monotonic()
+    if not within_a_pass:
+        node.spin_data(0.0)
+    assert node.listening_since >= paused_until
 
 
 MAKES = {'arm_driver': ArmDriver, 'identifier': IdentifierNode, 'controller': ControllerNode,
