@@ -24,6 +24,6 @@ class LoopSettings(Settings, where='controller.loop'):
         0.0, 'By which the measured velocity is late: the time constant of its filter, and half a '
         'period where it is a difference of positions.', 's', 0.0, 1.0)
     unstable: str = parameter(
-        'warn', 'What follows from gains that are unstable in this loop: warn: a warning; refuse: '
-        'the controller is not configured, live changes to such gains are refused.',
-        choices=('warn', 'refuse'))
+        'refuse', 'What follows from gains that are unstable in this loop: refuse: the controller '
+        'is not configured, live changes to such gains are refused; warn: a warning.',
+        choices=('refuse', 'warn'))

@@ -110,7 +110,7 @@ class ArmDriver(SteppedDriver):
     def _warn_of_unused(self, given: Iterable[str]) -> None:
         """Warn of parameters of an encoder that are set while none measures."""
         if unused := encoder_warning(given, self.plant):
-            self.get_logger().warning(unused)
+            self.caution(unused)
 
     def _describe(self) -> Publisher | None:
         """Publish the URDF of the arm, unless it came from a topic."""

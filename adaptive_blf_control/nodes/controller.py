@@ -121,7 +121,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         trial.warm_up(self.theta)  # compile here, not in the first answer
         self._check_loop(settings, COUNT)
         for warning in limit_warnings(self.arm, settings):
-            self.get_logger().warning(warning)
+            self.caution(warning)
         self.estimates.wanted = settings.model == 'estimated' and uses_estimate(trial.law)
         self.motion = Motion(self.arm, settings)
         self.gravity = GravityWatch(self.arm, self.faults)
@@ -173,7 +173,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         check = check_loop(self.arm, settings, reference, self.theta,
                            stated_delay(settings.loop), count=count)
         for warning in warnings_of_loop(check, settings.loop.unstable):
-            self.get_logger().warning(warning)
+            self.caution(warning)
 
     def activate(self) -> None:
         """Check state and sets; claim the command topic.

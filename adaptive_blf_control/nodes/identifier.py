@@ -101,7 +101,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
     def _check_rank(self) -> None:
         warning = rank_warning(self.identifier.settings, self.arm.n, self.arm.m)
         if warning:
-            self.get_logger().warning(warning)
+            self.caution(warning)
 
     def finish(self) -> None:
         """Write what was learned since the last time."""

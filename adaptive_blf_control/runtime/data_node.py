@@ -119,6 +119,7 @@ class DataNode(Node, Generic[NodeSettings]):
             direct = False
             self.get_logger().warning('this rclpy has no wait sets to use: executor: plain')
         self.faults = FaultLog(self.get_logger())
+        self._cautions: list[str] = []  # of the request being answered
         self.statistics = LoopStatistics()
         self._clock_of_samples = SampleClock(self) if self.lockstep else None
         self._requests = RequestServer(
@@ -129,11 +130,23 @@ class DataNode(Node, Generic[NodeSettings]):
                                          self.statistics)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set all of them or none, as rclpy does; a refusal says what would be accepted."""
+        """Set all of them or none, as rclpy does.
+
+        A refusal says what would be accepted, a success what is to be said of the new values.
+        """
         problem = ill_formed(self, self.kind, parameter_list)
         if problem is not None:
             return SetParametersResult(successful=False, reason=str(problem))
-        return super().set_parameters_atomically(parameter_list)
+        self._cautions.clear()
+        result = super().set_parameters_atomically(parameter_list)
+        if result.successful:
+            result.reason = '; '.join(self._cautions)
+        return result
+
+    def caution(self, text: str) -> None:
+        """Log what is to be said of settings that are taken; who sets them live is told, too."""
+        self.get_logger().warning(text)
+        self._cautions.append(text)
 
     def _retune_between_samples(self, settings: NodeSettings, changed: set[str]) -> None:
         with self.between_samples:

@@ -46,8 +46,10 @@ class LoopCheck(NamedTuple):
         inertia: What the joints see.
         rate: λ_max(M⁻¹ K2) over the postures [1/s].
         phase: Phase margin of each joint with its barrier, other joints giving way [rad].
+        k1: Present gains [1/(s·rad⁴)].
         k2: Present gains [N·m·s/rad].
         weight: Present weights of the barrier [J].
+        fitting_k1: Gains k1 that a loop with such a performance set has room for [1/(s·rad⁴)].
         fitting_k2: The present gains, lowered where the gain margin is below 3 [N·m·s/rad].
         fitting_weight: Weights of the barrier that go with them [J].
     """
@@ -58,8 +60,10 @@ class LoopCheck(NamedTuple):
     inertia: SeenInertia
     rate: float
     phase: np.ndarray
+    k1: np.ndarray
     k2: np.ndarray
     weight: np.ndarray
+    fitting_k1: np.ndarray
     fitting_k2: np.ndarray
     fitting_weight: np.ndarray
 
@@ -77,12 +81,19 @@ class LoopCheck(NamedTuple):
                    + ('is unstable from' if self.rate >= limit else 'has little margin to')
                    + f' {limit:.4g} 1/s. {self._fitting("k2", self.k2, self.fitting_k2)}')
         elif (self.phase < LEAST_PHASE).any():
-            worst = int(np.argmin(self.phase))
-            yield (f'barrier_weight: joint {self.joints[worst]!r} has a phase margin of '
-                   f'{math.degrees(self.phase[worst]):.0f} degrees: the stiffness of its barrier '
-                   f'moves {self.inertia.least[worst]:.3g} kg·m² in a loop with '
-                   f'{self._delay_text()}. '
-                   + self._fitting('barrier_weight', self.weight, self.fitting_weight))
+            yield self._phase_problem(int(np.argmin(self.phase)))
+
+    def _phase_problem(self, worst: int) -> str:
+        """Say what a joint with too little phase has too much of."""
+        has = (f'joint {self.joints[worst]!r} has a phase margin of '
+               f'{math.degrees(self.phase[worst]):.0f} degrees: ')
+        loop = f'in a loop with {self._delay_text()}. '
+        if self.weight[worst] > ROUNDING * self.fitting_weight[worst]:
+            return (f'barrier_weight: {has}the stiffness of its barrier moves '
+                    f'{self.inertia.least[worst]:.3g} kg·m² {loop}'
+                    + self._fitting('barrier_weight', self.weight, self.fitting_weight))
+        return (f'k1: {has}k1 b⁴, b its bound in the performance set, is too fast {loop}'
+                + self._fitting('k1', self.k1, self.fitting_k1))
 
     def refuse_unstable(self) -> None:
         """Raise ParameterError where the loop is unstable, with what would do."""
@@ -90,7 +101,7 @@ class LoopCheck(NamedTuple):
             return
         text = next(self.problems())
         name, _, detail = text.partition(': ')
-        value = self.k2 if name == 'k2' else self.weight
+        value = {'k1': self.k1, 'k2': self.k2, 'barrier_weight': self.weight}[name]
         raise ParameterError(f'controller.{name}', _rounded(value), f'a stable loop: {detail}')
 
     def _delay_text(self) -> str:
@@ -125,12 +136,15 @@ def check_loop(arm: Arm, settings: ControllerSettings, reference: Reference, the
     friction = viscous_friction(arm, theta if model == 'estimate' else arm.nominal)
     damping = np.maximum(settings.k2 - FRICTION * friction, 0.0)
     adaptation = 0.0 if gamma is None else adaptation_stiffness(arm, masses, states, gamma)
-    bound = np.minimum(-settings.performance.lower, settings.performance.upper)
+    bounds = (-settings.performance.lower, settings.performance.upper)
+    bound = np.minimum(*bounds)
     fitting = np.minimum(law_gains(inertia, friction, bound, delay).k2, settings.k2)
     return LoopCheck(arm.joints, model, delay, inertia, damping_rate(masses, damping),
                      joint_phases(settings, inertia.least + friction * delay.total,
-                                  adaptation, delay), settings.k2,
-                     settings.barrier_weight, fitting, barrier_weight(fitting, bound, delay))
+                                  adaptation, delay), settings.k1, settings.k2,
+                     settings.barrier_weight,
+                     law_gains(inertia, friction, np.maximum(*bounds), delay).k1, fitting,
+                     barrier_weight(fitting, bound, delay))
 
 
 def warnings_of_loop(check: LoopCheck | None, unstable: str) -> Iterator[str]:

@@ -27,7 +27,7 @@ ARM = TwoLinkArm()
 
 
 def check(k2: list[float], delay: float = 0.0, **changes: object) -> LoopCheck:
-    settings = ControllerSettings(k2=k2, k1=[1.0], **changes)
+    settings = ControllerSettings(**{'k1': [1.0], 'k2': k2, **changes})
     found = check_loop(ARM, settings, Posture([0.0, 0.4]), ARM.nominal, loop_delay(1000.0, delay))
     assert found is not None
     return found
@@ -86,6 +86,17 @@ def test_a_barrier_too_stiff_for_a_light_joint_is_named_with_a_weight_that_would
     assert caught.value.name == 'controller.barrier_weight'
     weight = np.minimum(found.weight, found.fitting_weight)
     assert list(check([10.0, 3.0], 4e-3, barrier_weight=weight, **gains).problems()) == []
+
+
+def test_a_k1_too_fast_for_a_wide_performance_set_is_named_with_one_that_would_do() -> None:
+    gains = {'performance': {'lower': -3.0, 'upper': 3.0}}
+    found = check([10.0, 3.0], 4e-3, k1=20.0, **gains)
+    assert found.unstable
+    with pytest.raises(ParameterError, match='k1 b⁴') as caught:
+        found.refuse_unstable()
+    assert caught.value.name == 'controller.k1'
+    k1 = np.minimum(found.k1, found.fitting_k1)
+    assert list(check([10.0, 3.0], 4e-3, k1=k1, **gains).problems()) == []
 
 
 def test_half_of_the_viscous_friction_is_not_counted_as_damping() -> None:
