@@ -7,6 +7,7 @@ see `campaign.usual_chunk`.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -40,7 +41,7 @@ def cluster(scheduler: str) -> Iterator[MakeExecutor]:
         raise MissingExtra('distributed', 'campaign', 'a campaign on a cluster') from None
     try:
         client = Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
+    except (OSError, ValueError, asyncio.TimeoutError) as error:
         raise BlfError(f'--scheduler {scheduler}: does not answer within {CONNECT_TIMEOUT:g} s '
                        f'({" ".join(str(error).split())})') from None
     with client:
@@ -56,7 +57,7 @@ def _check_workers(scheduler: str, client: Any) -> None:
     """Refuse a cluster whose outcomes would not be those of this machine."""
     try:
         client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
-    except TimeoutError:
+    except asyncio.TimeoutError:  # Python 3.10 knows it as another TimeoutError
         raise BlfError(f'--scheduler {scheduler}: has no workers after {CONNECT_TIMEOUT:g} s: '
                        f'start some, dask worker {scheduler}') from None
     for worker, version in client.run(_version, on_error='return').items():
