@@ -1,5 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How hard all joints can brake at once, at rest, in all postures, for every θ* of a set."""
+"""How hard all joints can brake at once, at rest, in all postures, for every θ* of a set.
+
+Braking a takes torque C a at most, C ≥ 0, in each of many postures. What is not given is shared
+out so that the joints stop on short ways from their largest velocities v: the least Σ (v_j²/a_j)²
+with C a ≤ ½ (what the arm's weight leaves). So a joint that costs little gets much and holds nobody
+back, but no joint gets more than it can use while another one needs it. The program is convex, and
+is solved by Newton's method with a logarithmic barrier, which is within r/t of the least value for
+r rows and a weight t of the objective (Boyd and Vandenberghe, Convex Optimization, 11.3).
+"""
 
 from __future__ import annotations
 
@@ -13,10 +21,12 @@ from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 
-__all__ = ['checked_braking', 'Resting']
+__all__ = ['checked_braking', 'Resting', 'shortest_stops']
 
 POSTURES = 300
-SHARE = 0.5  # of the torque that gravity leaves in the worst posture
+SHARE = 0.5  # of the torque that gravity leaves in each posture
+CLOSE = 0.01  # part by which the sum may be above its least value
+NEWTON_STEPS = 100
 
 
 class Resting(NamedTuple):
@@ -66,14 +76,15 @@ def _rows_at_rest(arm: Any, postures: np.ndarray) -> np.ndarray:
     return rows
 
 
-def checked_braking(resting: Resting, braking: np.ndarray, lower: np.ndarray,
+def checked_braking(resting: Resting, braking: np.ndarray, speed: np.ndarray, lower: np.ndarray,
                     upper: np.ndarray) -> np.ndarray:
     """Return the braking, derived where none is given, shape (n,) [rad/s²].
 
     Args:
         resting: The arm.
-        braking: As given, shape (n,); 0: what half of the torque that gravity leaves in the worst
-            of the postures allows, the same part of it for every joint.
+        braking: As given, shape (n,); 0: what half of the torque that gravity, and the braking
+            that is given, leave in every posture allows.
+        speed: Largest velocities, shape (n,) [rad/s].
         lower: Safety set, shape (n,) [rad].
         upper: Likewise.
 
@@ -85,13 +96,51 @@ def checked_braking(resting: Resting, braking: np.ndarray, lower: np.ndarray,
     postures = np.random.default_rng(0).uniform(reach[0], reach[1], (POSTURES, lower.size))
     left, cost = resting.shares(postures)
     _refuse(left, postures, 'torque_limit', resting.limit, 'at least what holds the arm')
-    if not (braking > 0.0).all():
-        unit = resting.limit / cost.sum(axis=2).max(axis=0)
-        part = SHARE * float((left / (cost @ unit)).min())
-        braking = np.where(braking > 0.0, braking, part * unit)
+    free = ~(braking > 0.0)
+    if free.any():
+        braking = np.where(free, 0.0, braking)
+        rest = left - cost @ braking
+        if (rest > 0.0).all():
+            braking[free] = shortest_stops(cost.reshape(-1, free.size)[:, free],
+                                           SHARE * rest.reshape(-1), speed[free])
     _refuse(left - cost @ braking, postures, 'limits.braking', braking,
             'braking that the torque limit allows')
     return braking.copy()
+
+
+def shortest_stops(cost: np.ndarray, budget: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Return the a > 0 with the least Σ (v²/a)² of which cost @ a ≤ budget, shape (n,).
+
+    Args:
+        cost: ≥ 0, and > 0 somewhere in each column, shape (r, n).
+        budget: > 0, shape (r,).
+        speed: v > 0, shape (n,).
+    """
+    alone = np.min(budget[:, None] / np.maximum(cost, 1e-300), axis=0)
+    rows, ways = cost * alone / budget[:, None], (speed ** 2 / alone) ** 2
+    ways /= ways.sum()  # of what each one can have alone, so that the least value is > 1
+    part, weight = np.full(alone.size, 0.5 / alone.size), 1.0
+
+    def value(tried: np.ndarray) -> float:
+        slack = 1.0 - rows @ tried
+        if tried.min() <= 0.0 or slack.min() <= 0.0:
+            return np.inf
+        return float(weight * (ways / tried ** 2).sum() - np.log(slack).sum())
+
+    while weight < len(rows) / CLOSE:
+        weight *= 100.0
+        for _ in range(NEWTON_STEPS):
+            slack = 1.0 / (1.0 - rows @ part)
+            gradient = slack @ rows - 2.0 * weight * ways / part ** 3
+            hessian = (rows.T * slack ** 2) @ rows + np.diag(6.0 * weight * ways / part ** 4)
+            step = -np.linalg.solve(hessian, gradient)
+            slope, length, before = float(gradient @ step), 1.0, value(part)
+            if slope > -0.01:
+                break
+            while value(part + length * step) > before + 0.1 * length * slope:
+                length *= 0.5
+            part = part + length * step
+    return alone * part
 
 
 def _refuse(reserves: np.ndarray, postures: np.ndarray, name: str, value: np.ndarray,

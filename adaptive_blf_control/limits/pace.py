@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """How fast the path of a reference may be followed so that velocity and torque suffice.
 
-The reference is y_d(σ(t)) with 0 ≤ σ̇ ≤ 1 and |σ̈| ≤ D. At points of the path ahead the largest σ̇ is
-looked for with which, for every θ of the set,
+The reference is y_d(σ(t)) with 0 ≤ σ̇ ≤ 1 and |σ̈| ≤ D(σ). At points of the path ahead the largest σ̇
+is looked for with which, for every θ of the set,
 
     |Y(y, σ̇ y', σ̇² y'') θ| + D |M y'| ≤ ρ τ̄,    σ̇ |y'| ≤ ρ_v v̄,
 
-and σ̇² ≤ σ̇_j² + 2 D (σ_j − σ) for each of them lets the path slow down in time. Where e1 comes near
-its bound the path slows down, too, and harder.
+D being 2/s, or half of what the torque that holds the arm there leaves for it: with more, a point
+could be passed at no rate, and the path would end before it. σ̇² ≤ σ̇_j² + 2 ∫D dσ up to each of the
+points lets the path slow down in time, and come to rest before the first one that nobody has seen.
+Where e1 comes near its bound the path slows down, too, and harder.
 """
 
 from __future__ import annotations
@@ -25,12 +27,13 @@ __all__ = ['NEAR', 'NEARER', 'Pace', 'slowed']
 
 AHEAD = 40  # points of the path that are looked at
 STEP = 0.02  # between them [s]
-CHANGE = 2.0  # D [1/s]
-HARDER = 5.0  # times D where e1 comes near its bound
+CHANGE = 2.0  # largest D [1/s]
+LEAST_CHANGE = 0.1  # a point that leaves less torque for D is not passed [1/s]
+SHARE = 0.5  # of the D that the torque at rest leaves: the rest is for σ̇
+HARDER = 5.0  # times the largest D where e1 comes near its bound
 TORQUE_PART, SPEED_PART = 0.85, 0.9  # ρ and ρ_v: the rest is for the law
 SMOOTHING = 0.005  # time constant of σ̇ [s]
 HALVINGS = 5
-_POINTS = np.arange(AHEAD + 1)
 NEAR, NEARER = 0.4, 0.8  # parts of the bound of e1 between which the path slows down to rest
 
 
@@ -53,7 +56,7 @@ class Pace:
         self._lag = 0.0  # t − σ: where it is zero σ is t bit for bit
         self._of: Reference | None = None
         self._first = 0
-        self._rates = np.zeros(0)  # of the points that are looked at, from the first one on
+        self._points = np.zeros((0, 2))  # σ̇ and D of those that are looked at, from the first on
 
     def advance(self, t: float, reference: Reference, nearness: float) -> None:
         """Go on along the path.
@@ -66,35 +69,49 @@ class Pace:
         dt = 0.0 if self._t is None else t - self._t
         before, self._t = t - dt - self._lag, t
         first = max(int(before / STEP), 0)
-        kept = self._rates[max(first - self._first, 0):]
+        kept = self._points[max(first - self._first, 0):]
         if reference is not self._of or first < self._first:
             self._of, kept = reference, kept[:0]
-        if first != self._first or kept.size <= AHEAD:
-            self._first, self._rates = first, np.append(kept, [
+        if first != self._first or len(kept) <= AHEAD:
+            self._first, self._points = first, np.concatenate((kept, [
                 self._largest(reference, (first + j) * STEP)
-                for j in range(kept.size, AHEAD + 1)])
-        ahead = np.maximum((first + _POINTS) * STEP - before, 0.0)
-        allowed = min(1.0, math.sqrt((self._rates ** 2 + 2.0 * CHANGE * ahead).min()))
+                for j in range(len(kept), AHEAD + 1)]))
+        allowed, most = self._allowed(before - first * STEP)
         part = slowed(nearness)
-        hardest = CHANGE * (HARDER if part < 1.0 else 1.0)
+        hardest = HARDER * CHANGE if part < 1.0 else most
         wanted = (allowed * part - self.rate) / SMOOTHING
-        self.change = min(max(wanted, -hardest), CHANGE) if dt > 0.0 else 0.0
+        self.change = min(max(wanted, -hardest), most) if dt > 0.0 else 0.0
         rate = min(max(self.rate + dt * self.change, 0.0), 1.0)
         self.change = (rate - self.rate) / dt if dt > 0.0 else 0.0
         self._lag += dt * (1.0 - 0.5 * (self.rate + rate))
         self.time, self.rate = t - self._lag, rate
+
+    def _allowed(self, beyond: float) -> tuple[float, float]:
+        """Return the largest σ̇ and D at a σ that is ``beyond`` [s] the first point."""
+        rates, changes = self._points.T
+        between = np.minimum(changes[:-1], changes[1:])
+        lost = np.zeros(changes.size)  # of σ̇² on the way
+        np.cumsum(2.0 * STEP * between, out=lost[1:])
+        lost -= 2.0 * between[0] * beyond
+        square = min((rates ** 2 + np.maximum(lost, 0.0)).min(), lost[-1])
+        return min(1.0, math.sqrt(max(square, 0.0))), float(between[0])
 
     def go_on_from(self, before: Pace) -> None:
         """Take path time and rate from another pace."""
         self.time, self.rate, self.change = before.time, before.rate, before.change
         self._t, self._lag = before._t, before._lag
 
-    def _largest(self, reference: Reference, at: float) -> float:
-        """Return the largest σ̇ at a point of the path, 0 where even rest asks for too much."""
+    def _largest(self, reference: Reference, at: float) -> tuple[float, float]:
+        """Return the largest σ̇ at a point of the path, 0 where even rest asks too much, and D."""
         y, slope, bend = reference.at(at)
         rest = np.zeros_like(y)
         still = self._arm.X(y, rest, rest, rest)
-        change = CHANGE * self._most(self._arm.X(y, rest, rest, slope) - still)
+        faster = self._most(self._arm.X(y, rest, rest, slope) - still)
+        left = float(((self._torque - self._most(still)) / np.maximum(faster, 1e-9)).min())
+        most = min(CHANGE, SHARE * left)
+        if most < LEAST_CHANGE:
+            return 0.0, CHANGE
+        change = most * faster
 
         def fits(rate: float) -> bool:
             speed = rate * slope
@@ -102,7 +119,7 @@ class Pace:
             return bool((self._most(rows) + change <= self._torque).all())
 
         quickest = float(np.min(self._speed / np.maximum(np.abs(slope), 1e-9)))
-        return _bisected(fits, min(1.0, quickest))
+        return _bisected(fits, min(1.0, quickest)), most
 
     def _most(self, rows: np.ndarray) -> np.ndarray:
         """Return the largest torque of the set, (n, m) → (n,) [N·m]."""

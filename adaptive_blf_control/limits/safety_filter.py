@@ -96,11 +96,11 @@ class LimitsFilter:
 
     def _take(self, settings: ControllerSettings) -> None:
         limits, safety = settings.limits, settings.safety
+        speed = _speed(self._arm, limits.velocity)
         braking = checked_braking(
             Resting(self._arm, self.parameter_set, limits.prior.unexplained,
-                    settings.torque_limit), limits.braking, safety.lower, safety.upper)
-        self.limits = JointLimits(safety.lower.copy(), safety.upper.copy(),
-                                  _speed(self._arm, limits.velocity), braking)
+                    settings.torque_limit), limits.braking, speed, safety.lower, safety.upper)
+        self.limits = JointLimits(safety.lower.copy(), safety.upper.copy(), speed, braking)
         scene = self._scene = scene_of(self._arm, limits)
         self._shown = None
         self._margin = limits.obstacles.margin

@@ -11,7 +11,7 @@ from adaptive_blf_control.control.reference import Posture, ReferencePoint, SumO
 from adaptive_blf_control.limits.governor import Deflection
 from adaptive_blf_control.limits.pace import Pace, slowed
 from adaptive_blf_control.limits.parameter_set import ParameterSet
-from adaptive_blf_control.limits.prior import prior_of
+from adaptive_blf_control.limits.prior import Prior, prior_of
 
 ARM = blf.TwoLinkArm()
 SET = ParameterSet(prior_of(ARM, mass_error=0.1, friction=np.array([8.0, 2.0])), np.full(2, 0.1))
@@ -69,6 +69,29 @@ def test_a_posture_that_the_torque_cannot_hold_for_every_arm_is_never_reached():
     assert [pace.rate for _, pace in followed(pace, moving, steps=1200)][-1] < 1e-3
     assert [pace.rate for _, pace in followed(Pace(ARM, SET, np.ones(2), np.ones(2)),
                                               Posture(np.zeros(2)), steps=5)][-1] == 1.0
+
+
+class Pendulum:
+    """A mass on a rod: M = θ, and θ sin y of weight, in its only row."""
+
+    n = m = 1
+
+    def X(self, q, qd, qdr, qddr):
+        return np.array([qddr + np.sin(q)])
+
+
+@pytest.mark.parametrize('left', [1.3, 1.2])
+def test_a_posture_that_leaves_little_torque_is_passed_with_a_rate_that_changes_slowly(left):
+    """With 2/s the change of the rate alone takes 1.6 N·m there, which is more than is left."""
+    arm, parameters = Pendulum(), ParameterSet(Prior(np.ones(1), np.full((1, 1), 0.01)), [0.1])
+    limit = np.full(1, left / 0.85)
+    pace = Pace(arm, parameters, np.full(1, 20.0), limit)
+    turning = SumOfSinusoids(np.full(1, 0.5 * np.pi), np.full((1, 1), 1.5), np.full((1, 1), 0.53),
+                             np.full((1, 1), -0.5 * np.pi))
+    for k, (point, _) in enumerate(followed(pace, turning, steps=6000)):
+        acceleration = pace.rate ** 2 * point.acceleration + pace.change * point.velocity
+        assert k < 500 or (np.abs(arm.X(point.position, 0.0, 0.0, acceleration)) <= limit).all()
+    assert pace.time > 4.0  # over the top and on
 
 
 def test_the_loop_slows_down_instead_of_leaving_a_set(repository):
