@@ -94,7 +94,7 @@ def test_what_an_object_of_a_class_will_have_is_plainly_missing_in_the_class():
     (lambda: door.Identifier(ARM), 'learning_rate', r'did you mean settings\.gamma\?'),
     (lambda: door.Identifier(ARM), 'set_parameters', r'did you mean retune\?'),
     (lambda: door.Identifier(ARM), 'theta_dict', r'did you mean estimate\?'),
-    (lambda: door.Controller(ARM), 'reset', 'belongs to one motion'),
+    (lambda: door.Controller(ARM), 'reset', r'begin\(q, qd\) begins another motion'),
     (lambda: door.Controller(ARM), 'kp', r'did you mean settings\.k1\?'),
     (lambda: door.IdentifierSettings(), 'to_dict', r'values\(\)'),
     (lambda: door.read_log(LOG), 'duration', r't\[-1\] - t\[0\]'),

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import copy
+import math
 from typing import Any
 
 import numpy as np
@@ -61,8 +62,8 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         **dict.fromkeys(('publish', 'subscribe', 'spin'),
                         '`python -m adaptive_blf_control controller` is the node'),
         **dict.fromkeys(('reset', 'restart', 'start'),
-                        'a Controller belongs to one motion: make another one, '
-                        'Controller(arm, ..., start=q)'),
+                        'begin(q, qd) begins another motion, whose time is 0 at its first '
+                        'sample'),
         **dict.fromkeys(('save', 'to_yaml', 'dump'),
                         'settings.values() has all that it was made with by name; what is '
                         'learned is in the Identifier'),
@@ -72,7 +73,8 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         'set_reference': 'retune(t, q, reference=...) changes it'}):
     """Equation (38) (or (34), when θ* is passed as θ̂) inside the sets (7) and (8).
 
-    Holds the torque commanded last, so one object belongs to one motion.
+    Holds the torque commanded last, so one object belongs to one motion at a time; :meth:`begin`
+    begins another one.
 
     Attributes:
         arm: The arm.
@@ -129,7 +131,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         for name, value in groups.items():
             if value is not None and name not in changes:
                 parts[name] = given_part(name, value)
-        follow = reference_in_arrays(parts['reference'], arm.joints)
+        follow = self._wanted = reference_in_arrays(parts['reference'], arm.joints)
         if start is not None:
             start = checked_array('start', start, (arm.n,), arm.joints)
             if settings.reference.smooth_start > 0.0:
@@ -139,6 +141,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         self._not_measured = np.full(arm.n, np.nan)
         self._m = (arm.m,)
         self._memory = new_memory(arm.n)
+        self._set_back: tuple[float, float] | None = None
         self._smooth_start = follow if isinstance(follow, SmoothStart) else None
         self._take(tuned_parts(arm, with_safety(settings, parts['safety']), self._given),
                    checked_sets(0.0, parts['safety'], parts['performance'], follow,
@@ -172,8 +175,11 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Where the settings go beyond the limits of the arm, or name limits nobody keeps."""
-        return tuple(limit_warnings(self.arm, self.settings))
+        """Where settings exceed the arm's limits or name limits nobody keeps; odd times."""
+        odd = () if self._set_back is None else (
+            'the time went back from {:.6g} to {:.6g} s: begin(q, qd) begins another '
+            'motion'.format(*self._set_back),)
+        return (*limit_warnings(self.arm, self.settings), *odd)
 
     @property
     def law(self) -> Law:
@@ -268,6 +274,27 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         check_change(present, sets, t, q, joints,
                      asked=performance is not None or reference is not None)
         self._take(tuned, sets)
+        self._wanted = self._wanted if reference is None else reference
+
+    @checked_call
+    def begin(self, q: Any, qd: Any = None) -> None:
+        """Begin another motion with the present settings, sets and reference.
+
+        The time of its first sample is 0, its torque rises from zero, its reference is followed
+        from the beginning. A law that was given as an object keeps what it has learned. With a
+        safety filter this may take 0.1 s: it is not for an arm that moves.
+
+        Args:
+            q: Posture that the motion begins in, as ``start`` of the constructor, shape (n,) [rad].
+            qd: Velocity that it begins with, shape (n,) [rad/s]; at rest where None.
+
+        Raises:
+            SetViolation: the arm is outside a set; the motion so far can go on.
+            ParameterError: an array has another shape.
+        """
+        vars(self).update(vars(Controller(
+            self.arm, self.settings, self.safety, self.performance, self._wanted, self._given.law,
+            self._given.constraints, start=q, velocity=qd)))
 
     def follow(self, reference: Reference) -> None:
         """Go over to a reference that is known to fit; :meth:`retune` is for any other.
@@ -306,6 +333,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
             The torque and what it was made of. Nothing is raised for a state that cannot be used:
             with q, q̇ or θ̂ not finite the torque goes to zero as fast as ``torque_rate_limit``
             lets it, and stays where it was with a t that repeats, goes back or is not finite.
+            Where t went back, ``notes`` says so: another motion is begun by :meth:`begin`.
             Outside a set nothing is guaranteed, and the torque leads back as far as its limit
             lets it; :meth:`margins` is then negative.
 
@@ -316,12 +344,24 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         if not are_vectors(self._n, q, qd, torque):
             q, qd, torque = checked_vectors(self.arm.joints, q=q, qd=qd, torque=torque)
         theta = checked_array('theta', theta, self._m, self.arm.parameters)
+        if not self._memory.time[0] <= t < math.inf:
+            t = self._odd_time(t, float(self._memory.time[0]))
         if self.safety_filter is not None:
             point, bounds = self._governed(self.safety_filter, t, q)
             return self._answers.filtered(
                 self.safety_filter, LawSample(t, q, qd, torque, point, bounds, theta))
         point, bounds = self.reference.at(t), self._bounds.at(t)
         return self._answers.answered(LawSample(t, q, qd, torque, point, bounds, theta))
+
+    def _odd_time(self, t: float, last: float) -> float:
+        """Return the time to answer at; ``last`` is that of the sample before, NaN for none [s]."""
+        if not math.isfinite(t):
+            if math.isnan(last):  # the motion begins now, without a torque
+                self._memory.time[0] = last = 0.0
+            return last
+        if t < last:
+            self._set_back = last, t
+        return t
 
     def _governed(self, safety_filter: SafetyFilter, t: float,
                   q: np.ndarray) -> tuple[ReferencePoint, Bounds]:

@@ -42,7 +42,8 @@ class Governed(NamedTuple):
 
     Attributes:
         point: y_d with two derivatives.
-        path_time: Time of the reference that this belongs to [s]; it does not run ahead of t.
+        path_time: Time of the reference that this belongs to [s]; it does not run ahead of t,
+            unless the clock was set back.
         rate: Its rate, 1 where the reference is not slowed down.
     """
 

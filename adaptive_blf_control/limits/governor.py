@@ -34,6 +34,7 @@ HARDEST = 4.0  # how far its acceleration may be from the path's, in units of th
 FAR, FARTHER = 0.3, 0.6  # distances from the path between which it waits [rad]
 COMING = 1.0  # velocity towards the path from which on it waits for all it may [rad/s]
 LEAST = 0.6  # of its rate that the path keeps while it waits
+LONGEST_SAMPLE = 0.1  # a longer time between two samples is a jump of the clock [s]
 LONGEST_STEP = 0.02  # of the deflection, which is a spring of 10 rad/s with a damper [s]
 SPEED_PART = 0.95  # of the largest velocity; more than the path has, so that it catches up
 
@@ -178,8 +179,16 @@ class Governor:
         return self._off
 
     def governed(self, t: float, q: np.ndarray, reference: Reference) -> Governed:
-        """Return the reference at ``t`` [s], the arm being at q, shape (n,) [rad]."""
+        """Return the reference at ``t`` [s], the arm being at q, shape (n,) [rad].
+
+        Where the clock jumps, ahead or back, the path waits for that sample and goes on from
+        where it is.
+        """
         pace, last = self.pace, self._last
+        if last is not None and abs(t - last.t) > LONGEST_SAMPLE:
+            pace.set_clock(t)
+            self._last = last._replace(t=t)
+            return last.governed
         if last is not None and t <= last.t:
             return last.governed
         nearness = 0.0 if last is None or last.bounds is None else _nearness(

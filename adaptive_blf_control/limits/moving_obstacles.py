@@ -72,8 +72,12 @@ class MovingObstacles:
         return obstacle._replace(velocity=velocity * min(1.0, self._speed / max(size, 1e-12)))
 
     def silent(self, t: float) -> bool:
-        """Whether something is known but nothing was heard for too long at ``t`` [s]."""
-        return bool(self._seen) and self.heard is not None and t - self.heard > self._timeout
+        """Whether something is known but nothing was heard for too long at ``t`` [s].
+
+        A clock that was set back says nothing of how long that is: it counts as too long.
+        """
+        return bool(self._seen) and self.heard is not None and (
+            abs(t - self.heard) > self._timeout)
 
     def at(self, t: float) -> Obstacles:
         """Return where they are at ``t`` [s], carried on from where they were seen."""

@@ -96,6 +96,10 @@ class Pace:
         square = min((rates ** 2 + np.maximum(lost, 0.0)).min(), lost[-1])
         return min(1.0, math.sqrt(max(square, 0.0))), float(between[0])
 
+    def set_clock(self, t: float) -> None:
+        """Go on from the same place with a clock that now shows ``t`` [s]."""
+        self._t, self._lag = t, t - self.time
+
     def go_on_from(self, before: Pace) -> None:
         """Take path time and rate from another pace."""
         self.time, self.rate, self.change = before.time, before.rate, before.change

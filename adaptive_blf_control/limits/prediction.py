@@ -34,6 +34,8 @@ class Prediction:
 
     def commanded(self, t: float, torque: np.ndarray) -> None:
         """Note the torque that answers the state of ``t`` [s], shape (n,) [N·m]."""
+        if t < self._times[-1]:  # of another clock: nobody knows which of them still act
+            self._times[:] = -np.inf
         if self.delay > 0.0:
             self._times[:-1], self._torques[:-1] = self._times[1:], self._torques[1:]
             self._times[-1], self._torques[-1] = t, torque

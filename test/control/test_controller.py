@@ -502,3 +502,96 @@ def test_no_number_is_answered_with_zero_torque(smooth_start, place):
     sample[place] = sample[place] * np.nan
     controller = Controller(ARM, start=[0.0, 0.0], reference={'smooth_start': smooth_start})
     np.testing.assert_array_equal(controller.update(*sample).torque, 0.0)
+
+
+LIMITS = {'safety_filter': 'limits', 'torque_limit': 100.0, 'k2': [30.0, 10.0],
+          'safety': {'lower': -1.0, 'upper': 1.0}, 'performance': {'lower': -0.1, 'upper': 0.1},
+          'limits': {'velocity': 3.0, 'braking': 5.0}, 'start': [0.0, 0.0],
+          'reference': {joint: {'amplitude': 0.3, 'frequency': 2.0} for joint in ARM.joints}}
+
+
+def governed(**changes) -> Controller:
+    """Return a controller with a safety filter and a reference governor."""
+    return Controller(ARM, **{**LIMITS, **changes})
+
+
+def moved(law: Controller, times: np.ndarray, q: np.ndarray,
+          qd: np.ndarray) -> tuple[list[ControlOutput], np.ndarray, np.ndarray]:
+    """Drive the arm from a state on; return the answers and the state it ends in."""
+    outputs = []
+    for t in times:
+        outputs.append(law.update(t, q, qd, THETA))
+        q, qd = DYNAMICS.advance(q, qd, outputs[-1].torque, 1e-3)
+    return outputs, q, qd
+
+
+@pytest.mark.parametrize('t', [np.nan, np.inf, -np.inf, 1e9, -1e9])
+@pytest.mark.parametrize('changes', [
+    {}, {'limits.govern': False}, {'loop.delay': 0.004}, {'safety_filter': 'none'}])
+def test_no_time_makes_a_torque_that_is_no_number_or_ends_a_motion(changes, t):
+    law = governed(**changes)
+    times = 1e-3 * np.arange(300)
+    times[100] = t
+    outputs, _, _ = moved(law, times, np.zeros(2), np.zeros(2))
+    torques = np.array([output.torque for output in outputs])
+    assert np.isfinite(torques).all()
+    assert (np.abs(torques) <= 100.0).all()
+    if not np.isfinite(t):  # the torque stays, and the motion goes on
+        np.testing.assert_array_equal(torques[100], torques[99])
+        assert min(law.margins(output).min() for output in outputs) > 0.09
+
+
+def test_a_governed_reference_goes_on_from_where_it_is_when_the_clock_is_set_back():
+    law, times = governed(), 1e-3 * np.arange(600)
+    _, q, qd = moved(law, times, np.zeros(2), np.zeros(2))
+    before = law.path_time(times[-1])
+    outputs, _, _ = moved(law, times, q, qd)
+    assert min(law.margins(output).min() for output in outputs) > 0.09
+    assert law.path_time(times[-1]) == pytest.approx(before + 0.599)
+    assert max(abs(output.torque).max() for output in outputs) < 10.0
+    assert any('went back from 0.599 to 0 s: begin(q, qd)' in note for note in law.notes)
+
+
+@pytest.mark.parametrize('safety_filter', ['none', 'limits'])
+def test_a_motion_that_is_begun_again_is_answered_as_the_first_one(safety_filter):
+    law = governed(safety_filter=safety_filter)
+    times = 1e-3 * np.arange(300)
+    first, q, _ = moved(law, times, np.zeros(2), np.zeros(2))
+    law.begin([0.0, 0.0])
+    again, _, _ = moved(law, times, np.zeros(2), np.zeros(2))
+    for output, other in zip(first, again):
+        np.testing.assert_array_equal(output.torque, other.torque)
+    assert not any('went back' in note for note in law.notes)
+
+
+def test_a_motion_begins_with_what_was_retuned():
+    law = governed()
+    moved(law, 1e-3 * np.arange(10), np.zeros(2), np.zeros(2))
+    law.retune(9e-3, [0.0, 0.0], k2=20.0, reference=Posture(np.array([0.05, 0.0])),
+               performance=(-0.08, 0.08), blend_time=1.0)
+    law.begin([0.01, 0.0])
+    assert law.settings.k2.tolist() == [20.0, 20.0]
+    assert law.performance.upper.tolist() == [0.08, 0.08]
+    np.testing.assert_array_equal(law.reference.at(0.0).position, [0.01, 0.0])
+    np.testing.assert_array_equal(law.reference.at(100.0).position, [0.05, 0.0])
+
+
+def test_a_motion_that_would_begin_outside_leaves_the_present_one_as_it_is():
+    law, twin = governed(), governed()
+    with pytest.raises(SetViolation, match="joint 'joint2'"):
+        law.begin([0.0, 1.5])
+    for t in (0.0, 1e-3):
+        np.testing.assert_array_equal(law.update(t, [0.01, 0.0], [0.0, 0.0], THETA).torque,
+                                      twin.update(t, [0.01, 0.0], [0.0, 0.0], THETA).torque)
+
+
+@pytest.mark.parametrize('place', range(1, 4))
+@pytest.mark.parametrize('govern', [True, False])
+def test_no_state_makes_a_filtered_torque_that_is_no_number(place, govern):
+    law, torques = governed(**{'limits.govern': govern}), []
+    for k in range(20):
+        sample = [k * 1e-3, np.array([0.01, 0.0]), np.zeros(2), THETA]
+        if k >= 10:
+            sample[place] = sample[place] * np.nan
+        torques.append(law.update(*sample).torque)
+    assert np.isfinite(torques).all()
