@@ -3,11 +3,12 @@
 
 What a program needs is imported from here, when it is first used; `dir` lists it:
 
-    arms         load_arm, TwoLinkArm, ThreeLinkArm, UrdfArm, inverse_dynamics
+    arms         list_arms, load_arm, TwoLinkArm, ThreeLinkArm, UrdfArm,
+                 inverse_dynamics
     learning     Identifier with IdentifierSettings; identify (an Identification) with
                  LogOptions, read_log (a MeasuredLog)
     control      Controller with ControllerSettings; SumOfSinusoids
-    simulation   simulate (a Simulation), ClosedLoop
+    simulation   list_scenarios, simulate (a Simulation), ClosedLoop
     bags         read_bag
     own parts    Arm, ForwardDynamics, Plant, Sensor, Measurement, Reference, ReferencePoint,
                  Law, LawSample, LawAnswer, Constraint, MotionState, Bounded, UpdateLaw,
@@ -33,6 +34,7 @@ __version__ = '0.1.0'
 
 if TYPE_CHECKING:
     from adaptive_blf_control.arms.arm import Arm as Arm, ForwardDynamics as ForwardDynamics
+    from adaptive_blf_control.arms.at_hand import list_arms as list_arms
     from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics as inverse_dynamics
     from adaptive_blf_control.arms.load import load_arm as load_arm
     from adaptive_blf_control.arms.three_link import ThreeLinkArm as ThreeLinkArm
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     from adaptive_blf_control.bags.logs import read_log as read_log
     from adaptive_blf_control.bags.measured_log import MeasuredLog as MeasuredLog
     from adaptive_blf_control.bags.reader import read_bag as read_bag
+    from adaptive_blf_control.configuration.shipped import list_scenarios as list_scenarios
     from adaptive_blf_control.control.constraints import (
         Bounded as Bounded,
         Constraint as Constraint,
@@ -94,6 +97,7 @@ if TYPE_CHECKING:
 
 _NAMES = {
     'arms.arm': ('Arm', 'ForwardDynamics'),
+    'arms.at_hand': ('list_arms',),
     'arms.inverse_dynamics': ('inverse_dynamics',),
     'arms.load': ('load_arm',),
     'arms.three_link': ('ThreeLinkArm',),
@@ -102,6 +106,7 @@ _NAMES = {
     'bags.logs': ('read_log',),
     'bags.measured_log': ('MeasuredLog',),
     'bags.reader': ('read_bag',),
+    'configuration.shipped': ('list_scenarios',),
     'control.constraints': ('Bounded', 'Constraint', 'MotionState'),
     'control.controller': ('Controller',),
     'control.laws.protocol': ('Law', 'LawAnswer', 'LawSample'),
@@ -132,14 +137,12 @@ _INSTEAD = {
     **dict.fromkeys(('mass_matrix', 'crba'), 'arm.mass_matrix(q) of a URDF arm'),
     **dict.fromkeys(('gravity', 'gravity_vector'),
                     'inverse_dynamics(arm, theta, q, 0 * q, 0 * q) is the torque at rest'),
-    **dict.fromkeys(('robots', 'list_arms', 'available_arms'),
-                    "TwoLinkArm(), ThreeLinkArm() and load_arm(urdf); simulate('panda') drives a "
-                    'shipped scenario'),
-    **dict.fromkeys(('scenarios', 'list_scenarios', 'examples', 'configs'),
-                    "simulate('panda') runs one that is shipped; its error for a wrong name "
-                    'lists all of them'),
+    **dict.fromkeys(('robots', 'available_arms', 'list_robots', 'models'),
+                    'list_arms() has the arms at hand, load_arm(urdf) takes any other one'),
+    **dict.fromkeys(('scenarios', 'available_scenarios', 'configs'),
+                    'list_scenarios() has the names that simulate takes'),
     **dict.fromkeys(('Panda', 'PandaArm', 'panda', 'Franka', 'UR5', 'UR10', 'Robot'),
-                    'load_arm(urdf) returns the arm of a URDF; '
+                    'load_arm(urdf) returns the arm of a URDF, list_arms() has those at hand; '
                     "simulate('panda').arm is that of a shipped scenario"),
     'load': 'load_arm(urdf), read_log(file), read_bag(folder); simulate(file) takes a parameter '
             'file, Identifier(arm, initial_estimate=file) a saved estimate',

@@ -5,14 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['are_vectors', 'checked_array', 'checked_count', 'checked_finite', 'checked_number',
-           'checked_theta', 'checked_vectors', 'dimensions', 'joint_places']
+           'checked_theta', 'checked_vectors', 'dimensions', 'joint_places', 'record',
+           'same_values']
+
+Record = TypeVar('Record', bound=type)
 
 _FLOAT64 = np.dtype(np.float64)  # not the same object as that of an array numba returns
 _NUMBERS = 'biuf'  # kinds of dtype; no text, no complex numbers, no objects
@@ -165,3 +168,45 @@ def _each(names: Sequence[str]) -> str:
     if len(names) > _LISTED:
         return f' (one for each of {len(names)}, from {names[0]} to {names[-1]})'
     return f' (one for each of {", ".join(names)})'
+
+
+def same_values(one: Any, other: Any) -> bool:
+    """Return whether two values are equal: arrays in every element, NaN being equal to NaN."""
+    if one is other:
+        return True
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(same_values, one, other))
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        try:
+            return np.array_equal(one, other, equal_nan=True)
+        except TypeError:  # no numbers
+            return np.array_equal(one, other)
+    return bool(one == other)
+
+
+def record(cls: Record) -> Record:
+    """Decorate a NamedTuple of arrays so that ``==``, ``in`` and ``numpy.asarray`` mean something.
+
+    A tuple would ask arrays whether they are true, which NumPy refuses without naming anything.
+    It is an array where all of its fields have one shape, else TypeError says what it has.
+    """
+    names = cls._fields  # type: ignore[attr-defined]
+
+    def __eq__(self: Any, other: object) -> bool:
+        return isinstance(other, tuple) and same_values(tuple(self), tuple(other))
+
+    def __ne__(self: Any, other: object) -> bool:
+        return not self == other
+
+    def __contains__(self: Any, value: object) -> bool:
+        return any(same_values(each, value) for each in self)
+
+    def __array__(self: Any, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        shapes = {np.shape(each) if dimensions(each) >= 0 else None for each in self}
+        if len(shapes) > 1 or None in shapes:
+            raise TypeError(f'{cls.__name__} is no array: it has {", ".join(names)}')
+        return np.array(list(self), dtype)
+
+    for method in (__eq__, __ne__, __contains__, __array__):
+        setattr(cls, method.__name__, method)
+    return cls

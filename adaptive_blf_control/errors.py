@@ -5,13 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 import difflib
+import functools
 from typing import Any, TYPE_CHECKING, TypeVar
 
 from adaptive_blf_control.synonyms import same_meaning
 
 __all__ = ['GIT_LFS_POINTER', 'ArmError', 'BagError', 'BlfError', 'LogError', 'MissingExtra',
-           'ParameterError', 'SetViolation', 'TypeWithHints', 'UnknownParameter', 'close_names',
-           'nearest', 'shortened', 'shown', 'with_hints', 'without_attribute']
+           'ParameterError', 'SetViolation', 'TypeWithHints', 'UnknownParameter', 'check_open',
+           'close_names', 'close_when_made', 'nearest', 'no_array', 'shortened', 'shown',
+           'with_hints', 'without_attribute']
 
 Kind = TypeVar('Kind')
 # How the file begins that Git leaves in place of a large one that was not fetched.
@@ -85,6 +87,53 @@ def nearest(name: str, known: Iterable[str], lister: str) -> str:
         return f': it has {", ".join(names)}' if names else ''
     most = difflib.get_close_matches(name, names, _NEAREST, 0.0)
     return f': the nearest are {", ".join(most)}; {lister} lists all {len(names)}'
+
+
+def no_array(subject: object) -> TypeError:
+    """Return the error for an object of which an array was to be made, with what it has.
+
+    Only attributes that cost nothing are looked at: those of a result may be computed.
+    """
+    kind = type(subject)
+    has = [name for name in ('theta', 'nominal', 't', 'q', 'qd', 'tau', 'torque')
+           if hasattr(kind, name) or name in getattr(subject, '__dict__', ())]
+    return TypeError(f'{kind.__name__} is no array'
+                     + (f': its {", ".join(has)} {"are" if len(has) > 1 else "is"}' if has
+                        else ''))
+
+
+def check_open(subject: object, name: str) -> None:
+    """Raise AttributeError where a public attribute of an object is set that is closed.
+
+    It is called by ``__setattr__`` of a class; the class may say in ``_instead['name =']`` what
+    changes an attribute, and in ``_settable`` which may be set. See `close_when_made`.
+    """
+    if (name.startswith('_') or not getattr(subject, '_closed', False)
+            or name in getattr(subject, '_settable', ())):
+        return
+    if not hasattr(subject, name):
+        raise without_attribute(subject, name)
+    kind = type(subject)
+    raise AttributeError(f'{kind.__name__}.{name} cannot be set: ' + getattr(
+        kind, '_instead', {}).get(f'{name} =', f'make another {kind.__name__}'))
+
+
+def close_when_made(cls: type) -> None:
+    """Let the objects of a class of this package be closed once they have been made.
+
+    Those of a user's subclass stay open, and so does a dataclass, which may be frozen itself.
+    """
+    begin = vars(cls).get('__init__')
+    if begin is None or not cls.__module__.startswith('adaptive_blf_control.'):
+        return
+
+    @functools.wraps(begin)
+    def __init__(self: Any, *arguments: Any, **named: Any) -> None:
+        begin(self, *arguments, **named)
+        if type(self) is cls:
+            vars(self)['_closed'] = True
+
+    cls.__init__ = __init__  # type: ignore[misc]
 
 
 class TypeWithHints(type):

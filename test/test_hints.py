@@ -165,7 +165,8 @@ def test_an_arm_of_a_urdf_has_hints_of_its_own():
     ('regressor', r'arm\.X\(q, qd, qd, qdd\)'), ('load_config', r'simulate\(file\)'),
     ('PD', r"law='pd'"), ('load', r'load_arm\(urdf\), read_log'),
     ('gravity', r'inverse_dynamics\(arm, theta, q, 0 \* q, 0 \* q\)'),
-    ('Panda', r'load_arm\(urdf\)'), ('scenarios', r"simulate\('panda'\)")])
+    ('Panda', r'load_arm\(urdf\)'), ('scenarios', r'list_scenarios\(\)'),
+    ('robots', r'list_arms\(\)')])
 def test_what_is_not_at_the_door_is_told_where_it_is(name, hint):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}': .*{hint}"):
         getattr(door, name)
@@ -198,7 +199,10 @@ def test_a_result_is_read_by_attribute(result):
 
 
 def test_a_nominal_that_is_no_array_is_refused():
-    arm = door.TwoLinkArm()
+    class Own(door.TwoLinkArm):
+        """An arm of a user: it stays open."""
+
+    arm = Own()
     arm.nominal = [3.0, 0.2, 0.2, 5.0, 1.0]
     with pytest.raises(door.ParameterError, match=r"'nominal' is .*a numpy array of shape \(5,\)"):
         door.simulate(arm, 0.01)

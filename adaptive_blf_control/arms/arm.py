@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, Protocol, TYPE_CHECKING
+from typing import Any, NoReturn, Protocol, TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from adaptive_blf_control.arrays import (
 from adaptive_blf_control.compiled import uncompiled
 from adaptive_blf_control.errors import (
     ArmError,
+    check_open,
+    close_when_made,
+    no_array,
     ParameterError,
     shown,
     TypeWithHints,
@@ -207,13 +210,36 @@ class Arm(Protocol, metaclass=_ArmType):
         raise ArmError(f'{type(self).__name__} has no link_points: it cannot be drawn')
 
 
-class ClosedArm(Arm):
-    """Base of the arms of this package: what would have no effect cannot be set either."""
+class ClosedArm(Arm, instead={
+        **dict.fromkeys(('nominal =', 'payload_direction ='),
+                        'simulate(arm, true_parameters=[...]) moves with another theta, '
+                        'Identifier(arm, initial_estimate=[...]) begins with one'),
+        'joints =': 'they are named where the arm is made'}):
+    """Base of the arms of this package: what they are made of cannot be set, nor written to.
+
+    Limits can be set: they are looked for on any arm.
+    """
+
+    _closed = False
+    _settable = ('torque_limit', 'velocity_limit', 'position_lower', 'position_upper')
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Close the arms of a class of this package once they have been made."""
+        super().__init_subclass__(**options)
+        close_when_made(cls)
+
+    def __array__(self, *_: Any, **__: Any) -> NoReturn:
+        """Raise TypeError: NumPy would make an array of the object itself."""
+        raise no_array(self)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Set an attribute; AttributeError where another name is meant."""
+        """Set an attribute; AttributeError where the arm is made already."""
         if name in type(self)._instead:  # type: ignore[attr-defined]
             raise without_attribute(self, name)
+        check_open(self, name)
+        if isinstance(value, np.ndarray) and not name.startswith('_'):
+            value = value.copy()
+            value.setflags(write=False)
         super().__setattr__(name, value)
 
 

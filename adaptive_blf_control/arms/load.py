@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from adaptive_blf_control.arms.at_hand import list_arms
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.arms.urdf_source import UrdfSource
 from adaptive_blf_control.calls import argument_names, checked_call
@@ -28,7 +29,7 @@ def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
 
     Args:
         urdf: Path, ``package://package/path``, XML text, or what has it as ``xml``: an arm, or
-            what `Identification.urdf` returns.
+            what `Identification.urdf` returns. `list_arms` has the URDFs of installed packages.
         joints: Joint names in the order of every array; None takes every joint with one axis,
             from the base outwards. The others are locked at zero.
         viscous: Whether θ has a viscous coefficient per joint [N·m·s/rad].
@@ -52,9 +53,8 @@ def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
             raise ParameterError(name, value, 'nothing: an arm is what is known; '
                                  'simulate(arm, payload=2.0) drives one that carries a load')
         raise UnknownParameter(name, value, argument_names(load_arm))
-    if urdf in ('two_link', 'three_link') if isinstance(urdf, str) else False:
-        raise ParameterError('urdf', urdf, 'a URDF; the arms in closed form are TwoLinkArm() and '
-                             'ThreeLinkArm()')
+    if isinstance(urdf, str) and urdf.isidentifier() and urdf in (at_hand := list_arms()):
+        raise ParameterError('urdf', urdf, f'a URDF; the arm of this name is {at_hand[urdf]}')
     for name, value in (('viscous', viscous), ('coulomb', coulomb), ('offset', offset),
                         ('square_root', square_root), ('rotor_inertia', rotor_inertia)):
         if not isinstance(value, (bool, np.bool_)):

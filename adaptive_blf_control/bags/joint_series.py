@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.arrays import record
 from adaptive_blf_control.bags.row_store import RowStore
 from adaptive_blf_control.errors import BagError, with_hints
 from adaptive_blf_control.messages.joint_readers import JointKind
@@ -22,6 +23,7 @@ Messages = Iterable[tuple[int, bytes]]
 BETWEEN = 5.0  # median periods: parts that are further apart are not interpolated
 
 
+@record
 @functools.partial(with_hints, instead={
     **dict.fromkeys(('t', 'time', 'times', 'stamp'),
                     '(stamp_ns - stamp_ns[0]) * 1e-9 are seconds from the first one'),

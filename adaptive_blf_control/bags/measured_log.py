@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from adaptive_blf_control.arrays import joint_places
-from adaptive_blf_control.errors import LogError, UnknownParameter, with_hints
+from adaptive_blf_control.errors import LogError, no_array, UnknownParameter, with_hints
 from adaptive_blf_control.spelling import spelled
 
 __all__ = ['MeasuredLog']
@@ -79,6 +79,10 @@ class MeasuredLog:
     def __len__(self) -> int:
         """Return N, the number of rows."""
         return len(self.t)
+
+    def __array__(self, *_: Any, **__: Any) -> NoReturn:
+        """Raise TypeError: a log is several arrays."""
+        raise no_array(self)
 
     def __getitem__(self, key: Any) -> NoReturn:
         """Raise LogError: neither a field nor a row has a number, so that none is mistaken."""

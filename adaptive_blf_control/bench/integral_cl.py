@@ -96,5 +96,5 @@ class IntegralConcurrentLearning(SlotineLi):
         if pair is not None:
             self.stack.offer(*pair)
         return np.asarray(implicit_step(
-            theta, dt, self._gamma, 0.0, self._kh, *self._no_pair, self.stack.gram,
-            self.stack.moment, term))
+            theta, dt, self._gamma, 0.0, self._kh, *self._no_pair, self.stack.pairs.gram,
+            self.stack.pairs.moment, term))

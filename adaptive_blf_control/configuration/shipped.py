@@ -7,7 +7,9 @@ import os
 from pathlib import Path
 import sys
 
-__all__ = ['found', 'scenario', 'shipped_names']
+from adaptive_blf_control.calls import checked_call
+
+__all__ = ['found', 'list_scenarios', 'scenario', 'shipped_names']
 
 
 def scenario(name: str) -> Path:
@@ -37,5 +39,19 @@ def found(path: str | Path) -> Path:
 
 
 def shipped_names() -> list[str]:
-    """Return the names of the scenarios that `found` finds."""
-    return sorted(path.stem for path in scenario('two_link.yaml').parent.glob('*.yaml'))
+    """Return the names of the scenarios that `found` finds: files with something to drive."""
+    return sorted(path.stem for path in scenario('two_link.yaml').parent.glob('*.yaml')
+                  if 'arm_driver:' in path.read_text(encoding='utf-8'))
+
+
+@checked_call
+def list_scenarios() -> tuple[str, ...]:
+    """Return the names of the scenarios that come with the package.
+
+    ``simulate('two_link')`` runs one; it is the parameter file ``config/two_link.yaml``, whose
+    first lines say what it shows. Arms without a scenario are those of `list_arms`.
+
+    Returns:
+        Their names, in the order of the alphabet.
+    """
+    return tuple(shipped_names())

@@ -25,6 +25,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from adaptive_blf_control.arrays import record
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.errors import ParameterError, SetViolation
 from adaptive_blf_control.parameters.plugin import to_be_written
@@ -32,6 +33,7 @@ from adaptive_blf_control.parameters.plugin import to_be_written
 __all__ = ['Bounded', 'Constraint', 'Constraints', 'MarginName', 'MotionState', 'Violation']
 
 
+@record
 class MotionState(NamedTuple):
     """What a constraint looks at: one sample; arrays of shape (n,), for a run (N, n).
 
@@ -50,6 +52,7 @@ class MotionState(NamedTuple):
     bounds: Bounds
 
 
+@record
 class Bounded(NamedTuple):
     """Quantities with the bounds they have to stay strictly between; ±inf where there is none.
 

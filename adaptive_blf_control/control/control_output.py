@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.arrays import record
 from adaptive_blf_control.control.constraints import MotionState
 from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
@@ -16,6 +17,7 @@ from adaptive_blf_control.errors import with_hints
 __all__ = ['ControlOutput']
 
 
+@record
 @functools.partial(with_hints, instead={
     **dict.fromkeys(('margin', 'margins', 'distance'), 'controller.margins(output)'),
     **dict.fromkeys(('q', 'qd'), 'state has the sample: state.q and state.qd')})

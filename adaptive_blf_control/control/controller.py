@@ -285,7 +285,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         safety filter this may take 0.1 s: it is not for an arm that moves.
 
         Args:
-            q: Posture that the motion begins in, as ``start`` of the constructor, shape (n,) [rad].
+            q: Posture that the motion begins in, as ``start`` when it is made, shape (n,) [rad].
             qd: Velocity that it begins with, shape (n,) [rad/s]; at rest where None.
 
         Raises:
@@ -354,7 +354,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         return self._answers.answered(LawSample(t, q, qd, torque, point, bounds, theta))
 
     def _odd_time(self, t: float, last: float) -> float:
-        """Return the time to answer at; ``last`` is that of the sample before, NaN for none [s]."""
+        """Return the time to answer at; ``last`` is that of the last sample, NaN for none [s]."""
         if not math.isfinite(t):
             if math.isnan(last):  # the motion begins now, without a torque
                 self._memory.time[0] = last = 0.0

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from adaptive_blf_control.arrays import checked_array, checked_number, dimensions
+from adaptive_blf_control.arrays import checked_array, checked_number, dimensions, record
 from adaptive_blf_control.calls import checked_call, without_argument
 from adaptive_blf_control.compiled import cos_sin, jit, uncompiled
 from adaptive_blf_control.control.harmonics import extremes
@@ -23,6 +23,7 @@ DEEPEST = 16  # crossfades that may be under way at once
 SHORTEST = 1e-9  # of a blend time, the step of ROS time [s]
 
 
+@record
 @functools.partial(with_hints, instead={
     **dict.fromkeys(('q', 'y_d', 'yd', 'value'), 'position is y_d'),
     **dict.fromkeys(('qd', 'yd_dot', 'rate'), 'velocity is its derivative'),

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.arrays import record, same_values
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.control.reference import quintic
 from adaptive_blf_control.errors import ParameterError, SetViolation
@@ -19,7 +20,7 @@ __all__ = ['Bounds', 'GrowingBounds', 'JointInterval', 'check_inside', 'check_no
 TOLERANCE = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JointInterval:
     """An open interval per joint, lower < upper, each of shape (n,) [rad]."""
 
@@ -38,6 +39,15 @@ class JointInterval:
         if not np.all(self.lower < self.upper):
             raise ParameterError(f'{self.name}.lower', self.lower.tolist(),
                                  f'values below {self.name}.upper = {self.upper.tolist()}')
+
+    def __eq__(self, other: object) -> bool:
+        """Compare the bounds; the name only stands in messages."""
+        return isinstance(other, JointInterval) and same_values(
+            (self.lower, self.upper), (other.lower, other.upper))
+
+    def __hash__(self) -> int:
+        """Return what is equal for equal bounds."""
+        return hash((*self.lower.tolist(), *self.upper.tolist()))
 
     def margin(self, value: np.ndarray) -> np.ndarray:
         """Return the distance to the nearer bound, shape (n,) [rad]; negative outside."""
@@ -105,6 +115,7 @@ def check_no_further_out(lower: np.ndarray, upper: np.ndarray, value: np.ndarray
     check_inside(np.where(kept, -free, lower), np.where(kept, free, upper), value, joints, what)
 
 
+@record
 class Bounds(NamedTuple):
     """Performance bounds at one instant [rad] and their rates [rad/s], each of shape (n,)."""
 

@@ -36,7 +36,7 @@ __all__ = ['HistoryStack']
 class HistoryStack:
     """P pairs chosen for a large σ_min(H Hᵀ); rank and σ_min are known at every moment.
 
-    Arrays are views of :attr:`pairs`, which the next :meth:`offer` changes in place.
+    Arrays are views of :attr:`pairs`, to be read; the next :meth:`offer` changes them in place.
 
     Attributes:
         pairs: The arrays themselves, for compiled functions.
@@ -124,22 +124,22 @@ class HistoryStack:
     @property
     def regressors(self) -> np.ndarray:
         """Y_fj, shape (max(P, count), n, m), of which ``count`` are filled."""
-        return self.pairs.regressors[:max(self.size, self.count)]
+        return _to_be_read(self.pairs.regressors[:max(self.size, self.count)])
 
     @property
     def torques(self) -> np.ndarray:
         """τ_fj, shape (max(P, count), n) [N·m]."""
-        return self.pairs.torques[:max(self.size, self.count)]
+        return _to_be_read(self.pairs.torques[:max(self.size, self.count)])
 
     @property
     def gram(self) -> np.ndarray:
         """Q = Σ Y_fjᵀ Y_fj, shape (m, m)."""
-        return self.pairs.gram
+        return _to_be_read(self.pairs.gram)
 
     @property
     def moment(self) -> np.ndarray:
         """Σ Y_fjᵀ τ_fj, shape (m,)."""
-        return self.pairs.moment
+        return _to_be_read(self.pairs.moment)
 
     @property
     def count(self) -> int:
@@ -191,3 +191,10 @@ class HistoryStack:
         if not self.shrinking and not is_different(regressor, self.pairs.last, self.epsilon):
             return -1
         return int(offer(self.pairs, regressor, np.ascontiguousarray(torque, dtype=float)))
+
+
+def _to_be_read(array: np.ndarray) -> np.ndarray:
+    """Return a view that cannot be written to: the arrays belong together."""
+    view = array.view()
+    view.setflags(write=False)
+    return view

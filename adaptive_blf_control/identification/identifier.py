@@ -230,7 +230,7 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
         term = self._no_term if adaptation_term is None else checked_array(
             'adaptation_term', adaptation_term, self._no_term.shape, self.arm.parameters)
         self._parts.take(*self._checked(t, q, qd, tau), term)
-        return self.theta
+        return self._present_theta()
 
     @checked_call
     def learn(self, t: Any, q: Any = None, qd: Any = None, tau: Any = None) -> np.ndarray:
@@ -280,7 +280,7 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
             raise ParameterError('q', f'up to {largest:.4g}', 'positions in rad: no sample is '
                                  'within the limits of the arm; are they in degrees? '
                                  'np.deg2rad(q) and np.deg2rad(qd) are radians')
-        return self.theta
+        return self._present_theta()
 
     def learn_in_blocks(self, t: Any, q: Any, qd: Any, tau: Any, learning: Any = True,
                         size: int = BLOCK) -> Iterator[LearnedBlock]:

@@ -101,7 +101,7 @@ class Knowledge(Guided, instead={
         """Take the parts that learn."""
         self.arm = arm
         self._parts = parts
-        self._theta, self._theta_updates = parts.state.learner.theta.copy(), 0
+        self._theta, self._theta_updates = np.zeros(0), -1
 
     def __repr__(self) -> str:
         """Show what has been learned."""
@@ -117,11 +117,16 @@ class Knowledge(Guided, instead={
 
     @property
     def theta(self) -> np.ndarray:
-        """θ̂, shape (m,); replaced by another array with every step, never changed in place."""
+        """θ̂, shape (m,), to be read; replaced by another array with every step."""
         updates = int(self._parts.state.pair.counts[UPDATES])
         if updates != self._theta_updates:
-            self._theta, self._theta_updates = self._parts.state.learner.theta.copy(), updates
+            self._theta, self._theta_updates = self._present_theta(), updates
+            self._theta.setflags(write=False)
         return self._theta
+
+    def _present_theta(self) -> np.ndarray:
+        """Return θ̂ as an array of the caller's own, shape (m,)."""
+        return np.array(self._parts.state.learner.theta)
 
     @property
     def estimate(self) -> dict[str, float]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.arrays import checked_array, record
 from adaptive_blf_control.compiled import borrowed, by_type, jit
 from adaptive_blf_control.errors import ParameterError, with_hints
 from adaptive_blf_control.identification.update_law import advance, kept_history, KeptHistory
@@ -54,6 +54,7 @@ class Gains(Protocol):
     **dict.fromkeys(('Q', 'history', 'stack', 'pairs', 'regressors', 'torques'),
                     'gram and moment are the sums over the recorded pairs'),
     **dict.fromkeys(('dt', 'theta'), 'step is given it, beside the evidence')})
+@record
 class Evidence(NamedTuple):
     """What there is to learn from at one sample.
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.arrays import checked_number
+from adaptive_blf_control.arrays import checked_number, record
 from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.bags.row_store import row_blocks, RowStore
 from adaptive_blf_control.errors import LogError, ParameterError, with_hints
@@ -43,6 +43,7 @@ class Span(NamedTuple):
     end: float
 
 
+@record
 @functools.partial(with_hints, instead=dict.fromkeys(
     ('residual', 'residuals', 'error', 'errors'), 'measured - predicted'))
 class Prediction(NamedTuple):

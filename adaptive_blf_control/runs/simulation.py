@@ -239,7 +239,8 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
     Args:
         scenario: A parameter file, its data, an arm that is driven with the defaults of every
             parameter, or a `ClosedLoop` joined by hand. Where there is no such file,
-            ``'two_link'`` and ``'config/two_link.yaml'`` are the one that is shipped.
+            ``'two_link'`` and ``'config/two_link.yaml'`` are the one that is shipped;
+            `list_scenarios` returns their names.
         duration: Length of the run [s]; the scenario's, else 20 s, where None.
         plant: What is driven in place of the simulated arm: a plant, a class of plants, which is
             called with the driver's settings and the arm, or a name such as ``'mujoco'``.

@@ -67,6 +67,8 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
             that looks at the parts; the loop then runs no blocks.
     """
 
+    _settable = ('sample_by_sample',)
+
     @checked_call
     def __init__(self, plant: Plant, controller: Controller, identifier: Identifier | None = None,
                  period: float = 0.001, initial_estimate: Any = None, known: bool = False,
@@ -98,7 +100,7 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
         self.period = checked_finite('period', period, 'a time > 0 s', above=0.0)
         arm = controller.arm
         self._initial_estimate = (
-            self.identifier.theta if initial_estimate is None else checked_array(
+            self.identifier.theta.copy() if initial_estimate is None else checked_array(
                 'initial_estimate', initial_estimate, (arm.m,), arm.parameters))
         self._known = known
         self.sample_by_sample = False

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.arrays import checked_array
+from adaptive_blf_control.arrays import checked_array, record
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.plugin import load_plugin, made, require_call
 from adaptive_blf_control.simulation.settings import SensorSettings
@@ -32,6 +32,7 @@ __all__ = ['Encoder', 'Measurement', 'NoisyTorque', 'PerfectSensor', 'Sensor', '
 _REQUIRED = ('measure', 'position')
 
 
+@record
 class Measurement(NamedTuple):
     """Measured q [rad], q̇ [rad/s] and τ [N·m], each of shape (n,)."""
 

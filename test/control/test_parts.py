@@ -36,7 +36,7 @@ def test_a_trajectory_beyond_the_limits_of_the_reference_is_refused_with_joint_a
                             performance={'lower': -0.1, 'upper': 0.1})
     rest = np.zeros(2)
     goal = ReferencePoint(np.array([0.1, 1.0]), rest, rest)
-    controller.settings = controller.settings.replace(**{'reference.acceleration_limit': 50.0})
+    controller.retune(0.0, rest, **{'reference.acceleration_limit': 50.0})
     with pytest.raises(ParameterError, match=r"57\.74 rad/s² of joint 'joint2'"):
         way_through([(0.316227766, goal)], controller, 0.0)
     way_through([(1.0, goal)], controller, 0.0)

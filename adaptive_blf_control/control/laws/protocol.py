@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from adaptive_blf_control.arrays import record
 from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.errors import with_hints
@@ -20,6 +21,7 @@ from adaptive_blf_control.errors import with_hints
 __all__ = ['Law', 'LawAnswer', 'LawSample', 'own_estimate', 'uses_estimate']
 
 
+@record
 @functools.partial(with_hints, instead={
     **dict.fromkeys(('e1', 'e', 'error'), 'q - reference.position'),
     **dict.fromkeys(('e2', 'de', 'velocity_error'), 'qd - reference.velocity'),
@@ -48,6 +50,7 @@ class LawSample(NamedTuple):
     theta: np.ndarray
 
 
+@record
 class LawAnswer(NamedTuple):
     """What a law answers; arrays of shape (n,) unless another is given.
 
