@@ -23,6 +23,7 @@ from adaptive_blf_control.control.bounded_motion import BoundedMotion
 from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.given_parts import (
     given_part,
+    given_settings,
     Group,
     is_group,
     reference_in_arrays,
@@ -50,7 +51,7 @@ from adaptive_blf_control.control.tuned_parts import (
     TunedParts,
     with_safety,
 )
-from adaptive_blf_control.errors import ParameterError, UnknownParameter
+from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.settings import Settings
 
 __all__ = ['Controller', 'ControlOutput']
@@ -126,7 +127,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         changes.update((name, value) for name, value in groups.items() if is_group(name, value))
         if isinstance(law, str):
             changes['law'] = law
-        settings = _taken(settings, changes)
+        settings = given_settings(settings, changes)
         parts: dict[str, Any] = controller_parts(settings, arm.joints)._asdict()
         for name, value in groups.items():
             if value is not None and name not in changes:
@@ -392,10 +393,3 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         trial.lyapunov(output, theta)
         trial.margins(output)
         unwound_term(output.x, output.e2, output.wanted, output.torque)  # behind a safety filter
-
-
-def _taken(settings: ControllerSettings | None, changes: Mapping[str, Any]) -> ControllerSettings:
-    try:
-        return ControllerSettings.taken(settings, changes, of_any_arm=True)
-    except UnknownParameter as error:  # may also be meant for an argument
-        raise error.beside(('settings', 'start', 'velocity')) from None

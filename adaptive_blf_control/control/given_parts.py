@@ -10,11 +10,12 @@ import numpy as np
 
 from adaptive_blf_control.arrays import are_vectors, checked_array
 from adaptive_blf_control.control.reference import Reference, ReferencePoint
-from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.control.settings import ControllerSettings
+from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.settings import Settings
 from adaptive_blf_control.parameters.table import bounds_of
 
-__all__ = ['Group', 'given_part', 'is_group', 'reference_in_arrays']
+__all__ = ['Group', 'given_part', 'given_settings', 'is_group', 'reference_in_arrays']
 
 Group = Mapping[str, Any] | Settings | tuple[float, float]
 """The settings of a set or of the reference; a pair for the bounds of a set."""
@@ -35,6 +36,15 @@ def is_group(name: str, value: Any) -> bool:
     """Return whether a caller gave settings: a mapping, a group, or bounds as a pair."""
     return isinstance(value, (Mapping, Settings)) or (
         name != 'reference' and bounds_of(value) is not None)
+
+
+def given_settings(settings: ControllerSettings | None,
+                   changes: Mapping[str, Any]) -> ControllerSettings:
+    """Return settings with changes by name; UnknownParameter names the arguments, too."""
+    try:
+        return ControllerSettings.taken(settings, changes, of_any_arm=True)
+    except UnknownParameter as error:
+        raise error.beside(('settings', 'start', 'velocity')) from None
 
 
 def given_part(name: str, value: Any) -> Any:

@@ -30,7 +30,7 @@ from adaptive_blf_control.control.motion import groups_of, Motion
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.ramp import RAMP_STEP
 from adaptive_blf_control.control.refusal import Refusal
-from adaptive_blf_control.control.safety_filter import status_of, watched_by
+from adaptive_blf_control.control.safety_filter import watched_by
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.topics import (
     JOINT_STATES,
@@ -40,6 +40,7 @@ from adaptive_blf_control.messages.topics import (
 )
 from adaptive_blf_control.nodes.command_topic import CommandTopic
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
+from adaptive_blf_control.nodes.controller_status import ControllerStatus
 from adaptive_blf_control.nodes.estimate_input import EstimateInput, limit_of
 from adaptive_blf_control.nodes.gravity_watch import GravityWatch
 from adaptive_blf_control.nodes.handover import emptied, Handover
@@ -367,36 +368,11 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self._configured and self.commands.pushes:
             self.commands.ramp_down(self.motion.torque, 0.0, self._rate_limit())
 
-    def _awaited(self) -> str:
-        """Return what a motion waits for."""
-        ready = self.state_id == State.PRIMARY_STATE_UNCONFIGURED or self.estimates.ready
-        return ('waiting for joint states and a listener' if ready else
-                'waiting for the identifier: no estimate yet')
-
-    def _second_source(self) -> str:
-        return (self.states.heard.second_source() or self.commands.others()
-                or (self.estimates.heard.second_source() if self.estimates.wanted else ''))
-
     def status(self) -> Status:
         """Report the margins of all constraints, V and saturation."""
-        waiting = self._awaited()
         if self.state_id == State.PRIMARY_STATE_UNCONFIGURED:
             return DiagnosticStatus.WARN, 'unconfigured', {}
-        if not self.lockstep and (second := self._second_source()):
-            return DiagnosticStatus.ERROR, second, {}
-        if not self.active:
-            return DiagnosticStatus.WARN, waiting if self.wants_activation else 'inactive', {}
-        output = self.output
-        if self.motion.controller is None or output is None:
-            return DiagnosticStatus.WARN, waiting, {}
-        values = self.monitors.status(output.saturated)
-        values.update(status_of(self.motion.controller.safety_filter))
-        if self.motion.lost:
-            return DiagnosticStatus.ERROR, f'{self.motion.lost}: zero torque', values
-        if self.gravity.found:
-            return DiagnosticStatus.ERROR, self.gravity.found, values
-        if self.monitors.violations:
-            return DiagnosticStatus.ERROR, self.monitors.first_violation, values
-        if self.estimates.wanted and not self.lockstep:
-            return self.estimates.status(values)
-        return DiagnosticStatus.OK, 'running', values
+        return ControllerStatus(
+            self.motion, self.states, self.estimates, self.commands, self.monitors, self.gravity,
+        ).status(active=self.active, wants_activation=self.wants_activation,
+                 lockstep=self.lockstep)
