@@ -159,7 +159,18 @@ def with_hints(cls: type[Kind], instead: Mapping[str, str] | None = None) -> typ
 
 
 class BlfError(Exception):
-    """Root of every error this package raises on purpose."""
+    """Root of every error this package raises on purpose; any can be copied and pickled."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes the same error: its arguments are the message, not those it took."""
+        return _made_again, (type(self), self.args, vars(self))
+
+
+def _made_again(kind: type[BlfError], arguments: tuple[Any, ...],
+                attributes: Mapping[str, Any]) -> BlfError:
+    error = kind.__new__(kind, *arguments)
+    vars(error).update(attributes)
+    return error
 
 
 class ParameterError(BlfError, ValueError):

@@ -150,6 +150,22 @@ def test_an_object_in_place_of_an_array_is_told_which_is_meant():
         controller().update(0.0, ZERO, ZERO, door.Identifier(ARM))
 
 
+@pytest.mark.parametrize('error', [
+    door.ParameterError('k1', -1.0, 'more'), door.UnknownParameter('k3', 1.0, ['k1', 'k2']),
+    door.SetViolation('joint1', 2.0, 1.0, 'outside'), door.MissingExtra('pinocchio', 'urdf', 'it'),
+    door.ArmError('none')])
+@pytest.mark.parametrize('duplicate', [
+    copy.copy, copy.deepcopy, lambda given: pickle.loads(pickle.dumps(given))])
+def test_an_error_passes_from_one_process_to_another(error, duplicate):
+    other = duplicate(error)
+    assert (type(other), str(other), vars(other)) == (type(error), str(error), vars(error))
+
+
+def test_a_reference_that_is_called_without_a_time_is_told_so():
+    with pytest.raises(door.ParameterError, match="'t' is missing"):
+        controller().reference()
+
+
 def test_arms_at_hand_are_listed_with_what_makes_them():
     found = door.list_arms()
     assert found['two_link'] == 'TwoLinkArm()'

@@ -135,6 +135,7 @@ class _Trajectory(Guided, instead={
         """See `from_time`."""
         return self
 
+    @checked_call
     def __call__(self, t: Any) -> ReferencePoint:
         """Evaluate at one time or at ascending ones, shape (N,) [s]."""
         if dimensions(t) == 0:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.arrays import record
 from adaptive_blf_control.identification.determination import WEAKEST
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.pair_times import PairTimes
@@ -37,6 +38,7 @@ _ROUNDING = 1e-6
 _FREEDOM = 0.1  # least part of the equations that is taken not to have been fitted
 
 
+@record
 class Uncertainty(NamedTuple):
     """How sure an estimate from recorded pairs is.
 
