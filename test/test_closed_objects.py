@@ -41,7 +41,7 @@ def loop():
     (controller, 'settings', r'retune\(settings=\.\.\.\)'),
     (controller, 'constraints', r'retune\(constraints='),
     (lambda: door.Identifier(ARM), 'arm', 'make another Identifier'),
-    (loop, 'plant', 'make another ClosedLoop'),
+    (loop, 'arm', 'make another ClosedLoop'),
     (lambda: ARM.dynamics(ARM.nominal), 'arm', 'make another CompiledDynamics')])
 def test_what_an_object_was_made_of_cannot_be_set(subject, name, hint):
     made = subject()

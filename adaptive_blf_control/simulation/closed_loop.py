@@ -67,7 +67,7 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
             that looks at the parts; the loop then runs no blocks.
     """
 
-    _settable = ('sample_by_sample',)
+    _settable = ('sample_by_sample', 'plant', 'controller', 'identifier')
 
     @checked_call
     def __init__(self, plant: Plant, controller: Controller, identifier: Identifier | None = None,
