@@ -2,11 +2,12 @@
 """How hard all joints can brake at once, at rest, in all postures, for every θ* of a set.
 
 Braking a takes torque C a at most, C ≥ 0, in each of many postures. What is not given is shared
-out so that the joints stop on short ways from their largest velocities v: the least Σ (v_j²/a_j)²
-with C a ≤ ½ (what the arm's weight leaves). So a joint that costs little gets much and holds nobody
-back, but no joint gets more than it can use while another one needs it. The program is convex, and
-is solved by Newton's method with a logarithmic barrier, which is within r/t of the least value for
-r rows and a weight t of the objective (Boyd and Vandenberghe, Convex Optimization, 11.3).
+out so that the joints stop on short ways from their largest velocities v: the least sum of the
+(v_j²/a_j)² with C a ≤ ½ (what the arm's weight leaves). So a joint that costs little gets much and
+holds nobody back, but no joint gets more than it can use while another one needs it. The program
+is convex, and is solved by Newton's method with a logarithmic barrier, which is within r/t of the
+least value for r rows and a weight t of the objective (Boyd and Vandenberghe, Convex
+Optimization, 11.3).
 """
 
 from __future__ import annotations
