@@ -11,6 +11,7 @@ from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
@@ -66,6 +67,7 @@ class Player:
                          start_parameter_services=False)
         self.sent: dict[str, int] = {}
         self._offers: dict[str, Publisher] = {}
+        self._kinds: dict[str, type] = {}
         for topic in topics:
             self._offer(topic)
         if not self._offers:
@@ -101,6 +103,7 @@ class Player:
             self.skipped[topic] = str(error)
             return
         self.sent.setdefault(topic, 0)
+        self._kinds[topic] = kind
         self._offers[topic] = self.node.create_publisher(
             kind, topic, qos_of(self.bag.offered_qos.get(topic, ())))
 
@@ -153,9 +156,7 @@ class Player:
             self.clock.tick_until(last_ns)
             if not self.clock.wait_until(message.log_time_ns):
                 return
-            if not is_cdr(message.data):
-                raise BagError(f'{self.bag.path}: a message of {message.topic} is no CDR: first '
-                               f'bytes 0x{message.data[:4].hex()}')
+            self._check(message)
             publisher = self._offers[message.topic]
             if self.lockstep is None:
                 publisher.publish(message.data)
@@ -163,6 +164,22 @@ class Player:
                 self.lockstep.send(message.topic, publisher, message.data)
             self.sent[message.topic] += 1
             self.bag_seconds = before + (last_ns - first_ns) * 1e-9
+
+    def _check(self, message: BagMessage) -> None:
+        """Refuse bytes that are no message of the type that their topic claims.
+
+        Raises:
+            BagError: see above.
+        """
+        if not is_cdr(message.data):
+            raise BagError(f'{self.bag.path}: a message of {message.topic} is no CDR: first '
+                           f'bytes 0x{message.data[:4].hex()}')
+        try:
+            deserialize_message(message.data, self._kinds[message.topic])
+        except Exception as error:  # what rclpy raises depends on the middleware
+            raise BagError(f'{self.bag.path}: a message of {message.topic} of '
+                           f'{len(message.data)} bytes is no '
+                           f'{self.bag.topics[message.topic].type_name}') from error
 
     def _messages(self) -> Iterator[BagMessage]:
         for topic in self.sent.keys() - self._offers.keys():  # retired at the end of the last pass

@@ -254,6 +254,24 @@ def test_bytes_that_are_no_cdr_are_not_published(graph, tmp_path: Path) -> None:
     assert player.sent['/foreign'] == 0
 
 
+@pytest.mark.parametrize('data', [encode_int32(5)[:-1], encode_int32(5)[:4]])
+def test_a_message_that_is_cut_short_is_not_published(
+        graph, tmp_path: Path, data: bytes) -> None:
+    path = _foreign(tmp_path / 'x.mcap', 'cdr', 'std_msgs/msg/Int32', data)
+    player = graph_player(graph, path, wait=0.0, clock=0.0)
+    with pytest.raises(BagError, match=f'of /foreign of {len(data)} bytes is no std_msgs/msg/Int'):
+        player.play()
+    assert player.sent['/foreign'] == 0
+
+
+def test_an_integer_on_a_topic_of_joint_states_is_not_published(graph, tmp_path: Path) -> None:
+    path = _foreign(tmp_path / 'x.mcap', 'cdr', 'sensor_msgs/msg/JointState', encode_int32(5))
+    player = graph_player(graph, path, wait=0.0, clock=0.0)
+    with pytest.raises(BagError, match='of 8 bytes is no sensor_msgs/msg/JointState'):
+        player.play()
+    assert player.sent['/foreign'] == 0
+
+
 def test_messages_compressed_one_by_one_are_published_unpacked(
         graph, wait_until: Callable, tmp_path: Path) -> None:
     zstandard = pytest.importorskip('zstandard')
