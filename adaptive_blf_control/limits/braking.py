@@ -13,19 +13,23 @@ Optimization, 11.3).
 from __future__ import annotations
 
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.regressors import arrays_of, law_regressor
+from adaptive_blf_control.arrays import same_values
 from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.limits.parameter_set import ParameterSet
+from adaptive_blf_control.limits.prior import Prior
 
 __all__ = ['checked_braking', 'Resting', 'shortest_stops']
 
 POSTURES = 300
 SHARE = 0.5  # of the torque that gravity leaves in each posture
+_ANSWERS: WeakKeyDictionary[Arm, tuple[tuple[Any, ...], np.ndarray]] = WeakKeyDictionary()
+"""What was asked last of each arm, and the answer: it takes longer than a motion may to begin."""
 CLOSE = 0.01  # part by which the sum may be above its least value
 NEWTON_STEPS = 100
 
@@ -35,13 +39,13 @@ class Resting(NamedTuple):
 
     Attributes:
         arm: The arm.
-        parameters: The set that θ* is in.
+        prior: The set that θ* is in.
         unexplained: Torque that no θ explains, shape (n,) [N·m].
         limit: Largest torque, shape (n,) [N·m].
     """
 
     arm: Arm
-    parameters: ParameterSet
+    prior: Prior
     unexplained: np.ndarray
     limit: np.ndarray
 
@@ -55,7 +59,7 @@ class Resting(NamedTuple):
             Shapes (P, n) and (P, n, n) [N·m].
         """
         rows = _rows_at_rest(arrays_of(self.arm), postures)
-        largest = np.abs(rows @ self.parameters.centre) + self.parameters.support(
+        largest = np.abs(rows @ self.prior.centre) + self.prior.support(
             rows.reshape(-1, rows.shape[-1])).reshape(rows.shape[:-1])
         return (self.limit - largest[:, 0] - self.unexplained,
                 np.swapaxes(largest[:, 1:], 1, 2))
@@ -93,6 +97,15 @@ def checked_braking(resting: Resting, braking: np.ndarray, speed: np.ndarray, lo
         ParameterError: the torque does not allow it, with the posture: one of random postures of
             the safety set, the same ones each time.
     """
+    asked = (*resting[1:], braking, speed, lower, upper)
+    before = _ANSWERS.get(resting.arm)
+    if before is None or not same_values(asked, before[0]):
+        before = _ANSWERS[resting.arm] = asked, _derived(resting, braking, speed, lower, upper)
+    return before[1].copy()
+
+
+def _derived(resting: Resting, braking: np.ndarray, speed: np.ndarray, lower: np.ndarray,
+             upper: np.ndarray) -> np.ndarray:
     reach = np.clip(np.array([lower, upper]), -np.pi, np.pi)
     postures = np.random.default_rng(0).uniform(reach[0], reach[1], (POSTURES, lower.size))
     left, cost = resting.shares(postures)
@@ -106,7 +119,7 @@ def checked_braking(resting: Resting, braking: np.ndarray, speed: np.ndarray, lo
                                            SHARE * rest.reshape(-1), speed[free])
     _refuse(left - cost @ braking, postures, 'limits.braking', braking,
             'braking that the torque limit allows')
-    return braking.copy()
+    return braking
 
 
 def shortest_stops(cost: np.ndarray, budget: np.ndarray, speed: np.ndarray) -> np.ndarray:

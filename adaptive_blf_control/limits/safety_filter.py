@@ -98,7 +98,7 @@ class LimitsFilter:
         limits, safety = settings.limits, settings.safety
         speed = _speed(self._arm, limits.velocity)
         braking = checked_braking(
-            Resting(self._arm, self.parameter_set, limits.prior.unexplained,
+            Resting(self._arm, self.parameter_set.prior, limits.prior.unexplained,
                     settings.torque_limit), limits.braking, speed, safety.lower, safety.upper)
         self.limits = JointLimits(safety.lower.copy(), safety.upper.copy(), speed, braking)
         scene = self._scene = scene_of(self._arm, limits)

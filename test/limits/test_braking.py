@@ -5,8 +5,12 @@ from __future__ import annotations
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
+import pytest
 
-from adaptive_blf_control.limits.braking import CLOSE, shortest_stops
+from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.limits import braking as module
+from adaptive_blf_control.limits.braking import checked_braking, CLOSE, Resting, shortest_stops
+from adaptive_blf_control.limits.prior import prior_of
 
 
 @given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 60), n=st.integers(1, 7))
@@ -30,3 +34,26 @@ def test_a_joint_that_costs_little_gets_much_and_holds_nobody_back():
     first, second = shortest_stops(cost, np.ones(2), np.ones(2))
     np.testing.assert_allclose(first, 1.0, rtol=0.02)
     assert 10.0 < second < 200.0  # of 1000 that it could have alone
+
+
+@pytest.mark.parametrize('place', range(6))
+def test_what_was_asked_last_is_not_derived_again_and_anything_else_is(monkeypatch, place):
+    """It takes too long for a motion that has to begin, or for a live change of obstacles."""
+    arm, derived = TwoLinkArm(), []
+    monkeypatch.setattr(module, 'shortest_stops', lambda *given: derived.append(
+        shortest_stops(*given)) or derived[-1])
+    asked = [np.full(2, 0.1), np.full(2, 50.0), np.array([0.0, 0.0]), np.full(2, 2.0),
+             np.full(2, -1.0), np.full(2, 1.0)]
+
+    def answer() -> np.ndarray:
+        return checked_braking(Resting(arm, prior_of(arm), *asked[:2]), *asked[2:])
+
+    first = answer()
+    first[:] = 0.0  # the caller's own
+    assert (answer() > 0.0).all()
+    assert len(derived) == 1
+    asked[place] = asked[place] + [0.0, 0.1]
+    second = answer()
+    assert len(derived) == 2
+    np.testing.assert_array_equal(answer(), second)
+    assert len(derived) == 2
