@@ -38,6 +38,8 @@ _ALONE = {f'{_LIMITS}.govern': False}
 _FREE = {f'{_LIMITS}.obstacles.spheres': [0.0], f'{_LIMITS}.obstacles.half_spaces': [0.0]}
 _PUSH = {'arm_driver.schedule.time': [3.0, 3.0, 3.0, 3.25, 3.25, 3.25],
          'arm_driver.schedule.value': [0.0, 25.0, 25.0, 0.0, 0.0, 0.0]}
+_RULES: Mapping[str, Mapping[str, Any]] = {
+    '': {}, ', short stops': {f'{_LIMITS}.braking_rule': 'short_stops'}}
 _PUSHED = {'Panda': 'panda_link4', 'UR10': 'forearm_link'}
 _TABLE = {'Panda': 0.2, 'UR10': 0.0}
 _BOTH = 'governor and filter'
@@ -122,8 +124,12 @@ def _arm_cases(arm: str, seeds: tuple[int, ...]) -> Iterator[Case]:
         if speed < 3.0 and there is not _FREE:
             yield Case(name, arm, _BOTH, _always(there), speed, 'mujoco')
     for error, payload in ((0.2, 1.0), (0.3, 3.0)):
-        yield Case(f'x 2, prior of {100 * error:.0f} % and {payload:g} kg, which it carries',
-                   arm, _BOTH, _always(_FREE, _heavy(error, payload)), 2.0, tight=True)
+        for words, rule in _RULES.items():
+            yield Case(
+                f'x 2, prior of {100 * error:.0f} % and {payload:g} kg, which it carries{words}',
+                arm, _BOTH, _always(_FREE, _heavy(error, payload), rule), 2.0, tight=True)
+    yield Case('x 1, sphere and table, push of 25 N m for 0.25 s, short stops', arm, _BOTH,
+               _always(_push(arm), _RULES[', short stops']))
     for law, changes in (('law alone', NO_FILTER), (_BOTH, {})):
         yield Case('x 1, sphere and table, push of 25 N m for 0.25 s', arm, law,
                    _always(_push(arm), changes))
@@ -139,8 +145,9 @@ def _delay_cases() -> Iterator[Case]:
                                 f'{_LIMITS}.period': 0.0}
     yield Case('x 1, sphere and table, push of 25 N m for 0.25 s, no delay, held for 1 ms',
                'Panda', _BOTH, _always(_push('Panda'), exact))
-    yield Case('x 2, prior of 30 % and 3 kg, which it carries, no delay, held for 1 ms', 'Panda',
-               _BOTH, _always(_FREE, exact, _heavy(0.3, 3.0)), 2.0, tight=True)
+    for words, rule in _RULES.items():
+        yield Case(f'x 2, prior of 30 % and 3 kg, which it carries, no delay, held for 1 ms{words}',
+                   'Panda', _BOTH, _always(_FREE, exact, _heavy(0.3, 3.0), rule), 2.0, tight=True)
     late = {'arm_driver.actuator.jitter': 0.001}
     for stated, told in (('1 ms', late), ('none', {**late, 'controller.loop.delay': 0.0})):
         yield Case(f'x 1, sphere and table, delay of 1 to 2 ms, {stated} stated', 'Panda', _BOTH,

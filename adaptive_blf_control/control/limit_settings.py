@@ -94,6 +94,11 @@ class LimitSettings(Settings, where='controller.limits'):
     braking: np.ndarray = parameter(
         [0.0], 'How hard each joint can brake at any time; 0 takes what the torque limits allow '
         'in all postures at rest.', 'rad/s^2', 0.0, length='joints', live=True)
+    braking_rule: str = parameter(
+        'equal', 'How braking is derived: equal: of every joint the same part of what its torque '
+        'limit allows; short_stops: the shortest ways on which the joints stop from their largest '
+        'velocities, for arms whose wrist has little torque left.',
+        choices=('equal', 'short_stops'), live=True)
     period: float = parameter(
         0.0, 'Longest time that a torque is held; 0: the period of loop.rate.', 's', 0.0)
     govern: bool = parameter(

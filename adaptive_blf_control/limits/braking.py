@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """How hard all joints can brake at once, at rest, in all postures, for every θ* of a set.
 
-Braking a takes torque C a at most, C ≥ 0, in each of many postures. What is not given is shared
-out so that the joints stop on short ways from their largest velocities v: the least sum of the
-(v_j²/a_j)² with C a ≤ ½ (what the arm's weight leaves). So a joint that costs little gets much and
-holds nobody back, but no joint gets more than it can use while another one needs it. The program
-is convex, and is solved by Newton's method with a logarithmic barrier, which is within r/t of the
-least value for r rows and a weight t of the objective (Boyd and Vandenberghe, Convex
-Optimization, 11.3).
+Braking a takes torque C a at most, C ≥ 0, in each of many postures, and C a ≤ b is to hold with b
+half of what the arm's weight leaves. What is not given follows one of two rules:
+
+* ``equal``: a ∝ u, with u what the torque limit of each joint could do if all moved alike;
+* ``short_stops``: the least Σ (v_j²/a_j)², so that the joints stop on short ways from their
+  largest velocities v. A joint that costs little torque gets much and holds nobody back, but no
+  joint gets more than it can use while another one needs it. The program is convex, and is solved
+  by Newton's method with a logarithmic barrier, which is within r/t of the least value for r rows
+  and a weight t of the objective (Boyd and Vandenberghe, Convex Optimization, 11.3).
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from adaptive_blf_control.compiled import jit
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.limits.prior import Prior
 
-__all__ = ['checked_braking', 'Resting', 'shortest_stops']
+__all__ = ['Asked', 'checked_braking', 'Resting', 'shortest_stops']
 
 POSTURES = 300
 SHARE = 0.5  # of the torque that gravity leaves in each posture
@@ -81,42 +83,54 @@ def _rows_at_rest(arm: Any, postures: np.ndarray) -> np.ndarray:
     return rows
 
 
-def checked_braking(resting: Resting, braking: np.ndarray, speed: np.ndarray, lower: np.ndarray,
-                    upper: np.ndarray) -> np.ndarray:
-    """Return the braking, derived where none is given, shape (n,) [rad/s²].
+class Asked(NamedTuple):
+    """What braking is asked for; arrays of shape (n,).
 
-    Args:
-        resting: The arm.
-        braking: As given, shape (n,); 0: what half of the torque that gravity, and the braking
-            that is given, leave in every posture allows.
-        speed: Largest velocities, shape (n,) [rad/s].
-        lower: Safety set, shape (n,) [rad].
+    Attributes:
+        braking: As given [rad/s²]; 0: to be derived.
+        rule: ``equal`` or ``short_stops``, see above.
+        speed: Largest velocities [rad/s].
+        lower: Safety set [rad].
         upper: Likewise.
+    """
+
+    braking: np.ndarray
+    rule: str
+    speed: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+
+def checked_braking(resting: Resting, asked: Asked) -> np.ndarray:
+    """Return the braking, derived where none is given, shape (n,) [rad/s²].
 
     Raises:
         ParameterError: the torque does not allow it, with the posture: one of random postures of
             the safety set, the same ones each time.
     """
-    asked = (*resting[1:], braking, speed, lower, upper)
+    question = (*resting[1:], *asked)
     before = _ANSWERS.get(resting.arm)
-    if before is None or not same_values(asked, before[0]):
-        before = _ANSWERS[resting.arm] = asked, _derived(resting, braking, speed, lower, upper)
+    if before is None or not same_values(question, before[0]):
+        before = _ANSWERS[resting.arm] = question, _derived(resting, asked)
     return before[1].copy()
 
 
-def _derived(resting: Resting, braking: np.ndarray, speed: np.ndarray, lower: np.ndarray,
-             upper: np.ndarray) -> np.ndarray:
-    reach = np.clip(np.array([lower, upper]), -np.pi, np.pi)
-    postures = np.random.default_rng(0).uniform(reach[0], reach[1], (POSTURES, lower.size))
+def _derived(resting: Resting, asked: Asked) -> np.ndarray:
+    reach = np.clip(np.array([asked.lower, asked.upper]), -np.pi, np.pi)
+    postures = np.random.default_rng(0).uniform(reach[0], reach[1], (POSTURES, reach.shape[1]))
     left, cost = resting.shares(postures)
     _refuse(left, postures, 'torque_limit', resting.limit, 'at least what holds the arm')
-    free = ~(braking > 0.0)
-    if free.any():
-        braking = np.where(free, 0.0, braking)
-        rest = left - cost @ braking
-        if (rest > 0.0).all():
-            braking[free] = shortest_stops(cost.reshape(-1, free.size)[:, free],
-                                           SHARE * rest.reshape(-1), speed[free])
+    braking, free = asked.braking.copy(), ~(asked.braking > 0.0)
+    braking[free] = 0.0
+    rest = left - cost @ braking
+    if free.any() and (rest > 0.0).all():
+        own = cost[:, :, free]
+        if asked.rule == 'equal':
+            unit = resting.limit[free] / own.sum(axis=2).max(axis=0)[free]
+            braking[free] = SHARE * float((rest / (own @ unit)).min()) * unit
+        else:
+            braking[free] = shortest_stops(own.reshape(-1, own.shape[2]), SHARE * rest.reshape(-1),
+                                           asked.speed[free])
     _refuse(left - cost @ braking, postures, 'limits.braking', braking,
             'braking that the torque limit allows')
     return braking

@@ -18,7 +18,7 @@ from adaptive_blf_control.control.safety_filter import FilterSample
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.limits.acceleration_error import Model, no_posture
-from adaptive_blf_control.limits.braking import checked_braking, Resting
+from adaptive_blf_control.limits.braking import Asked, checked_braking, Resting
 from adaptive_blf_control.limits.filter_look import (
     FilterParts,
     JointLimits,
@@ -99,7 +99,8 @@ class LimitsFilter:
         speed = _speed(self._arm, limits.velocity)
         braking = checked_braking(
             Resting(self._arm, self.parameter_set.prior, limits.prior.unexplained,
-                    settings.torque_limit), limits.braking, speed, safety.lower, safety.upper)
+                    settings.torque_limit),
+            Asked(limits.braking, limits.braking_rule, speed, safety.lower, safety.upper))
         self.limits = JointLimits(safety.lower.copy(), safety.upper.copy(), speed, braking)
         scene = self._scene = scene_of(self._arm, limits)
         self._shown = None

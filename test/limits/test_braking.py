@@ -9,7 +9,13 @@ import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.limits import braking as module
-from adaptive_blf_control.limits.braking import checked_braking, CLOSE, Resting, shortest_stops
+from adaptive_blf_control.limits.braking import (
+    Asked,
+    checked_braking,
+    CLOSE,
+    Resting,
+    shortest_stops,
+)
 from adaptive_blf_control.limits.prior import prior_of
 
 
@@ -46,7 +52,8 @@ def test_what_was_asked_last_is_not_derived_again_and_anything_else_is(monkeypat
              np.full(2, -1.0), np.full(2, 1.0)]
 
     def answer() -> np.ndarray:
-        return checked_braking(Resting(arm, prior_of(arm), *asked[:2]), *asked[2:])
+        return checked_braking(Resting(arm, prior_of(arm), *asked[:2]),
+                               Asked(asked[2], 'short_stops', *asked[3:]))
 
     first = answer()
     first[:] = 0.0  # the caller's own
@@ -57,3 +64,17 @@ def test_what_was_asked_last_is_not_derived_again_and_anything_else_is(monkeypat
     assert len(derived) == 2
     np.testing.assert_array_equal(answer(), second)
     assert len(derived) == 2
+
+
+def test_with_equal_parts_every_joint_brakes_with_the_same_part_of_its_torque_limit():
+    """Twice the torque limit of both doubles it; with short stops the lighter joint gets more."""
+    arm = TwoLinkArm()
+
+    def braking(rule: str, limit: float) -> np.ndarray:
+        return checked_braking(
+            Resting(arm, prior_of(arm), np.full(2, 1e-9), limit * np.array([40.0, 10.0])),
+            Asked(np.zeros(2), rule, np.full(2, 2.0), np.full(2, -1.0), np.full(2, 1.0)))
+
+    equal, stops = braking('equal', 1.0), braking('short_stops', 1.0)
+    np.testing.assert_allclose(braking('equal', 2.0), 2.0 * equal)
+    assert (1.0 / stops ** 2).sum() < (1.0 / equal ** 2).sum()
