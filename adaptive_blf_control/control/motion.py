@@ -181,7 +181,7 @@ class Motion:
     def begins_quickly(self) -> bool:
         """Whether there is a motion that can begin again between two samples.
 
-        Some milliseconds; a safety filter takes 0.1 s to make, in which the arm is left alone.
+        A safety filter takes 10 ms and more to make, in which the arm is left alone.
         """
         return self.controller is not None and self.controller.safety_filter is None
 
