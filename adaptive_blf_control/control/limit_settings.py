@@ -97,7 +97,8 @@ class LimitSettings(Settings, where='controller.limits'):
     braking_rule: str = parameter(
         'equal', 'How braking is derived: equal: of every joint the same part of what its torque '
         'limit allows; short_stops: the shortest ways on which the joints stop from their largest '
-        'velocities, for arms whose wrist has little torque left.',
+        'velocities, for arms whose wrist has little torque left; the governor then leads the arm '
+        'slowly through postures that leave little torque, where it else stops.',
         choices=('equal', 'short_stops'), live=True)
     period: float = parameter(
         0.0, 'Longest time that a torque is held; 0: the period of loop.rate.', 's', 0.0)

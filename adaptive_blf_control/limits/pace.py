@@ -47,8 +47,18 @@ class Pace:
     """
 
     def __init__(self, arm: Arm, parameters: ParameterSet, speed: np.ndarray,
-                 torque: np.ndarray) -> None:
-        """Take the arm with its set, largest velocities and torques, each (n,)."""
+                 torque: np.ndarray, *, slowly: bool = True) -> None:
+        """Take the arm.
+
+        Args:
+            arm: The arm.
+            parameters: Its set.
+            speed: Largest velocities, shape (n,) [rad/s].
+            torque: Largest torques, shape (n,) [N·m].
+            slowly: Whether D may be less than 2/s; else a posture that leaves no torque for that
+                is not passed.
+        """
+        self._share, self._least = (SHARE, LEAST_CHANGE) if slowly else (1.0, CHANGE)
         self._arm, self._parameters = arm, parameters
         self._speed, self._torque = SPEED_PART * speed, TORQUE_PART * torque
         self.time, self.rate, self.change = 0.0, 1.0, 0.0
@@ -112,8 +122,8 @@ class Pace:
         still = self._arm.X(y, rest, rest, rest)
         faster = self._most(self._arm.X(y, rest, rest, slope) - still)
         left = float(((self._torque - self._most(still)) / np.maximum(faster, 1e-9)).min())
-        most = min(CHANGE, SHARE * left)
-        if most < LEAST_CHANGE:
+        most = min(CHANGE, self._share * left)
+        if most < self._least:
             return 0.0, CHANGE
         change = most * faster
 

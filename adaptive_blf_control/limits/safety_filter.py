@@ -125,7 +125,8 @@ class LimitsFilter:
             lower=safety.lower - performance.lower, upper=safety.upper - performance.upper,
             speed=SPEED_PART * self.limits.speed)
         return Governor(
-            Pace(self._arm, self.parameter_set, self.limits.speed, settings.torque_limit),
+            Pace(self._arm, self.parameter_set, self.limits.speed, settings.torque_limit,
+                 slowly=settings.limits.braking_rule == 'short_stops'),
             self._parts.value._replace(scene=handle(self._wider(scene)), limits=narrow),
             self._period)
 
