@@ -48,6 +48,7 @@ class BoundedMotion(Guided, instead={
         self.arm = arm
         self._n = (arm.n,)
         self._path_time = 0.0
+        self._judged: tuple[ControlOutput, np.ndarray] | None = None
 
     def _use(self, tuned: TunedParts, sets: MotionSets) -> None:
         """Take what follows from the settings, and the sets that were checked with it."""
@@ -56,6 +57,8 @@ class BoundedMotion(Guided, instead={
                                    PerformanceConstraint(joints),
                                    *getattr(tuned.safety_filter, 'constraints', ()),
                                    *tuned.constraints], joints)
+        self._judged = None  # the last sample with its margins to the two sets
+        self._sets_alone = len(constraints.parts) == 2
         # Not as attributes are set: there these names are refused, see `Guided`.
         vars(self).update(settings=tuned.settings, safety=sets.safety,
                           performance=sets.performance, reference=sets.reference,
@@ -108,6 +111,9 @@ class BoundedMotion(Guided, instead={
         body, constraint and unit of each: ``dict(zip(map(str, controller.constraints.names),
         controller.margins(output)))``.
         """
+        judged = self._judged
+        if judged is not None and output is judged[0] and self._sets_alone:
+            return judged[1].copy()
         return self.constraints.margins(output.state)
 
     @checked_call

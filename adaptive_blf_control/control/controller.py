@@ -168,6 +168,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         other._tuned = self._tuned._replace(safety_filter=own)
         vars(other)['safety_filter'] = own
         other._answers = LimitedLaw(self.arm, other._tuned, other._memory)
+        other._judged = None
         return other
 
     def _take(self, tuned: TunedParts, sets: MotionSets) -> None:
@@ -351,6 +352,10 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
             point, bounds = self._governed(self.safety_filter, t, q)
             return self._answers.filtered(
                 self.safety_filter, LawSample(t, q, qd, torque, point, bounds, theta))
+        usual = self._answers.usual(t, self.reference, self._bounds, self.safety)
+        if usual is not None:
+            self._judged = usual.answered(t, q, qd, theta)
+            return self._judged[0]
         point, bounds = self.reference.at(t), self._bounds.at(t)
         return self._answers.answered(LawSample(t, q, qd, torque, point, bounds, theta))
 
@@ -388,7 +393,8 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
                            SmoothStart(from_time(self.reference, np.inf), 1.0, start),
                            given.law if isinstance(given.law, type) else None,
                            given.constraints)
-        for t in (0.5, 0.501):  # what leads a reference begins with the second sample
+        # What leads a reference begins with the second sample, the usual samples with the last.
+        for t in (0.5, 0.501, 1.0):
             output = trial.update(t, start, np.zeros(self.arm.n), theta)
         trial.lyapunov(output, theta)
         trial.margins(output)

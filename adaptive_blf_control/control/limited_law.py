@@ -15,7 +15,9 @@ from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.law import limited_answer, unwound_term
 from adaptive_blf_control.control.laws.ablf import AblfLaw
 from adaptive_blf_control.control.laws.protocol import LawSample
+from adaptive_blf_control.control.reference import Reference
 from adaptive_blf_control.control.safety_filter import FilterSample, SafetyFilter
+from adaptive_blf_control.control.sets import GrowingBounds, JointInterval
 from adaptive_blf_control.control.step import (
     answer_sample,
     ControllerArrays,
@@ -23,6 +25,7 @@ from adaptive_blf_control.control.step import (
     Memory,
 )
 from adaptive_blf_control.control.tuned_parts import TunedParts
+from adaptive_blf_control.control.usual_sample import sinusoids_at, UsualSamples
 
 __all__ = ['LimitedLaw']
 
@@ -51,10 +54,24 @@ class LimitedLaw:
         self.arrays = None if arrays is None or type(self._law) is not AblfLaw else (
             ControllerArrays(arrays, self._law.gains, self._limit, self._rate_limit, memory))
         self._handle: Any = None  # of the arrays, made with the first sample
+        self._usual: UsualSamples | None = None  # likewise
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a deep copy or a pickle takes: all but the handle, which it makes again."""
-        return {**self.__dict__, '_handle': None}
+        """Return what a deep copy or a pickle takes: all but the handles, which it makes again."""
+        return {**self.__dict__, '_handle': None, '_usual': None}
+
+    def usual(self, t: float, reference: Reference, bounds: GrowingBounds,
+              safety: JointInterval) -> UsualSamples | None:
+        """Return what answers a sample at ``t`` [s] in one call; None where it takes several."""
+        resting = bounds.resting(t)
+        if resting is None or self.arrays is None:
+            return None
+        sinusoids = sinusoids_at(reference, t)
+        if sinusoids is None:
+            return None
+        if self._usual is None or not self._usual.fits(sinusoids, resting):
+            self._usual = UsualSamples(self.arrays, sinusoids, resting, safety)
+        return self._usual
 
     def answered(self, sample: LawSample) -> ControlOutput:
         """Answer a sample within the limits."""

@@ -10,13 +10,14 @@ import numpy as np
 
 from adaptive_blf_control.arrays import checked_array, checked_number, dimensions, record
 from adaptive_blf_control.calls import checked_call, without_argument
-from adaptive_blf_control.compiled import cos_sin, jit, uncompiled
+from adaptive_blf_control.compiled import borrowed, cos_sin, Handle, handle, jit, uncompiled
 from adaptive_blf_control.control.harmonics import extremes
 from adaptive_blf_control.errors import ParameterError, with_hints
 from adaptive_blf_control.parameters.guided import Guided
 
-__all__ = ['Crossfade', 'Posture', 'Reference', 'ReferencePoint', 'SmoothStart', 'SumOfSinusoids',
-           'along', 'from_time', 'full_range', 'hull', 'quintic']
+__all__ = ['Crossfade', 'Posture', 'Reference', 'ReferencePoint', 'Sinusoids', 'SmoothStart',
+           'SumOfSinusoids', 'along', 'from_time', 'full_range', 'hull', 'quintic',
+           'write_sinusoids']
 
 Range = tuple[np.ndarray, np.ndarray]
 DEEPEST = 16  # crossfades that may be under way at once
@@ -51,29 +52,43 @@ class Reference(Protocol):
         ...
 
 
-@jit
-def _sinusoids(t: float, offset: np.ndarray, amplitude: np.ndarray, frequency: np.ndarray,
-               phase: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    y, yd, ydd = np.empty_like(offset), np.empty_like(offset), np.empty_like(offset)
-    _write_sinusoids(y, yd, ydd, t, offset, amplitude, frequency, phase)
-    return y, yd, ydd
+class Sinusoids(NamedTuple):
+    """y_d,i(t) = offset_i + Σ_k amplitude_ik sin(frequency_ik t + phase_ik), as arrays.
+
+    Attributes:
+        offset: Shape (n,) [rad].
+        amplitude: Shape (n, terms) [rad].
+        frequency: Likewise [rad/s].
+        phase: Likewise [rad].
+    """
+
+    offset: np.ndarray
+    amplitude: np.ndarray
+    frequency: np.ndarray
+    phase: np.ndarray
 
 
 @jit
-def _sinusoids_along(times: np.ndarray, offset: np.ndarray, amplitude: np.ndarray,
-                     frequency: np.ndarray, phase: np.ndarray,
-                     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    shape = (times.size, offset.size)
-    y, yd, ydd = np.empty(shape), np.empty(shape), np.empty(shape)
+def _fill_point(rows: np.ndarray, t: float, sinusoids: Handle) -> None:
+    """Fill y_d with two derivatives, shape (3, n): an array that is returned takes longer."""
+    write_sinusoids(ReferencePoint(rows[0], rows[1], rows[2]), t, sinusoids.value)
+
+
+@jit
+def _fill_points(rows: np.ndarray, times: np.ndarray, sinusoids: Handle) -> None:
+    """Fill y_d with two derivatives at N times, shape (3, N, n)."""
     for k in range(times.size):
-        _write_sinusoids(y[k], yd[k], ydd[k], times[k], offset, amplitude, frequency, phase)
-    return y, yd, ydd
+        write_sinusoids(ReferencePoint(rows[0, k], rows[1, k], rows[2, k]), times[k],
+                        sinusoids.value)
 
 
 @jit
-def _write_sinusoids(position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray,
-                     t: float, offset: np.ndarray, amplitude: np.ndarray, frequency: np.ndarray,
-                     phase: np.ndarray) -> None:
+def write_sinusoids(point: ReferencePoint, t: float, sinusoids: Sinusoids) -> None:
+    """Write y_d at ``t`` [s] with two derivatives into the arrays of ``point``, shape (n,)."""
+    point, sinusoids = borrowed(point), borrowed(sinusoids)
+    position, velocity, acceleration = point.position, point.velocity, point.acceleration
+    offset, amplitude = sinusoids.offset, sinusoids.amplitude
+    frequency, phase = sinusoids.frequency, sinusoids.phase
     for i in range(offset.size):
         y, yd, ydd = 0.0, 0.0, 0.0
         for j in range(amplitude.shape[1]):
@@ -179,6 +194,21 @@ class SumOfSinusoids(_Trajectory):
             checked_array(name, [value] if shape[0] == 1 and dimensions(value) == 1 else value,
                           shape).copy()
             for name, value in (('reference.frequency', frequency), ('reference.phase', phase)))
+        self._handle = handle(self.arrays)
+
+    @property
+    def arrays(self) -> Sinusoids:
+        """The sinusoids as compiled functions take them."""
+        return Sinusoids(self._offset, self._amplitude, self._frequency, self._phase)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy or a pickle takes: all but the handle, which it makes again."""
+        return {name: value for name, value in vars(self).items() if name != '_handle'}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take what `__getstate__` returned."""
+        vars(self).update(state)
+        vars(self)['_handle'] = handle(self.arrays)
 
     def __repr__(self) -> str:
         """Show the number of joints and sinusoids, and the range."""
@@ -191,13 +221,15 @@ class SumOfSinusoids(_Trajectory):
         """Evaluate at ``t`` [s]."""
         if not isinstance(t, (float, int)):
             t = checked_number('t', t)
-        return ReferencePoint(
-            *_sinusoids(t, self._offset, self._amplitude, self._frequency, self._phase))
+        rows = np.empty((3, self._offset.size))
+        _fill_point(rows, t, self._handle)
+        return ReferencePoint(*rows)
 
     def along(self, times: np.ndarray) -> ReferencePoint:
         """See `along`."""
-        return ReferencePoint(*_sinusoids_along(times, self._offset, self._amplitude,
-                                                self._frequency, self._phase))
+        rows = np.empty((3, times.size, self._offset.size))
+        _fill_points(rows, times, self._handle)
+        return ReferencePoint(*rows)
 
     def range(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the range that is never left: offset ∓ Σ |amplitude|, or less (`extremes`)."""

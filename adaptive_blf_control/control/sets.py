@@ -161,6 +161,10 @@ class GrowingBounds:
             return self._end
         return Bounds(*_grown(t, self._duration, *self._start, *self._end[:2]))
 
+    def resting(self, t: float) -> Bounds | None:
+        """Return the bounds that stay from ``t`` [s] on, always the same; None while they grow."""
+        return self._end if t >= self._duration else None
+
     def along(self, times: np.ndarray) -> Bounds:
         """Evaluate at N times, (N,) [s]; the arrays have shape (N, n)."""
         rows = Bounds(*(np.tile(each, (times.size, 1)) for each in self._end))

@@ -133,22 +133,17 @@ class JointStateCodec:
         except struct.error as exc:
             raise BagError(f'stamp {stamp_ns!r} ns: expected whole nanoseconds below 2**31 s'
                            ) from exc
-        position_view, velocity_view, effort_view = self._views
-        self._patch(position_view, position, 'position')
-        self._patch(velocity_view, velocity, 'velocity')
-        self._patch(effort_view, effort, 'effort')
+        for field, view, values in zip(FIELDS, self._views, (position, velocity, effort)):
+            expected = 0 if view is None else len(self.names)
+            if len(values) != expected:
+                raise BagError(f'JointState.{field} has {len(values)} values: expected {expected}')
+            if view is not None:
+                try:
+                    view[:] = values
+                except (ValueError, TypeError) as exc:
+                    raise BagError(
+                        f'JointState.{field}: {exc}: expected {expected} numbers') from exc
         return bytes(self._buffer)
-
-    def _patch(self, view: np.ndarray | None, values: Sequence[float] | np.ndarray,
-               field: str) -> None:
-        expected = 0 if view is None else len(self.names)
-        if len(values) != expected:
-            raise BagError(f'JointState.{field} has {len(values)} values: expected {expected}')
-        if view is not None:
-            try:
-                view[:] = values
-            except (ValueError, TypeError) as exc:
-                raise BagError(f'JointState.{field}: {exc}: expected {expected} numbers') from exc
 
 
 def refuse_duplicates(names: tuple[str, ...], where: str) -> None:
