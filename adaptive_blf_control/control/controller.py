@@ -354,8 +354,9 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
                 self.safety_filter, LawSample(t, q, qd, torque, point, bounds, theta))
         usual = self._answers.usual(t, self.reference, self._bounds, self.safety)
         if usual is not None:
-            self._judged = usual.answered(t, q, qd, theta)
-            return self._judged[0]
+            output = usual.answered(t, q, qd, theta)
+            self._judged = output, usual.margins
+            return output
         point, bounds = self.reference.at(t), self._bounds.at(t)
         return self._answers.answered(LawSample(t, q, qd, torque, point, bounds, theta))
 

@@ -82,9 +82,8 @@ class LimitedLaw:
             self._handle = handle(self.arrays)
         rows, products = np.empty((7, q.size)), np.empty((q.size + 1, theta.size))
         answer_sample(self._handle, t, q, qd, theta, *point, *bounds, rows, products)
-        given, e1, e2, bound, wanted = rows[:5]
-        return ControlOutput(given, products[-1], MotionState(t, q, qd, e1, bounds), e2, point,
-                             products[:-1], bound, wanted)
+        return ControlOutput(rows[0], products[-1], MotionState(t, q, qd, rows[1], bounds),
+                             rows[2], point, products[:-1], rows[3], rows[4])
 
     def filtered(self, safety_filter: SafetyFilter, sample: LawSample) -> ControlOutput:
         """Answer a sample with what a safety filter lets through, likewise within the limits."""

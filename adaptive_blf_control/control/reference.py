@@ -223,7 +223,7 @@ class SumOfSinusoids(_Trajectory):
             t = checked_number('t', t)
         rows = np.empty((3, self._offset.size))
         _fill_point(rows, t, self._handle)
-        return ReferencePoint(*rows)
+        return ReferencePoint(rows[0], rows[1], rows[2])
 
     def along(self, times: np.ndarray) -> ReferencePoint:
         """See `along`."""

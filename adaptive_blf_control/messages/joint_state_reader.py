@@ -110,9 +110,9 @@ class JointStateReader:
             sec, nanosec, a, b, c = struct.unpack_from(layout.head, data, HEADER_SIZE)
             if a == b == c == size:
                 rows = np.ndarray((3, size), _DOUBLE, data, layout.begin, (8 * (size + 1), 8))
-                position, velocity, effort = rows.copy() if layout.ours else rows.take(order, 1)
+                rows = rows.copy() if layout.ours else rows.take(order, 1)
                 self.source = layout.frame
-                return sec * NANOSECONDS + nanosec, position, velocity, effort
+                return sec * NANOSECONDS + nanosec, rows[0], rows[1], rows[2]
         place, arrays = layout.first, []
         for _ in FIELDS:
             (count,) = _COUNT.unpack_from(data, place)

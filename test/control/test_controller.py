@@ -11,7 +11,13 @@ import pytest
 from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.controller import Controller
-from adaptive_blf_control.control.reference import Posture, Reference, SmoothStart, SumOfSinusoids
+from adaptive_blf_control.control.reference import (
+    Posture,
+    Reference,
+    ReferencePoint,
+    SmoothStart,
+    SumOfSinusoids,
+)
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.control.settings import ControllerSettings, COUPLINGS
 from adaptive_blf_control.control.trajectory import JoinedReference, PointReference
@@ -595,3 +601,71 @@ def test_no_state_makes_a_filtered_torque_that_is_no_number(place, govern):
             sample[place] = sample[place] * np.nan
         torques.append(law.update(*sample).torque)
     assert np.isfinite(torques).all()
+
+
+class _InPython:
+    """Sinusoids that are asked one time after the other, as a plug-in's are."""
+
+    def __init__(self, reference: Reference) -> None:
+        self._reference = reference
+
+    def at(self, t: float) -> ReferencePoint:
+        return self._reference.at(t)
+
+    def range(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._reference.range()
+
+
+def test_one_call_for_all_answers_as_the_law_asked_with_reference_and_bounds():
+    usual = controller(limit=50.0, rate=3e3)
+    asked = controller(limit=50.0, rate=3e3, reference=_InPython(TASK))
+    for k, (_, q, qd) in enumerate(random_states(usual)):
+        outputs = [law.update(2e-3 * k, q, qd, THETA) for law in (usual, asked)]
+        for name in ('torque', 'adaptation_term', 'e1', 'e2', 'x', 'bound', 'wanted'):
+            np.testing.assert_array_equal(*(getattr(each, name) for each in outputs), name)
+        for first, second in zip(*(each.reference for each in outputs)):
+            np.testing.assert_array_equal(first, second)
+        margins = usual.margins(outputs[0])
+        np.testing.assert_array_equal(margins, asked.margins(outputs[1]))
+        np.testing.assert_array_equal(margins, usual.constraints.margins(outputs[0].state))
+
+
+def test_an_answer_stays_what_it_was_and_keeps_its_margins():
+    law = controller()
+    (_, q, qd), (_, other, _), *_ = random_states(law)
+    output = law.update(0.0, q, qd, THETA)
+    torque, margins = output.torque.copy(), law.margins(output)
+    kept = margins.copy()
+    law.update(1e-3, other, qd, THETA)
+    np.testing.assert_array_equal(output.torque, torque)
+    np.testing.assert_array_equal(margins, kept)
+    np.testing.assert_array_equal(law.margins(output), kept)
+
+
+def test_margins_of_an_answer_are_those_to_the_sets_in_use_since():
+    law = controller()
+    output = law.update(0.0, *(next(random_states(law))[1:]), THETA)
+    law.retune(0.0, output.state.q, safety=(-3.0, 3.0))
+    np.testing.assert_array_equal(law.margins(output)[:2], 3.0 - np.abs(output.state.q))
+
+
+def test_a_copied_controller_goes_on_by_itself_after_an_answer():
+    law = controller(rate=3e3)
+    _, q, qd = next(random_states(law))
+    law.update(0.0, q, qd, THETA)
+    copies = copy.copy(law), copy.deepcopy(law), law
+    torques = [each.update(1e-3, q, qd, THETA).torque for each in copies]
+    np.testing.assert_array_equal(torques[0], torques[2])
+    np.testing.assert_array_equal(torques[1], torques[2])
+
+
+def test_a_reference_in_python_follows_one_in_arrays_at_once():
+    law = controller()
+    _, q, qd = next(random_states(law))
+    law.update(0.0, q, qd, THETA)
+    held = Posture(np.array([0.1, -0.1]))
+    law.follow(held)
+    np.testing.assert_array_equal(law.update(1e-3, q, qd, THETA).e1, q - held.at(0.0).position)
+    slower = SumOfSinusoids(np.zeros(2), np.array([[1.0], [2.0]]), np.full((2, 1), 0.3))
+    law.follow(slower)
+    np.testing.assert_array_equal(law.update(2.0, q, qd, THETA).e1, q - slower.at(2.0).position)
