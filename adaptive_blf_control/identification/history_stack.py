@@ -8,11 +8,13 @@ as the proof of Theorem 1 needs. σ_min is that of Q = H Hᵀ = Σ Y_fjᵀ Y_fj 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
+from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.identification.history_step import offer
+from adaptive_blf_control.identification.history_step import measure_pairs, offer_pair
 from adaptive_blf_control.identification.pair_selection import is_different
 from adaptive_blf_control.identification.stack_arrays import (
     clear_pairs,
@@ -20,7 +22,6 @@ from adaptive_blf_control.identification.stack_arrays import (
     GROWTH,
     INSERTIONS,
     is_full,
-    measure,
     new_pairs,
     RANK,
     REVISION,
@@ -57,6 +58,7 @@ class HistoryStack:
         """
         self._check(size, epsilon, minimum_growth)
         self.pairs = new_pairs(n, m, size)
+        self._made: Any = None
         self.pairs.counters[SIZE] = size
         self._set_thresholds(epsilon, minimum_growth)
 
@@ -104,7 +106,18 @@ class HistoryStack:
                 self.pairs = with_slots(self.pairs, size)
             self.pairs.counters[SIZE] = size
             if self.full:
-                measure(self.pairs)
+                measure_pairs(self._handle)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy or a pickle takes: all but the handle, which it makes again."""
+        return {**self.__dict__, '_made': None}
+
+    @property
+    def _handle(self) -> Any:
+        """What compiled functions get, of the present :attr:`pairs`."""
+        if self._made is None or self._made.value is not self.pairs:
+            self._made = handle(self.pairs)
+        return self._made
 
     @property
     def size(self) -> int:
@@ -190,7 +203,7 @@ class HistoryStack:
         # As `offer` does; by itself it spares most samples the way of all arrays into it.
         if not self.shrinking and not is_different(regressor, self.pairs.last, self.epsilon):
             return -1
-        return int(offer(self.pairs, regressor, np.ascontiguousarray(torque, dtype=float)))
+        return int(offer_pair(self._handle, regressor, np.ascontiguousarray(torque, dtype=float)))
 
 
 def _to_be_read(array: np.ndarray) -> np.ndarray:

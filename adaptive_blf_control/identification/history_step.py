@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, jit_apart
+from adaptive_blf_control.compiled import borrowed, Handle, jit, jit_apart
 from adaptive_blf_control.identification.pair_selection import best_replacement, is_different
 from adaptive_blf_control.identification.rank_selection import least_missed, replacement_for_rank
 from adaptive_blf_control.identification.stack_arrays import (
@@ -28,7 +28,7 @@ from adaptive_blf_control.identification.stack_arrays import (
 )
 from adaptive_blf_control.identification.weak_directions import set_weakest
 
-__all__ = ['offer']
+__all__ = ['measure_pairs', 'offer', 'offer_pair']
 
 # One function that calls all others: numba optimises what a function calls once more with each
 # function that calls it, so every level between would cost seconds of compilation.
@@ -83,3 +83,18 @@ def offer(pairs: Pairs, regressor: np.ndarray, torque: np.ndarray) -> int:
         sum_again(pairs)
         measure(pairs)
     return -1 if shrinking else slot
+
+
+@jit
+def offer_pair(pairs: Handle, regressor: np.ndarray, torque: np.ndarray) -> int:
+    """Offer a pair as `offer` does, called from Python.
+
+    From there `offer` would be compiled once more, for arrays that are not references.
+    """
+    return offer(pairs.value, regressor, torque)
+
+
+@jit
+def measure_pairs(pairs: Handle) -> None:
+    """Set rank and σ_min as `measure` does, likewise."""
+    measure(pairs.value)

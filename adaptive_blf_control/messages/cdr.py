@@ -79,7 +79,7 @@ class Float64MultiArrayCodec:
         if len(values) != self.n:
             raise BagError(f'Float64MultiArray gets {len(values)} values: expected {self.n}')
         try:
-            self._view[:] = values
+            self._view[...] = values
         except (ValueError, TypeError) as exc:
             raise BagError(f'Float64MultiArray: {exc}: expected {self.n} numbers') from exc
         if self._stamp is not None:

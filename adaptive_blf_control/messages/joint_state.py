@@ -97,8 +97,10 @@ class JointStateCodec:
         for name in self.names:
             head += bytes(align(len(head), 4) - len(head)) + encode_string(name, 'joint name')
         self._buffer, offsets = self._append_arrays(head)
-        self._views = [np.frombuffer(self._buffer, '<f8', len(self.names), offset)
-                       if offset is not None else None for offset in offsets]
+        self._places = [(field, 0, None) if offset is None else
+                        (field, len(self.names),
+                         np.frombuffer(self._buffer, '<f8', len(self.names), offset))
+                        for field, offset in zip(FIELDS, offsets)]
 
     def _append_arrays(self, head: bytearray) -> tuple[bytearray, list[int | None]]:
         """Append counts and room for the numbers; return where each field's numbers start."""
@@ -133,13 +135,12 @@ class JointStateCodec:
         except struct.error as exc:
             raise BagError(f'stamp {stamp_ns!r} ns: expected whole nanoseconds below 2**31 s'
                            ) from exc
-        for field, view, values in zip(FIELDS, self._views, (position, velocity, effort)):
-            expected = 0 if view is None else len(self.names)
+        for (field, expected, view), values in zip(self._places, (position, velocity, effort)):
             if len(values) != expected:
                 raise BagError(f'JointState.{field} has {len(values)} values: expected {expected}')
             if view is not None:
                 try:
-                    view[:] = values
+                    view[...] = values
                 except (ValueError, TypeError) as exc:
                     raise BagError(
                         f'JointState.{field}: {exc}: expected {expected} numbers') from exc

@@ -669,3 +669,17 @@ def test_a_reference_in_python_follows_one_in_arrays_at_once():
     slower = SumOfSinusoids(np.zeros(2), np.array([[1.0], [2.0]]), np.full((2, 1), 0.3))
     law.follow(slower)
     np.testing.assert_array_equal(law.update(2.0, q, qd, THETA).e1, q - slower.at(2.0).position)
+
+
+def test_one_call_is_for_bounds_at_rest():
+    start = np.array([1.1, 2.1])  # nearer to the safety bound than the performance set is wide
+    law = Controller(ARM, settings(), JointInterval(np.array([-1.17, -2.17]), UPPER + [1, 2]),
+                     JointInterval(LOWER, UPPER), TASK, start=start,
+                     **{'reference.smooth_start': 2.0})
+    law.retune(0.1, start, reference=TASK, blend_time=0.5)  # over before the bounds have grown
+    growing = law.bounds(1.0)
+    assert np.any(growing.lower_rate != 0.0) or np.any(growing.upper_rate != 0.0)
+    point = law.reference.at(1.0)
+    output = law.update(1.0, point.position, point.velocity, THETA)
+    for used, wanted in zip(output.bounds, growing):
+        np.testing.assert_array_equal(used, wanted)

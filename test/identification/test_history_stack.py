@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 
+from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.identification import history_step
 from adaptive_blf_control.identification.history_stack import HistoryStack
 from adaptive_blf_control.identification.pair_selection import is_different
 from adaptive_blf_control.identification.weak_directions import MOST
@@ -515,3 +519,29 @@ def test_the_rank_grows_whenever_some_replacement_makes_it_grow(data, n, m, size
         stack.offer(candidate, candidate.sum(axis=1))
         assert stack.rank == max(rank, *ranks)
         assert_measured(stack)
+
+
+def test_a_copied_or_resized_stack_is_offered_pairs_by_itself():
+    random = np.random.default_rng(11)
+    stack = filled(random.normal(size=(6, 2, 3)))
+    other = copy.deepcopy(stack)
+    count, gram = stack.insertions, stack.gram.copy()
+    for candidate in 3.0 * random.normal(size=(4, 2, 3)):
+        other.offer(candidate, candidate.sum(axis=1))
+    assert other.insertions > count
+    assert stack.insertions == count
+    np.testing.assert_array_equal(stack.gram, gram)
+    stack.resize(9)
+    candidate = random.normal(size=(2, 3))
+    assert stack.offer(candidate, candidate.sum(axis=1)) == 6
+    np.testing.assert_array_equal(stack.regressors[6], candidate)
+    assert_measured(stack)
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
+def test_a_pair_from_python_takes_the_machine_code_that_compiled_functions_call():
+    stack = filled(np.random.default_rng(12).normal(size=(6, 2, 3)))
+    stack.resize(8)
+    assert history_step.offer.part.overloads
+    assert not history_step.offer.overloads  # compiled once more, which takes long
+    assert not history_step.measure.overloads
