@@ -66,7 +66,7 @@ CASES = {
                  WEIGHT, True),
     law.limited: (np.array([np.nan, -5.0]), np.ones(N)),
     law.errors: (vector(), vector(), vector(), vector(), vector(), -B, B, np.full(N, 40.0)),
-    reference._sinusoids: (0.7, vector(), matrix(), matrix(), matrix()),
+    reference.quintic: (0.7, 2.0),
     reference._blend: (0.7, 2.0, *(vector() for _ in range(6))),
     change_monitor.residual_with_scale: (vector(), 0.3, THETA[:N], matrix()[:, :N].copy(), 0.1,
                                          0.2),
@@ -83,6 +83,17 @@ def test_a_compiled_function_equals_its_python(function):
     if not isinstance(plain, tuple):
         compiled, plain = (compiled,), (plain,)
     for got, expected in zip(compiled, plain, strict=True):
+        np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
+def test_compiled_sinusoids_equal_those_in_python():
+    given = reference.Sinusoids(vector(), matrix(), matrix(), matrix())
+    points = [reference.ReferencePoint(*np.zeros((3, N))) for _ in range(2)]
+    reference.write_sinusoids(points[0], 0.7, given)
+    reference.write_sinusoids.py_func(points[1], 0.7, given)
+    assert np.all(points[1])
+    for got, expected in zip(*points):
         np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-13)
 
 
