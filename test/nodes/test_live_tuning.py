@@ -90,7 +90,8 @@ NEW: dict[str, dict[str, Any]] = {
         'composed_decimation': 3,
         'reference.velocity_limit': 9.0, 'reference.acceleration_limit': 90.0,
         # Of the safety filter, which is not in use here.
-        'limits.velocity': [2.0, 3.0], 'limits.braking': [5.0], 'limits.link_radius': 0.1,
+        'limits.velocity': [2.0, 3.0], 'limits.braking': [5.0],
+        'limits.braking_rule': 'short_stops', 'limits.link_radius': 0.1,
         'limits.link_spheres': [2.0, 0.0, 0.0, 0.1, 0.05],
         'limits.obstacles.spheres': [0.5, 0.0, 0.5, 0.1], 'limits.obstacles.margin': 0.03,
         'limits.obstacles.capsules': [0.5, 0.0, 0.5, 0.5, 0.0, 0.9, 0.1],
