@@ -12,7 +12,7 @@ import numpy as np
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['are_vectors', 'checked_array', 'checked_count', 'checked_finite', 'checked_number',
-           'checked_theta', 'checked_vectors', 'dimensions', 'joint_places', 'record',
+           'checked_theta', 'checked_vectors', 'dimensions', 'joint_places', 'labels_of', 'record',
            'same_values']
 
 Record = TypeVar('Record', bound=type)
@@ -31,12 +31,14 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
     Args:
         name: What the caller calls it, for the message.
         value: A list, a scalar where one element is asked, or an array of any real type; where
-            the last length is 1 that axis may be left out.
+            the last length is 1 that axis may be left out. A pandas Series or a data frame with
+            the names of ``each`` is put in their order.
         shape: The shape that is needed; -1 stands for any length.
         each: What the elements along the last axis stand for, e.g. the joints.
 
     Raises:
-        ParameterError: the value holds no real numbers, or has another shape.
+        ParameterError: the value holds no real numbers, has another shape, or names that are
+            those of ``each`` in part.
     """
     if (type(value) is np.ndarray and value.shape == shape and value.dtype == _FLOAT64
             and value.flags.carray):
@@ -45,6 +47,7 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
         given = np.asarray(value)
     except (TypeError, ValueError):  # rows of different lengths
         given = np.array(None)
+    given = _in_order(name, value, given, each)
     if given.dtype.kind not in _NUMBERS and given.size:
         raise ParameterError(name, value, f'numbers of shape {_text(shape)}{_each(each)}'
                              + _member(name, value))
@@ -56,6 +59,26 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
                              f'{_text(given.shape)}')
     array = np.ascontiguousarray(given, dtype=np.float64)
     return array if array.flags.writeable else array.copy()
+
+
+def labels_of(value: Any) -> list[str] | None:
+    """Return the names along the last axis of a pandas Series or a data frame, else None."""
+    labels = getattr(value, 'columns', None)
+    labels = getattr(value, 'index', None) if labels is None else labels
+    if labels is None or callable(labels):  # the index of a list is a method
+        return None
+    names = list(labels)
+    return names if names and all(isinstance(each, str) for each in names) else None
+
+
+def _in_order(name: str, value: Any, given: np.ndarray, each: Sequence[str]) -> np.ndarray:
+    """Return what is given in the order of ``each`` where the value itself has these names."""
+    labels = labels_of(value) if each else None
+    if labels is None or not set(labels) & set(each) or given.shape[-1:] != (len(labels),):
+        return given
+    if sorted(labels) != sorted(each):
+        raise ParameterError(name, labels, f'one value for each of {", ".join(each)}')
+    return np.asarray(given[..., [labels.index(one) for one in each]])
 
 
 def checked_theta(name: str, value: Any, parameters: Sequence[str]) -> np.ndarray:

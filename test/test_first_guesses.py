@@ -644,6 +644,45 @@ class Frame:
         return self._data[name]
 
 
+class Labelled:
+    """Numbers with names along their last axis, as a pandas Series or a data frame has them."""
+
+    def __init__(self, values, names):
+        """Take numbers and names."""
+        self._values = np.asarray(values)
+        setattr(self, 'index' if self._values.ndim == 1 else 'columns', names)
+        if self._values.ndim > 1:
+            self.index = range(len(self._values))
+
+    def __array__(self, dtype=None, copy=None):
+        """Return the numbers."""
+        return np.array(self._values, dtype)
+
+
+def test_numbers_with_names_are_put_in_the_order_of_the_names():
+    back, theta = list(reversed(ARM.joints)), ARM.nominal
+    whole = Labelled(theta[::-1], list(reversed(ARM.parameters)))
+    np.testing.assert_array_equal(door.Identifier(ARM, initial_estimate=whole).theta, theta)
+    np.testing.assert_array_equal(
+        door.inverse_dynamics(ARM, whole, *(Labelled(Q[:, ::-1], back) for _ in range(3))),
+        door.inverse_dynamics(ARM, theta, Q, Q, Q))
+    output, asked = (door.Controller(ARM).update(0.0, *state, theta) for state in (
+        [Labelled(0.1 * Q[0, ::-1], back), Labelled(QD[0, ::-1], back)], [0.1 * Q[0], QD[0]]))
+    np.testing.assert_array_equal(output.torque, asked.torque)
+
+
+def test_numbers_with_other_names_are_taken_as_they_stand_and_with_some_of_them_refused():
+    given = door.inverse_dynamics(ARM, ARM.nominal, *(Labelled(Q, ['a', 'b']) for _ in range(3)))
+    np.testing.assert_array_equal(given, door.inverse_dynamics(ARM, ARM.nominal, Q, Q, Q))
+    with pytest.raises(door.ParameterError, match='one value for each of joint1, joint2'):
+        door.Controller(ARM).update(0.0, Labelled(Q[0], ['joint2', 'a']), QD[0], ARM.nominal)
+
+
+def test_a_setting_with_names_is_refused_because_settings_know_no_arm():
+    with pytest.raises(door.ParameterError, match='torque_limit.*list of doubles'):
+        door.Controller(ARM, torque_limit=Labelled([5.0, 50.0], ['joint2', 'joint1']))
+
+
 TABLE = {'t': T, 'q1': Q[:, 0], 'q2': Q[:, 1], 'qd1': QD[:, 0], 'qd2': QD[:, 1],
          'tau1': Q[:, 0], 'tau2': Q[:, 1]}
 

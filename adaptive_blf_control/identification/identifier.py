@@ -14,6 +14,7 @@ from adaptive_blf_control.arrays import (
     checked_array,
     checked_number,
     checked_vectors,
+    labels_of,
 )
 from adaptive_blf_control.calls import checked_call, without_argument
 from adaptive_blf_control.errors import ParameterError
@@ -110,6 +111,8 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
             settings = usual.replace(**{'history.size': max(usual.history.size, 2 * arm.m)})
         start = changes.get('initial_estimate')
         start = getattr(start, 'estimate', start)  # of another identifier, or of a log
+        if (labels := labels_of(start)) is not None:
+            start = dict(zip(labels, np.asarray(start).tolist()))
         if isinstance(start, Mapping):
             changes['initial_estimate'] = values_of('initial_estimate', start, arm)
         given, names = named({'update_law': update_law, 'state_filter': state_filter,

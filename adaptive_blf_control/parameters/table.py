@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from adaptive_blf_control.arrays import labels_of
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.plugin import is_plugin
 
@@ -113,9 +114,13 @@ def declares(parameter: Parameter, name: str) -> bool:
 def plain(kind: str, value: Any) -> Any:
     """Return what a Python caller gave as the plain value of ``kind`` where it is one.
 
-    Scalars and arrays of any real type become lists of floats, integers floats.
+    Scalars and arrays of any real type become lists of floats, integers floats; a pandas Series
+    with names a mapping, as nobody knows here whose order is wanted.
     """
     if kind == 'double_array':
+        labels = labels_of(value)
+        if labels is not None:
+            return dict(zip(labels, np.asarray(value).tolist()))
         try:
             array = np.atleast_1d(np.asarray(value))
         except (TypeError, ValueError):  # rows of different lengths
