@@ -11,9 +11,9 @@ import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['are_vectors', 'checked_array', 'checked_count', 'checked_finite', 'checked_number',
-           'checked_theta', 'checked_vectors', 'dimensions', 'joint_places', 'labels_of', 'record',
-           'same_values']
+__all__ = ['are_vectors', 'by_name', 'checked_array', 'checked_count', 'checked_finite',
+           'checked_number', 'checked_theta', 'checked_vectors', 'dimensions', 'joint_places',
+           'record', 'same_values']
 
 Record = TypeVar('Record', bound=type)
 
@@ -61,7 +61,7 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
     return array if array.flags.writeable else array.copy()
 
 
-def labels_of(value: Any) -> list[str] | None:
+def _labels_of(value: Any) -> list[str] | None:
     """Return the names along the last axis of a pandas Series or a data frame, else None."""
     labels = getattr(value, 'columns', None)
     labels = getattr(value, 'index', None) if labels is None else labels
@@ -71,9 +71,15 @@ def labels_of(value: Any) -> list[str] | None:
     return names if names and all(isinstance(each, str) for each in names) else None
 
 
+def by_name(value: Any) -> Any:
+    """Return a pandas Series with names as a mapping, any other value itself."""
+    labels = _labels_of(value)
+    return value if labels is None else dict(zip(labels, np.asarray(value).tolist()))
+
+
 def _in_order(name: str, value: Any, given: np.ndarray, each: Sequence[str]) -> np.ndarray:
     """Return what is given in the order of ``each`` where the value itself has these names."""
-    labels = labels_of(value) if each else None
+    labels = _labels_of(value) if each else None
     if labels is None or not set(labels) & set(each) or given.shape[-1:] != (len(labels),):
         return given
     if sorted(labels) != sorted(each):

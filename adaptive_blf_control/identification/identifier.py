@@ -11,10 +11,10 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm, checked_arm
 from adaptive_blf_control.arrays import (
     are_vectors,
+    by_name,
     checked_array,
     checked_number,
     checked_vectors,
-    labels_of,
 )
 from adaptive_blf_control.calls import checked_call, without_argument
 from adaptive_blf_control.errors import ParameterError
@@ -110,9 +110,7 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
             usual = IdentifierSettings()
             settings = usual.replace(**{'history.size': max(usual.history.size, 2 * arm.m)})
         start = changes.get('initial_estimate')
-        start = getattr(start, 'estimate', start)  # of another identifier, or of a log
-        if (labels := labels_of(start)) is not None:
-            start = dict(zip(labels, np.asarray(start).tolist()))
+        start = by_name(getattr(start, 'estimate', start))  # of another identifier, or of a log
         if isinstance(start, Mapping):
             changes['initial_estimate'] = values_of('initial_estimate', start, arm)
         given, names = named({'update_law': update_law, 'state_filter': state_filter,

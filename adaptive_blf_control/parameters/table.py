@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.arrays import labels_of
+from adaptive_blf_control.arrays import by_name
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.plugin import is_plugin
 
@@ -118,9 +118,7 @@ def plain(kind: str, value: Any) -> Any:
     with names a mapping, as nobody knows here whose order is wanted.
     """
     if kind == 'double_array':
-        labels = labels_of(value)
-        if labels is not None:
-            return dict(zip(labels, np.asarray(value).tolist()))
+        value = by_name(value)
         try:
             array = np.atleast_1d(np.asarray(value))
         except (TypeError, ValueError):  # rows of different lengths
