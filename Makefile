@@ -107,7 +107,7 @@ $(STAMP): setup.py setup.cfg
 	@$(PYTHON) -m venv --clear $(VENV_FLAGS) $(VENV)
 	@$(if $(ROS),$(PYTHON) -c 'import numpy; print("numpy==" + numpy.__version__)' > $(VENV)/constraints.txt)
 	@# Python 3.10 brings pip 23.0, which had not found versions after ten minutes.
-	@$(PY) -m pip install --quiet --disable-pip-version-check 'pip>=24'
+	@$(PY) -m pip install --quiet --disable-pip-version-check 'pip>=23.1'
 	@$(PY) -m pip install --quiet --disable-pip-version-check --prefer-binary --use-pep517 $(PIP_FLAGS) --editable '.[$(EXTRAS)]'
 	@$(if $(ROS),$(PY) -c 'import pinocchio' 2>/dev/null || echo "No pinocchio: arms from a URDF need ros-jazzy-pinocchio from apt.")
 	@mkdir -p "$(ROS_LOG_DIR)" "$(MPLCONFIGDIR)"
