@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from adaptive_blf_control.tuning.node_values import node_settings_of
 from adaptive_blf_control.tuning.recipe import recipe
 from adaptive_blf_control.tuning.robot import Robot
 
-__all__ = ['Case', 'cases', 'data_of', 'NO_FILTER']
+__all__ = ['Case', 'cases', 'data_of', 'NO_FILTER', 'with_learning']
 
 _LIMITS = 'controller.limits'
 NO_FILTER = {'controller.safety_filter': 'none'}
@@ -43,6 +43,7 @@ _RULES: Mapping[str, Mapping[str, Any]] = {
 _PUSHED = {'Panda': 'panda_link4', 'UR10': 'forearm_link'}
 _TABLE = {'Panda': 0.2, 'UR10': 0.0}
 _BOTH = 'governor and filter'
+LEARNED = ', learned'
 SPEEDS = ((0.05, 0.2), (0.2, 0.5))  # from which to which a sphere comes [m/s]
 
 
@@ -65,6 +66,7 @@ class Case:
         real: With sensors and delay, and the parameter file of ``configure``.
         towards: A joint that is sent beyond its limit, from 0.
         tight: Whether the safety set is no wider than reference and performance set need.
+        learns: Whether the identifier narrows the prior.
         moving: What moves, for each seed.
     """
 
@@ -78,6 +80,7 @@ class Case:
     real: bool = False
     towards: int | None = None
     tight: bool = False
+    learns: bool = False
     moving: Callable[[int], MovingSphere | None] = _nothing
 
 
@@ -121,15 +124,18 @@ def _arm_cases(arm: str, seeds: tuple[int, ...]) -> Iterator[Case]:
         if arm == 'Panda' and speed == 1.0:
             yield Case(name, arm, 'filter', _always(there, _ALONE), speed)
         yield Case(name, arm, _BOTH, _always(there), speed)
+        if speed > 1.0:
+            yield Case(name + LEARNED, arm, _BOTH, _always(there), speed, learns=True)
         if speed < 3.0 and there is not _FREE:
             yield Case(name, arm, _BOTH, _always(there), speed, 'mujoco')
     for error, payload in ((0.2, 1.0), (0.3, 3.0)):
-        for words, rule in _RULES.items():
-            yield Case(
-                f'x 2, prior of {100 * error:.0f} % and {payload:g} kg, which it carries{words}',
-                arm, _BOTH, _always(_FREE, _heavy(error, payload), rule), 2.0, tight=True)
-    yield Case('x 1, sphere and table, push of 25 N m for 0.25 s, short stops', arm, _BOTH,
-               _always(_push(arm), _RULES[', short stops']))
+        name = f'x 2, prior of {100 * error:.0f} % and {payload:g} kg, which it carries'
+        yield from _with_rules(Case(name, arm, _BOTH, _always(_FREE, _heavy(error, payload)), 2.0,
+                                    tight=True))
+    for learns in (False, True):
+        yield Case('x 1, sphere and table, push of 25 N m for 0.25 s, short stops'
+                   f'{LEARNED if learns else ""}', arm, _BOTH,
+                   _always(_push(arm), _RULES[', short stops']), learns=learns)
     for law, changes in (('law alone', NO_FILTER), (_BOTH, {})):
         yield Case('x 1, sphere and table, push of 25 N m for 0.25 s', arm, law,
                    _always(_push(arm), changes))
@@ -140,15 +146,31 @@ def _arm_cases(arm: str, seeds: tuple[int, ...]) -> Iterator[Case]:
                        'arm_driver.sensors.seed': seed, **changes}, seeds=seeds, real=True)
 
 
+def _with_rules(case: Case) -> Iterator[Case]:
+    """Yield a case with each rule of braking, with the prior alone and with what is learned."""
+    for words, rule in _RULES.items():
+        changes = {**case.changes(0), **rule}
+        for learns in (False, True):
+            yield replace(case, name=f'{case.name}{words}{LEARNED if learns else ""}',
+                          changes=_always(changes), learns=learns)
+
+
+def with_learning(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a parameter file in which the identifier narrows the prior of the safety filter."""
+    prior = node_settings(data, ControllerNodeSettings).limits.prior.values()
+    return apply_changes(data, {
+        f'{_LIMITS}.learn': True, 'identifier.parameter_set.period': 0.02,
+        **{f'identifier.parameter_set.prior.{name}': value for name, value in prior.items()}})
+
+
 def _delay_cases() -> Iterator[Case]:
     exact: Mapping[str, Any] = {'controller.loop.delay': 0.0, 'arm_driver.actuator.delay': 0.0,
                                 f'{_LIMITS}.period': 0.0}
     yield Case('x 1, sphere and table, push of 25 N m for 0.25 s, no delay, held for 1 ms',
                'Panda', _BOTH, _always(_push('Panda'), exact))
     name = 'x 2, prior of 30 % and 3 kg, which it carries, no delay, held for 1 ms'
-    for words, rule in _RULES.items():
-        yield Case(name + words, 'Panda', _BOTH,
-                   _always(_FREE, exact, _heavy(0.3, 3.0), rule), 2.0, tight=True)
+    yield from _with_rules(Case(name, 'Panda', _BOTH, _always(_FREE, exact, _heavy(0.3, 3.0)),
+                                2.0, tight=True))
     late = {'arm_driver.actuator.jitter': 0.001}
     for stated, told in (('1 ms', late), ('none', {**late, 'controller.loop.delay': 0.0})):
         yield Case(f'x 1, sphere and table, delay of 1 to 2 ms, {stated} stated', 'Panda', _BOTH,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.urdf import UrdfArm
-from adaptive_blf_control.bench.limits_cases import Case, data_of, NO_FILTER
+from adaptive_blf_control.bench.limits_cases import Case, data_of, NO_FILTER, with_learning
 from adaptive_blf_control.bench.limits_scenes import MovingSphere
 from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
@@ -97,7 +97,7 @@ def loop_of(case: Case, config: Path, seed: int) -> ClosedLoop:
         width = float(settings.performance.upper.max()) + 0.02
         data = apply_changes(data, {'controller.safety.lower': (lower - width).tolist(),
                                     'controller.safety.upper': (upper + width).tolist()})
-    loop = build_closed_loop(data)
+    loop = build_closed_loop(with_learning(data) if case.learns else data)
     loop.warm_up()  # before a reference that no controller would take at its start
     if case.towards is not None:
         controller, j = loop.controller, case.towards

@@ -10,6 +10,10 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.configuration.build_arm import ArmStore
 from adaptive_blf_control.configuration.build_identifier import build_identifier
 from adaptive_blf_control.configuration.build_plant import build_plant, own_plant
+from adaptive_blf_control.configuration.build_set_estimator import (
+    build_set_estimator,
+    check_learns,
+)
 from adaptive_blf_control.configuration.initial_theta import initial_theta
 from adaptive_blf_control.configuration.node_settings import (
     ControllerNodeSettings,
@@ -69,8 +73,9 @@ def build_closed_loop(data: Mapping[str, Any], own: OwnParts = _NONE_OWN,
     begun = Controller(known, controller, law=own.law, constraints=own.constraints,
                        reference=own.reference,
                        start=plant.measured_position(), velocity=plant.qd)
+    learned = arm or arms.arm(identifier)
     return ClosedLoop(plant, begun,
-                      build_identifier(identifier, arm or arms.arm(identifier),
-                                       update_law=own.update_law),
+                      build_identifier(identifier, learned, update_law=own.update_law),
                       1.0 / driver.rate, initial_theta(controller, known),
-                      controller.model == 'known')
+                      controller.model == 'known',
+                      check_learns(controller, build_set_estimator(identifier, learned)))

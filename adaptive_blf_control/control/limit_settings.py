@@ -106,6 +106,14 @@ class LimitSettings(Settings, where='controller.limits'):
         True, 'Slow the reference down where velocity, torque or e1 ask for it, and lead it round '
         'obstacles.')
     prior: PriorSettings = group(PriorSettings)
+    learn: bool = parameter(
+        False, 'Whether what the identifier is sure of narrows the prior: the intervals on '
+        'identifier/parameter_set, which need its parameter_set.period and a prior with the same '
+        'causes there. Sure only for an arm that does not change: a load that is put on counts '
+        'as not there until the identifier notices it.')
+    learn_timeout: float = parameter(
+        1.0, 'Without news of these intervals for this long it is the prior again.', 's', 0.0,
+        exclusive=True)
     link_spheres: np.ndarray = parameter(
         [0.0], 'Spheres on the links that keep away from obstacles: the number of the joint that '
         'moves the link, from 1, and x, y, z of the centre in its frame and the radius. [0.0]: '

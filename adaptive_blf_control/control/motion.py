@@ -17,6 +17,7 @@ from adaptive_blf_control.control.controller import Controller, ControlOutput
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.reference import from_time, Reference
 from adaptive_blf_control.control.refusal import Refusal
+from adaptive_blf_control.control.safety_filter import narrow
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.control.start import (
@@ -120,6 +121,15 @@ class Motion:
         see = getattr(getattr(self.controller, 'safety_filter', None), 'see', None)
         if see is not None:
             see(seen, gone)
+
+    def narrow(self, bounds: Any) -> None:
+        """Tell the safety filter what is known of the arm for sure, see `CauseBounds`.
+
+        Raises:
+            ParameterError: it cannot use them, and goes on with its prior.
+        """
+        if self.controller is not None:
+            narrow(self.controller.safety_filter, bounds)
 
     def rest(self, q: np.ndarray, qd: np.ndarray) -> None:
         """Note a state, (n,) [rad] and [rad/s], that nobody answers."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from adaptive_blf_control.control.settings import ControllerSettings, SAFETY_FIL
 from adaptive_blf_control.parameters.plugin import load_plugin, made
 
 __all__ = ['FilterSample', 'Governed', 'SafetyFilter', 'complaint_of', 'made_filter',
-           'status_of', 'watched_by']
+           'narrow', 'status_of', 'watched_by']
 
 
 class FilterSample(NamedTuple):
@@ -64,6 +64,7 @@ class SafetyFilter(Protocol):
     * ``status()``: values for the diagnostics, by name;
     * ``watched`` and ``watch()``: names and values of what is published on
       ``controller/reserve``, since the last call;
+    * ``narrow(bounds)``: told what is known of the arm for sure, see `CauseBounds`;
     * ``see(obstacles)``: told which obstacles move, see `MovingObstacles`;
     * ``governor``: a reference governor with ``governed(t, q, reference) -> Governed``, asked
       before the law, and ``heed(bounds)``, told the performance bounds of the sample; None for
@@ -91,6 +92,17 @@ def status_of(safety_filter: SafetyFilter | None) -> dict[str, object]:
 def watched_by(safety_filter: SafetyFilter | None) -> tuple[str, ...]:
     """Return the names of what a filter publishes of itself, see `SafetyFilter`."""
     return tuple(getattr(safety_filter, 'watched', ()))
+
+
+def narrow(safety_filter: SafetyFilter | None, bounds: Any) -> None:
+    """Tell a filter that learns what is known of the arm for sure, see `CauseBounds`.
+
+    Raises:
+        ParameterError: it cannot use that, and goes on with what was known before any motion.
+    """
+    take = getattr(safety_filter, 'narrow', None)
+    if take is not None:
+        take(bounds)
 
 
 def made_filter(arm: Arm, settings: ControllerSettings,

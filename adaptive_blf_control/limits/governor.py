@@ -26,6 +26,7 @@ from adaptive_blf_control.limits.evasion import evading, without_moving
 from adaptive_blf_control.limits.filter_look import FilterParts, Moment, Scene, Stop, stop_after
 from adaptive_blf_control.limits.filter_step import filter_step
 from adaptive_blf_control.limits.pace import NEAR, NEARER, Pace, slowed
+from adaptive_blf_control.limits.prior import Prior
 
 __all__ = ['Deflection', 'Governor', 'SPEED_PART']
 
@@ -172,6 +173,11 @@ class Governor:
         self._coming = handle(scene) if len(still.pairs) < len(scene.pairs) else None
         if self._deflection is not None:
             self._deflection.look(self._parts.scene, self._coming)
+
+    def narrow(self, model: Handle, known: Prior) -> None:
+        """Take another set of θ: the `Model` with it, and the set."""
+        self._parts = self._parts._replace(model=model)
+        self.pace.narrow(known)
 
     @property
     def off(self) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.control.reference import Reference
-from adaptive_blf_control.limits.parameter_set import ParameterSet
+from adaptive_blf_control.limits.prior import Prior
 
 __all__ = ['NEAR', 'NEARER', 'Pace', 'slowed']
 
@@ -34,6 +34,7 @@ HARDER = 5.0  # times the largest D where e1 comes near its bound
 TORQUE_PART, SPEED_PART = 0.85, 0.9  # ρ and ρ_v: the rest is for the law
 SMOOTHING = 0.005  # time constant of σ̇ [s]
 HALVINGS = 5
+AGAIN = 4  # points that are looked at again with one sample where the set of θ has changed
 NEAR, NEARER = 0.4, 0.8  # parts of the bound of e1 between which the path slows down to rest
 
 
@@ -46,20 +47,20 @@ class Pace:
         change: σ̈ [1/s].
     """
 
-    def __init__(self, arm: Arm, parameters: ParameterSet, speed: np.ndarray,
-                 torque: np.ndarray, *, slowly: bool = True) -> None:
+    def __init__(self, arm: Arm, known: Prior, speed: np.ndarray, torque: np.ndarray, *,
+                 slowly: bool = True) -> None:
         """Take the arm.
 
         Args:
             arm: The arm.
-            parameters: Its set.
+            known: The set that its θ* is in.
             speed: Largest velocities, shape (n,) [rad/s].
             torque: Largest torques, shape (n,) [N·m].
             slowly: Whether D may be less than 2/s; else a posture that leaves no torque for that
                 is not passed.
         """
         self._share, self._least = (SHARE, LEAST_CHANGE) if slowly else (1.0, CHANGE)
-        self._arm, self._parameters = arm, parameters
+        self._arm, self._known = arm, known
         self._speed, self._torque = SPEED_PART * speed, TORQUE_PART * torque
         self.time, self.rate, self.change = 0.0, 1.0, 0.0
         self._t: float | None = None
@@ -67,6 +68,7 @@ class Pace:
         self._of: Reference | None = None
         self._first = 0
         self._points = np.zeros((0, 2))  # σ̇ and D of those that are looked at, from the first on
+        self._again = 0  # how many of these, from the last one, are of a set before
 
     def advance(self, t: float, reference: Reference, nearness: float) -> None:
         """Go on along the path.
@@ -86,6 +88,7 @@ class Pace:
             self._first, self._points = first, np.concatenate((kept, [
                 self._largest(reference, (first + j) * STEP)
                 for j in range(len(kept), AHEAD + 1)]))
+        self._look_again(reference)
         allowed, most = self._allowed(before - first * STEP)
         part = slowed(nearness)
         hardest = HARDER * CHANGE if part < 1.0 else most
@@ -105,6 +108,21 @@ class Pace:
         lost -= 2.0 * between[0] * beyond
         square = min((rates ** 2 + np.maximum(lost, 0.0)).min(), lost[-1])
         return min(1.0, math.sqrt(max(square, 0.0))), float(between[0])
+
+    def narrow(self, known: Prior) -> None:
+        """Take another set of θ; the points ahead are looked at again with the next samples."""
+        self._known, self._again = known, AHEAD + 1
+
+    def _look_again(self, reference: Reference) -> None:
+        """Look at some of the points whose σ̇ and D are of a set before, the nearest first."""
+        if self._again == 0:
+            return
+        points = self._points = self._points.copy()  # a copy of this pace may go on from the old
+        begin = len(points) - min(self._again, len(points))
+        end = min(begin + AGAIN, len(points))
+        for j in range(begin, end):
+            points[j] = self._largest(reference, (self._first + j) * STEP)
+        self._again = len(points) - end
 
     def set_clock(self, t: float) -> None:
         """Go on from the same place with a clock that now shows ``t`` [s]."""
@@ -137,7 +155,7 @@ class Pace:
 
     def _most(self, rows: np.ndarray) -> np.ndarray:
         """Return the largest torque of the set, (n, m) → (n,) [N·m]."""
-        return np.abs(rows @ self._parameters.centre) + self._parameters.support(rows)
+        return np.abs(rows @ self._known.centre) + self._known.support(rows)
 
 
 def slowed(nearness: float) -> float:

@@ -65,7 +65,6 @@ class ParameterSet:
         prior: What was known before.
         centre: θc, shape (m,).
         root: √c L⁻ᵀ, shape (m, m): what `support` takes.
-        falsified: How often data contradicted the assumptions: then the prior alone is left.
     """
 
     def __init__(self, prior: Prior, unexplained: np.ndarray) -> None:
@@ -83,7 +82,6 @@ class ParameterSet:
         if not (np.isfinite(delta).all() and (delta > 0.0).all()):
             raise ParameterError('unexplained', delta.tolist(), 'finite torques > 0 N*m')
         self.prior = prior
-        self.falsified = 0
         self._delta = delta
         spread, columns = prior.generators, prior.generators.shape[1]
         rounding = ROUNDING * max(float(np.abs(prior.centre).max()), 1e-12)
@@ -131,7 +129,6 @@ class ParameterSet:
         candidates = [self._combined(weight, gram, moment, square, values.size)
                       for weight in WEIGHTS]
         if any(level <= 0.0 for _, level, _ in candidates):
-            self.falsified += 1
             self.reset()
             return False
         matrix, level, centre = min(candidates, key=_logarithmic_volume)

@@ -11,7 +11,24 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['inertia_range', 'Prior', 'prior_of']
+__all__ = ['Cause', 'inertia_range', 'Prior', 'prior_of']
+
+
+class Cause(NamedTuple):
+    """Something about the arm that is not known: its value is middle + half z with |z| ≤ 1.
+
+    Attributes:
+        name: ``mass_<joint>``, the mass of the link that a joint moves, as a part of that of the
+            URDF; ``payload`` [kg]; or the name of a parameter of θ, in its unit.
+        middle: Between the least and the largest value.
+        half: From there to either of them, > 0.
+        inertial: Whether more of it is more kinetic energy in every motion, as of a mass.
+    """
+
+    name: str
+    middle: float
+    half: float
+    inertial: bool
 
 
 class Prior(NamedTuple):
@@ -20,10 +37,26 @@ class Prior(NamedTuple):
     Attributes:
         centre: Shape (m,).
         generators: How each cause moves θ*, shape (m, ν).
+        causes: What each column of the generators is due to, as many as there are columns; empty
+            where nobody asks for their values.
     """
 
     centre: np.ndarray
     generators: np.ndarray
+    causes: tuple[Cause, ...] = ()
+
+    def narrowed(self, least: np.ndarray, most: np.ndarray) -> Prior:
+        """Return what is left where each z is known to be between two values.
+
+        Args:
+            least: Smallest z of each cause, shape (ν,), ≥ −1.
+            most: Largest z of each cause, shape (ν,), ≥ ``least`` and ≤ 1.
+        """
+        middle, half = 0.5 * (most + least), 0.5 * (most - least)
+        causes = tuple(
+            cause._replace(middle=cause.middle + cause.half * at, half=cause.half * part)
+            for cause, at, part in zip(self.causes, middle.tolist(), half.tolist()))
+        return Prior(self.centre + self.generators @ middle, self.generators * half, causes)
 
     def support(self, rows: np.ndarray) -> np.ndarray:
         """Return the largest value of |a (θ* − centre)| for each row a, shape (k,).
@@ -67,22 +100,28 @@ def prior_of(arm: Arm, *, mass_error: float = 0.3, payload: float = 0.0,
         if not (np.isfinite(value).all() and np.min(value) >= 0.0):
             raise ParameterError(name, value, 'a finite number >= 0')
     centre = np.array(arm.nominal, dtype=float)
-    columns = [mass_error * column for column in _shares(arm)]
     most = _largest_friction(arm, np.broadcast_to(friction, arm.n))
     given = most > 0.0
-    columns = [np.where(given, 0.0, column) for column in columns]
-    columns += [0.5 * most[i] * np.eye(arm.m)[i] for i in np.flatnonzero(given)]
+    found: list[tuple[Cause, np.ndarray]] = []
+    for cause, share in _shares(arm):
+        column = np.where(given, 0.0, mass_error * share)
+        found.append((cause._replace(half=mass_error * cause.half), column))
+    for i in np.flatnonzero(given):
+        half = 0.5 * float(most[i])
+        found.append((Cause(arm.parameters[i], half, half, False), half * np.eye(arm.m)[i]))
     centre[given] = 0.5 * most[given]
     if payload > 0.0:
         if arm.payload_direction is None:
             raise ParameterError('prior.payload', payload, '0.0: the arm has no tip to load')
-        columns.append(0.5 * payload * arm.payload_direction)
+        found.append((Cause('payload', 0.5 * payload, 0.5 * payload, True),
+                      0.5 * payload * arm.payload_direction))
         centre += 0.5 * payload * arm.payload_direction
-    kept = [column for column in columns if np.any(column)]
+    kept = [(cause, column) for cause, column in found if np.any(column)]
     if not kept:
         raise ParameterError('prior.mass_error', mass_error,
                              'something that may be wrong: a mass, a payload or friction')
-    return Prior(centre, np.column_stack(kept))
+    return Prior(centre, np.column_stack([column for _, column in kept]),
+                 tuple(cause for cause, _ in kept))
 
 
 def inertia_range(arm: Arm, *, mass_error: float = 0.3,
@@ -111,18 +150,22 @@ def inertia_range(arm: Arm, *, mass_error: float = 0.3,
     return (1.0 - mass_error) * nominal, most
 
 
-def _shares(arm: Arm) -> list[np.ndarray]:
-    """Return the part of each link, and of each friction parameter, in the nominal θ."""
+def _shares(arm: Arm) -> list[tuple[Cause, np.ndarray]]:
+    """Return the part of each link, and of each friction parameter, in the nominal θ.
+
+    The half of each cause is its whole value, as if it could be wrong by all of it.
+    """
+    alone = [(Cause(name, value, abs(value), False), abs(value) * axis)
+             for name, value, axis in zip(arm.parameters, arm.nominal.tolist(), np.eye(arm.m))]
     if not isinstance(arm, UrdfArm):
-        return [value * axis for value, axis in zip(arm.nominal, np.eye(arm.m))]
-    shares = []
-    for joint in range(arm.n):
-        alone = np.zeros_like(arm.inertial)
-        alone[joint] = arm.inertial[joint]
-        shares.append(np.concatenate([arm.base_from_inertial(alone),
-                                      np.zeros(arm.m - arm.base_count)]))
-    return shares + [value * axis for value, axis in
-                     zip(arm.nominal[arm.base_count:], np.eye(arm.m)[arm.base_count:])]
+        return alone
+    links = []
+    for joint, name in enumerate(arm.joints):
+        body = np.zeros_like(arm.inertial)
+        body[joint] = arm.inertial[joint]
+        links.append((Cause(f'mass_{name}', 1.0, 1.0, True), np.concatenate([
+            arm.base_from_inertial(body), np.zeros(arm.m - arm.base_count)])))
+    return links + alone[arm.base_count:]
 
 
 def _largest_friction(arm: Arm, friction: np.ndarray) -> np.ndarray:

@@ -5,20 +5,18 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 import copy
-from typing import Any
 
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.arms.mass_and_bias import model_of
-from adaptive_blf_control.arms.regressors import arrays_of
 from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.control.constraints import Constraint
 from adaptive_blf_control.control.safety_filter import FilterSample
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.limits.acceleration_error import Model, no_posture
+from adaptive_blf_control.limits.acceleration_error import no_posture
 from adaptive_blf_control.limits.braking import Asked, checked_braking, Resting
+from adaptive_blf_control.limits.cause_intervals import CauseBounds
 from adaptive_blf_control.limits.filter_look import (
     FilterParts,
     JointLimits,
@@ -36,10 +34,9 @@ from adaptive_blf_control.limits.limit_constraints import (
 from adaptive_blf_control.limits.moving_obstacles import MovingObstacles
 from adaptive_blf_control.limits.obstacles import joined, Obstacles
 from adaptive_blf_control.limits.pace import Pace
-from adaptive_blf_control.limits.parameter_set import ParameterSet
 from adaptive_blf_control.limits.prediction import Prediction
-from adaptive_blf_control.limits.prior import inertia_range, prior_of
 from adaptive_blf_control.limits.scene import scene_of, scene_with
+from adaptive_blf_control.limits.set_model import SetModel
 
 __all__ = ['LimitsFilter']
 
@@ -83,14 +80,9 @@ class LimitsFilter:
         self._moving = MovingObstacles(0.0, np.inf)
         self._shown: Scene | None = None
         given = settings.limits.prior
-        prior = prior_of(arm, mass_error=given.mass_error, payload=given.payload,
-                         friction=given.friction)
-        least, most = inertia_range(arm, mass_error=given.mass_error, payload=given.payload)
-        self.parameter_set = ParameterSet(prior, given.unexplained)
-        self._model: Any = handle(Model(
-            arrays_of(arm), model_of(arm, prior.centre), model_of(arm, least),
-            model_of(arm, most), np.ascontiguousarray(prior.generators),
-            given.unexplained.copy()))
+        self.model = SetModel(arm, given.mass_error, given.payload, given.friction,
+                              given.unexplained)
+        self._heard: float | None = None  # when the model was narrowed; None: it is the prior
         self._ahead = Prediction(arm.n, settings.loop.delay)
         self._take(settings)
 
@@ -98,7 +90,7 @@ class LimitsFilter:
         limits, safety = settings.limits, settings.safety
         speed = _speed(self._arm, limits.velocity)
         braking = checked_braking(
-            Resting(self._arm, self.parameter_set.prior, limits.prior.unexplained,
+            Resting(self._arm, self.model.prior, limits.prior.unexplained,
                     settings.torque_limit),
             Asked(limits.braking, limits.braking_rule, speed, safety.lower, safety.upper))
         self.limits = JointLimits(safety.lower.copy(), safety.upper.copy(), speed, braking)
@@ -112,7 +104,8 @@ class LimitsFilter:
             self._near = ClearanceConstraint(scene)
             self.constraints = (*self.constraints, self._near)
         self._period = limits.period or 1.0 / settings.loop.rate
-        self._parts = handle(FilterParts(self._model, handle(scene), self.limits, False,
+        self._learns, self._believed = limits.learn, limits.learn_timeout
+        self._parts = handle(FilterParts(self.model.handle, handle(scene), self.limits, False,
                                          no_posture(self._arm.n)))
         self.governor: Governor | None = None
         if limits.govern:
@@ -125,7 +118,7 @@ class LimitsFilter:
             lower=safety.lower - performance.lower, upper=safety.upper - performance.upper,
             speed=SPEED_PART * self.limits.speed)
         return Governor(
-            Pace(self._arm, self.parameter_set, self.limits.speed, settings.torque_limit,
+            Pace(self._arm, self.model.known, self.limits.speed, settings.torque_limit,
                  slowly=settings.limits.braking_rule == 'short_stops'),
             self._parts.value._replace(scene=handle(self._wider(scene)), limits=narrow),
             self._period)
@@ -143,6 +136,28 @@ class LimitsFilter:
         """
         if self._scene.spheres.body.size:
             self._moving.update(self._t if np.isfinite(self._t) else 0.0, seen, gone)
+
+    def narrow(self, bounds: CauseBounds | None) -> None:
+        """Take what is known of each cause of the prior for sure; None for no more than that.
+
+        It counts for ``limits.learn_timeout`` from the last sample on.
+
+        Raises:
+            ParameterError: the bounds are not of the prior's causes, or exclude it; the filter
+                goes on with the prior.
+        """
+        try:
+            model = self.model.narrowed(bounds)
+        except ParameterError:
+            self.narrow(None)
+            raise
+        self._heard = None if bounds is None else self._t
+        if model is self.model:
+            return
+        self.model = model
+        self._parts = handle(self._parts.value._replace(model=model.handle))
+        if self.governor is not None:
+            self.governor.narrow(model.handle, model.known)
 
     def _look(self, t: float) -> None:
         """Put the obstacles that move where they are at ``t`` [s]."""
@@ -219,6 +234,9 @@ class LimitsFilter:
             values.update((f'{joint} reserve [N*m]', f'{value:.6g}')
                           for joint, value in zip(self._arm.joints, self.report.reserve))
             values['clearance when stopped [m]'] = f'{self.report.stop_clearance:.6g}'
+        if self._learns:
+            values['parameter set'] = 'the prior' if self._heard is None else (
+                f'{100.0 * self.model.part:.3g} % of the prior in the mean of the causes')
         if self.governor is not None:
             values['rate of the path'] = f'{self.governor.pace.rate:.6g}'
         return values
@@ -239,6 +257,7 @@ class LimitsFilter:
         """
         held = sample.t - self._t
         self._look(sample.t)
+        self._believe(sample.t)
         q, qd = self._ahead.state(self._parts, sample.t, sample.q, sample.qd)
         period = self._period
         if period < held <= LONGEST:
@@ -256,6 +275,13 @@ class LimitsFilter:
         answer = sample.torque if report.kind == IDLE else report.torque
         self._ahead.commanded(sample.t, answer)
         return answer
+
+    def _believe(self, t: float) -> None:
+        """Take the prior again where nothing was heard of what is known for too long."""
+        if self._heard is not None:
+            self._heard = min(self._heard, t)
+            if t - self._heard > self._believed:
+                self.narrow(None)
 
     def _note(self, report: Report) -> None:
         """Keep the worst of what is watched: the least, of what counts up the largest."""

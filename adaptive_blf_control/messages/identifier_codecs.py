@@ -24,7 +24,7 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
 )
 
-__all__ = ['EstimateStream', 'HistoryFigures', 'ParameterSetCodec', 'PayloadStream']
+__all__ = ['EstimateStream', 'HistoryFigures', 'ParameterSetCodec', 'PayloadStream', 'bound_names']
 
 _ROWS = [0, 1, 3, 2, 4, 5]  # of the inertia as the message has it: ixx, ixy, ixz, iyy, iyz, izz
 
@@ -101,16 +101,36 @@ class PayloadStream:
                 for topic, body in ((PAYLOAD, estimate.load), (PAYLOAD_STD, estimate.std))}
 
 
+def bound_names(causes: Sequence[str]) -> list[str]:
+    """Return the names under which a named vector has the bounds of causes."""
+    return [f'prior.{cause}' for cause in causes]
+
+
 class ParameterSetCodec:
     """Encoder of the set that holds θ*."""
 
-    def __init__(self, parameters: Sequence[str]) -> None:
-        """Prepare the template for the names of the parameters."""
-        self._codec = JointStateCodec([*parameters, 'size', 'falsified'],
-                                      fields=('position', 'velocity'))
+    def __init__(self, parameters: Sequence[str], causes: Sequence[str], label: str = '') -> None:
+        """Prepare the template for the names of parameters and causes.
+
+        The ``frame_id`` is the ``label`` of who sends it.
+        """
+        self._codec = JointStateCodec(
+            [*parameters, 'size', 'falsified', *bound_names(causes)], label,
+            fields=('position', 'velocity'))
 
     def encode(self, stamp: int, centre: np.ndarray, half_widths: np.ndarray, size: float,
-               falsified: int) -> bytes:
-        """Encode a set; ``stamp`` in ns, ``centre`` and ``half_widths`` of shape (m,)."""
-        return self._codec.encode(stamp, np.append(centre, [size, falsified]),
-                                  np.append(half_widths, [0.0, 0.0]))
+               falsified: int, least: np.ndarray, most: np.ndarray) -> bytes:
+        """Encode a set.
+
+        Args:
+            stamp: Stamp [ns].
+            centre: Of the ellipsoid, shape (m,).
+            half_widths: How far it reaches in each parameter, shape (m,).
+            size: Geometric mean of its semi-axes.
+            falsified: How often it was contradicted.
+            least: Smallest value of each cause, shape (ν,).
+            most: Largest value, shape (ν,).
+        """
+        return self._codec.encode(
+            stamp, np.concatenate((centre, [size, falsified], 0.5 * (least + most))),
+            np.concatenate((half_widths, [0.0, 0.0], 0.5 * (most - least))))

@@ -117,12 +117,15 @@ PAYLOAD_STD = _topic(
     'likewise: standard deviation of each of these numbers; infinite for centre of mass and '
     'inertia while there is no load')
 PARAMETER_SET = _topic(
-    'identifier/parameter_set', 'sensor_msgs/msg/JointState', 'identifier', (),
+    'identifier/parameter_set', 'sensor_msgs/msg/JointState', 'identifier', ('controller',),
     'named vector, every `parameter_set.period` where that is not 0: the ellipsoid that holds θ* '
     'if the prior and the bound of the unexplained torque are right, whatever was recorded. '
     'position = its centre, velocity = how far it reaches to either side, by parameter name; then '
     '`size`, the geometric mean of its semi-axes, and `falsified`, how often pairs contradicted '
-    'it: it is then the prior again. See [limits.md](limits.md)')
+    'it: it is then the prior again. Then, likewise, the interval of each cause of the prior: '
+    '`prior.mass_<joint>`, as a part of the mass in the URDF, `prior.payload` [kg], and '
+    '`prior.<parameter>`; the controller takes them with `limits.learn`. See '
+    '[limits.md](limits.md)')
 ADAPTATION_TERM = _topic(
     'controller/adaptation_term', 'sensor_msgs/msg/JointState', 'controller', ('identifier',),
     'named vector: Xᵀe2 of (37); it acts over the interval that follows its stamp. Joints whose '

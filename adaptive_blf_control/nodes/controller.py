@@ -19,8 +19,6 @@ import numpy as np
 from rclpy.context import Context
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import MarkerArray
 
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
 from adaptive_blf_control.control.arm_limits import limit_warnings
@@ -32,21 +30,15 @@ from adaptive_blf_control.control.ramp import RAMP_STEP
 from adaptive_blf_control.control.refusal import Refusal
 from adaptive_blf_control.control.safety_filter import watched_by
 from adaptive_blf_control.errors import BlfError
-from adaptive_blf_control.messages.topics import (
-    JOINT_STATES,
-    JOINT_TRAJECTORY,
-    OBSTACLES,
-    THETA_HAT,
-)
+from adaptive_blf_control.messages.topics import JOINT_STATES, THETA_HAT
 from adaptive_blf_control.nodes.command_topic import CommandTopic
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
 from adaptive_blf_control.nodes.controller_status import ControllerStatus
 from adaptive_blf_control.nodes.estimate_input import EstimateInput, limit_of
 from adaptive_blf_control.nodes.gravity_watch import GravityWatch
 from adaptive_blf_control.nodes.handover import emptied, Handover
-from adaptive_blf_control.nodes.obstacle_input import ObstacleInput
+from adaptive_blf_control.nodes.motion_inputs import MotionInputs
 from adaptive_blf_control.nodes.state_input import JointSample, StateInput
-from adaptive_blf_control.nodes.trajectory_input import TrajectoryInput
 from adaptive_blf_control.parameters.table import broadcast
 from adaptive_blf_control.runtime.channels import LONGEST_WAIT
 from adaptive_blf_control.runtime.managed_node import ManagedNode
@@ -58,8 +50,6 @@ from adaptive_blf_control.tuning.stated_loop import stated_delay
 
 __all__ = ['ControllerNode']
 
-TRAJECTORY_QUEUE_DEPTH = 10
-OBSTACLE_QUEUE_DEPTH = 1  # only where they are now matters
 GRAPH_PERIOD = 0.1  # s between looks at the publishers and subscriptions of commands
 COUNT_LIVE = 25  # postures that a live change is checked in, between two samples
 OF_THE_LOOP = {'k1', 'k2', 'barrier_weight', 'performance', 'reference'}  # its stability
@@ -74,7 +64,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         estimates: θ̂ in use; from the configuration on.
         monitors: What is published besides the torque; from the configuration on.
         gravity: Whether gravity as told fits the motion; from the configuration on.
-        trajectories: Takes the points of a planner; from the configuration on.
+        inputs: What it hears besides states and estimates; from the configuration on.
         heard_at: When the last usable state arrived, monotonic [s]; None before the first.
         commands: The command topic; from the configuration on.
         states: The joint states it believes; from the configuration on.
@@ -85,11 +75,11 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
 
     commands: CommandTopic
     gravity: GravityWatch
+    inputs: MotionInputs
     motion: Motion
     estimates: EstimateInput
     monitors: ControllerMonitors
     states: StateInput
-    trajectories: TrajectoryInput
 
     def __init__(self, *, context: Context | None = None, handover: Handover | None = None,
                  **options: Any) -> None:
@@ -140,13 +130,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
                                            controller.constraints.names,
                                            watched_by(controller.safety_filter),
                                            self.handover)
-        self.trajectories = TrajectoryInput(self, self.motion)
-        self._trajectory_topic = self.create_subscription(
-            JointTrajectory, JOINT_TRAJECTORY, self.trajectories.offer, TRAJECTORY_QUEUE_DEPTH,
-            raw=True)
-        self._obstacle_topic = self.create_subscription(
-            MarkerArray, OBSTACLES, ObstacleInput(self, self.motion).receive,
-            OBSTACLE_QUEUE_DEPTH, raw=True)
+        self.inputs = MotionInputs(self, self.motion, self.handover)
         self.hears_states = True
 
     def _subscribe(self) -> list[Subscription]:
@@ -164,8 +148,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.hears_states = False
         for subscription in self._inputs:
             self.topics.unsubscribe(subscription)
-        self.destroy_subscription(self._trajectory_topic)
-        self.destroy_subscription(self._obstacle_topic)
+        self.inputs.close()
         self.monitors.close()
 
     def _check_loop(self, settings: ControllerNodeSettings, count: int) -> None:
@@ -244,6 +227,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self.handover is not None and self.estimates.wanted:
             for estimate in emptied(self.handover.estimates):
                 self.estimates.take(*estimate)
+        self.inputs.sets.take_over()
         stamp, q, qd, torque, _, info = sample
         refusal = self.states.too_old(sample) or self.motion.refuse(
             stamp, q, qd, self.settings.state_timeout)
@@ -374,5 +358,5 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             return DiagnosticStatus.WARN, 'unconfigured', {}
         return ControllerStatus(
             self.motion, self.states, self.estimates, self.commands, self.monitors, self.gravity,
-        ).status(active=self.active, wants_activation=self.wants_activation,
+            self.inputs).status(active=self.active, wants_activation=self.wants_activation,
                  lockstep=self.lockstep)

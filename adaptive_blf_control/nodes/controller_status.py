@@ -13,6 +13,7 @@ from adaptive_blf_control.nodes.command_topic import CommandTopic
 from adaptive_blf_control.nodes.controller_monitors import ControllerMonitors
 from adaptive_blf_control.nodes.estimate_input import EstimateInput
 from adaptive_blf_control.nodes.gravity_watch import GravityWatch
+from adaptive_blf_control.nodes.motion_inputs import MotionInputs
 from adaptive_blf_control.nodes.state_input import StateInput
 from adaptive_blf_control.runtime.status_report import Status
 
@@ -28,6 +29,7 @@ class ControllerStatus(NamedTuple):
     commands: CommandTopic
     monitors: ControllerMonitors
     gravity: GravityWatch
+    inputs: MotionInputs
 
     def awaited(self) -> str:
         """Return what a motion waits for."""
@@ -37,7 +39,8 @@ class ControllerStatus(NamedTuple):
     def second_source(self) -> str:
         """Return which topic has a second publisher, '' where none has."""
         return (self.states.heard.second_source() or self.commands.others()
-                or (self.estimates.heard.second_source() if self.estimates.wanted else ''))
+                or (self.estimates.heard.second_source() if self.estimates.wanted else '')
+                or self.inputs.sets.second_source())
 
     def status(self, *, active: bool, wants_activation: bool, lockstep: bool) -> Status:
         """Return level, message and values: the margins of all constraints, V and saturation.

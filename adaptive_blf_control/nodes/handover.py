@@ -23,6 +23,8 @@ from adaptive_blf_control.configuration.node_settings import (
     IdentifierNodeSettings,
 )
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.limits.cause_intervals import CauseBounds
+from adaptive_blf_control.limits.set_estimator import SetEstimator
 from adaptive_blf_control.nodes.state_input import JointSample
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.data_topics import QUEUE_DEPTH
@@ -33,23 +35,27 @@ Item = TypeVar('Item')
 
 
 class Handover:
-    """Three boxes, each filled by one node and emptied by the other.
+    """Boxes, each filled by one node and emptied by the other.
 
     Attributes:
         states: For the identifier: what the controller has seen, in the order of arrival.
         terms: For the identifier: stamps [ns] and adaptation terms, shape (m,).
         estimates: For the controller: stamps [ns] and θ̂, shape (m,).
+        bounds: For the controller: what is known of the arm for sure; the last one counts.
         learn: Lets the identifier take its states; set by it.
         arm: That of the identifier; set by it.
+        set_estimator: Likewise, what makes the bounds; None where nothing does.
     """
 
     arm: Arm
+    set_estimator: SetEstimator | None = None
 
     def __init__(self) -> None:
         """Start empty; as many samples may wait as would in the middleware."""
         self.states: deque[JointSample] = deque(maxlen=QUEUE_DEPTH)
         self.terms: deque[tuple[int, np.ndarray]] = deque(maxlen=QUEUE_DEPTH)
         self.estimates: deque[tuple[int, np.ndarray]] = deque(maxlen=QUEUE_DEPTH)
+        self.bounds: deque[CauseBounds] = deque(maxlen=1)
         self.learn: Callable[[], None] = _nobody_learns
 
     def begin_for(self, arm: Arm) -> None:
@@ -64,6 +70,7 @@ class Handover:
                 raise ParameterError(f'controller: {name} of the arm', list(own), (
                     f'those of the identifier in the same process, {list(other)}'))
         self.estimates.clear()
+        self.bounds.clear()
 
 
 def handed_over_decimation(node: DataNode[ControllerNodeSettings]

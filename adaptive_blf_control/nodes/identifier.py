@@ -96,7 +96,7 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         self.saver = EstimateSaver(self, self.identifier.snapshot)
         self.model = ModelOutput(self, self.identifier, self._outputs)
         self.payload = PayloadOutput(self, payload, self._outputs)
-        self.parameter_set = SetOutput(self, self.arm, self._outputs)
+        self.parameter_set = SetOutput(self, self.arm, self._outputs, handover)
 
     def _check_rank(self) -> None:
         warning = rank_warning(self.identifier.settings, self.arm.n, self.arm.m)

@@ -19,8 +19,10 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arrays import checked_array, checked_finite
 from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.control.controller import Controller
+from adaptive_blf_control.control.safety_filter import narrow
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.limits.set_estimator import SetEstimator
 from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.parameters.plugin import require, require_call
 from adaptive_blf_control.simulation.block import trace_rows, TraceRows
@@ -72,7 +74,7 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
     @checked_call
     def __init__(self, plant: Plant, controller: Controller, identifier: Identifier | None = None,
                  period: float = 0.001, initial_estimate: Any = None, known: bool = False,
-                 ) -> None:
+                 set_estimator: SetEstimator | None = None) -> None:
         """Join the parts.
 
         Args:
@@ -83,6 +85,7 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
             initial_estimate: θ the controller starts with, shape (m,); the identifier's where
                 None.
             known: The controller keeps that θ and never hears the identifier (34).
+            set_estimator: Narrows the prior of a safety filter that learns; None where none does.
 
         Raises:
             ParameterError: the plant lacks what a plant needs, or a value cannot be used.
@@ -103,6 +106,7 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
             self.identifier.theta.copy() if initial_estimate is None else checked_array(
                 'initial_estimate', initial_estimate, (arm.m,), arm.parameters))
         self._known = known
+        self._set_estimator = set_estimator
         self.sample_by_sample = False
 
     def __repr__(self) -> str:
@@ -199,12 +203,15 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
         """
         plant, controller, identifier = self.plant, self.controller, self.identifier
         theta, term = self._initial_estimate, np.zeros(self.arm.m)
+        estimator = self._set_estimator
         for k in range(self._steps(duration)):
             t = sample_time(k, self.period)
             measured = plant.measure(plant.torque, self.period if k else 0.0)
             output = controller.update(t, measured.q, measured.qd, theta, measured.torque)
             estimate = identifier.update(t, *measured, term)
             term = output.adaptation_term
+            if estimator is not None and estimator.observe(t, identifier):
+                narrow(controller.safety_filter, estimator.bounds())
             stack = identifier.stack
             yield Sample(t, measured, output, theta, estimate, stack.rank, stack.sigma_min,
                          stack.insertions, identifier.excitation,

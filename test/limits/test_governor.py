@@ -10,11 +10,10 @@ import adaptive_blf_control as blf
 from adaptive_blf_control.control.reference import Posture, ReferencePoint, SumOfSinusoids
 from adaptive_blf_control.limits.governor import Deflection
 from adaptive_blf_control.limits.pace import Pace, slowed
-from adaptive_blf_control.limits.parameter_set import ParameterSet
 from adaptive_blf_control.limits.prior import Prior, prior_of
 
 ARM = blf.TwoLinkArm()
-SET = ParameterSet(prior_of(ARM, mass_error=0.1, friction=np.array([8.0, 2.0])), np.full(2, 0.1))
+SET = prior_of(ARM, mass_error=0.1, friction=np.array([8.0, 2.0]))
 SWING = SumOfSinusoids(np.zeros(2), np.array([[0.8], [0.5]]), np.array([[3.0], [4.0]]),
                        np.zeros((2, 1)))
 
@@ -29,8 +28,8 @@ def followed(pace, reference=SWING, nearness=0.0, steps=2000):
 def test_what_passes_keeps_velocity_and_torque_for_every_arm_of_the_set(speed, torque):
     pace = Pace(ARM, SET, np.full(2, speed), np.array([torque, torque / 4.0]))
     slowest, furthest = 1.0, 0.0
-    corners = [SET.prior.centre + SET.prior.generators @ np.sign(z)
-               for z in np.random.default_rng(0).normal(size=(8, SET.prior.generators.shape[1]))]
+    corners = [SET.centre + SET.generators @ np.sign(z)
+               for z in np.random.default_rng(0).normal(size=(8, SET.generators.shape[1]))]
     for k, (point, _) in enumerate(followed(pace)):
         velocity = pace.rate * point.velocity
         # Within the first part of a second it slows down from full speed.
@@ -62,8 +61,7 @@ def test_the_path_comes_to_rest_before_e1_reaches_its_bound():
 
 def test_a_posture_that_the_torque_cannot_hold_for_every_arm_is_never_reached():
     heavy = blf.ThreeLinkArm()
-    parameters = ParameterSet(prior_of(heavy, mass_error=0.3), np.full(3, 0.1))
-    pace = Pace(heavy, parameters, np.full(3, 5.0), np.full(3, 1e-6))
+    pace = Pace(heavy, prior_of(heavy, mass_error=0.3), np.full(3, 5.0), np.full(3, 1e-6))
     moving = SumOfSinusoids(np.zeros(3), np.full((3, 1), 0.5), np.full((3, 1), 1.0),
                             np.full((3, 1), 0.5))
     assert [pace.rate for _, pace in followed(pace, moving, steps=1200)][-1] < 1e-3
@@ -83,9 +81,9 @@ class Pendulum:
 @pytest.mark.parametrize('left', [1.3, 1.2])
 def test_a_posture_that_leaves_little_torque_is_passed_with_a_rate_that_changes_slowly(left):
     """With 2/s the change of the rate alone takes 1.6 N·m there, which is more than is left."""
-    arm, parameters = Pendulum(), ParameterSet(Prior(np.ones(1), np.full((1, 1), 0.01)), [0.1])
+    arm, known = Pendulum(), Prior(np.ones(1), np.full((1, 1), 0.01))
     limit = np.full(1, left / 0.85)
-    pace = Pace(arm, parameters, np.full(1, 20.0), limit)
+    pace = Pace(arm, known, np.full(1, 20.0), limit)
     turning = SumOfSinusoids(np.full(1, 0.5 * np.pi), np.full((1, 1), 1.5), np.full((1, 1), 0.53),
                              np.full((1, 1), -0.5 * np.pi))
     for k, (point, _) in enumerate(followed(pace, turning, steps=6000)):

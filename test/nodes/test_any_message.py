@@ -288,7 +288,7 @@ def _trajectory(drawn: _Drawn) -> JointTrajectory:
 
 def test_trajectories_of_the_controller(moving) -> None:
     node, good, _ = moving
-    watched = _Watched(node, node.trajectories.receive, lambda: _motion(node))
+    watched = _Watched(node, node.inputs.trajectories.receive, lambda: _motion(node))
 
     def handle(message: JointTrajectory, _: dict) -> None:
         before = watched.taken

@@ -113,7 +113,8 @@ def test_deactivation_is_heard_while_a_long_trajectory_is_checked(driver, wait_u
     points.publish(message)
     client = driver.peer.create_client(ChangeState, '/controller/change_state')
     assert client.wait_for_service(60.0)
-    wait_until(lambda: driver.push() and driver.node.trajectories.busy, 'the check has begun')
+    wait_until(lambda: driver.push() and driver.node.inputs.trajectories.busy,
+               'the check has begun')
     before = len(driver.commands)
     answer = client.call_async(ChangeState.Request(
         transition=Transition(id=Transition.TRANSITION_DEACTIVATE)))

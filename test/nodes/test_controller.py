@@ -617,7 +617,7 @@ def test_a_trajectory_that_took_long_to_compute_begins_later(rig, monkeypatch) -
         return way_through(points, controller, t)
 
     monkeypatch.setattr(trajectory_input, 'way_through', slow)
-    rig.node.trajectories.receive(_trajectory([1.0, -0.5]))
+    rig.node.inputs.trajectories.receive(_trajectory([1.0, -0.5]))
     np.testing.assert_allclose(begins, [0.1, 0.6])
     assert rig.node.faults.drops == {}
     np.testing.assert_allclose(rig.node.motion.controller.reference.at(2.0).position, [-0.5, 1.0])
@@ -786,7 +786,7 @@ def _trajectory(positions, seconds=1.0, names=('joint2', 'joint1'), **fields) ->
 def test_a_trajectory_replaces_the_reference_smoothly_and_by_joint_name(rig) -> None:
     rig = rig(state_timeout=10.0)
     rig.answer(_state(0.0))
-    rig.node.trajectories.receive(_trajectory([1.0, -0.5]))
+    rig.node.inputs.trajectories.receive(_trajectory([1.0, -0.5]))
     before = rig.node.motion.controller.reference.at(0.1)
     rig.answer(_state(50.0))
     for part, want in zip(rig.node.motion.controller.reference.at(0.1), before):
@@ -809,7 +809,7 @@ def test_a_first_point_at_0_s_is_checked_and_not_gone_through(rig) -> None:
     rig = rig(state_timeout=10.0)
     rig.answer(_state(0.0))
     wanted = rig.node.motion.controller.reference.at(0.1).position
-    rig.node.trajectories.receive(_from_where_it_is(wanted[::-1] + 0.1, [1.0, -0.5]))
+    rig.node.inputs.trajectories.receive(_from_where_it_is(wanted[::-1] + 0.1, [1.0, -0.5]))
     assert rig.node.faults.drops == {}
     reference = rig.node.motion.controller.reference
     np.testing.assert_allclose(reference.at(0.1).position, wanted, atol=1e-12)
@@ -830,7 +830,7 @@ def test_a_trajectory_that_cannot_be_followed_is_dropped_whole(rig, capfd, messa
     rig = rig()
     rig.answer(_state(0.0))
     reference = rig.node.motion.controller.reference
-    rig.node.trajectories.receive(message)
+    rig.node.inputs.trajectories.receive(message)
     assert rig.node.faults.drops == {'unusable trajectory': 1}
     assert what in capfd.readouterr().err
     rig.answer(_state(1.0))
