@@ -10,8 +10,12 @@ of the recorded pairs. Our monitor compares both joint by joint:
 s_i² the mean square residual of joint i in the stack widened by the uncertainty of θ_s along Y_f,
 t_i the RMS of its recorded filtered torque, ρ the part of the torque below which a change does not
 matter, f_i the Coulomb torque in θ_s and c_i its column in Y_f, the filtered tanh(q̇_i/v_s): ±1
-while the joint moves; of a joint that sticks friction holds whatever there is, up to f_i. When the
-mean of d_i² over a window exceeds a threshold for any joint, the arm has changed.
+while the joint moves; of a joint that sticks friction holds whatever there is, up to f_i. With
+D_i the mean of d_i² over a window, 1 where nothing has changed, the arm has changed when
+
+    1 + Σ max(D_i − 1, 0)
+
+exceeds a threshold: a load shows in several joints at once, in each of them perhaps too little.
 """
 
 from __future__ import annotations
@@ -143,7 +147,7 @@ class ResidualArrays(NamedTuple):
             what the model lacks, as dry friction at standstill, shows in others than the recorded
             ones; 1 where nobody follows it, shape (n,).
         window: Time constant of the mean [s]; 0 is off.
-        threshold: Mean of d² that counts as a change.
+        threshold: Mean of d², of all joints together, that counts as a change.
         resolution: ρ.
     """
 
@@ -198,7 +202,7 @@ def residuals_contradicted(monitor: ResidualArrays, dt: float, regressor: np.nda
         take_over(monitor, regressors[:count], torques[:count], gram, moment)
         monitor.revision[0], monitor.revision[1] = revision, count
     gain, cap = -math.expm1(-dt / monitor.window), CAP * monitor.threshold
-    top, mean = 0.0, monitor.statistic
+    together, mean = 1.0, monitor.statistic
     for k in range(torque.size):
         floor = monitor.resolution ** 2 * monitor.square[k] + 1e-300
         if monitor.coulomb[k] >= 0:
@@ -209,8 +213,8 @@ def residuals_contradicted(monitor: ResidualArrays, dt: float, regressor: np.nda
         scale *= monitor.ordinary[k]
         monitor.residual[k], monitor.scale[k] = residual, scale
         mean[k] += gain * (min(residual * residual / scale, cap) - mean[k])
-        top = max(top, mean[k])
-    return bool(top >= monitor.threshold)
+        together += max(mean[k] - 1.0, 0.0)
+    return bool(together >= monitor.threshold)
 
 
 @jit
@@ -249,7 +253,7 @@ class ResidualMonitor(ChangeMonitor):
             n: Number of joints.
             m: Number of parameters.
             window: Time constant of the mean [s]; 0 switches the monitor off.
-            threshold: Mean of d² that counts as a change, > 1.
+            threshold: Mean of d², of all joints together, that counts as a change, > 1.
             resolution: ρ, part of the torque that does not matter.
             coulomb: Column of each joint's Coulomb torque in the regressor, −1 for none, shape
                 (n,); None: no joint has one.

@@ -102,7 +102,8 @@ class ChangeSettings(Settings, where='identifier.change'):
         0.1, 'Window of the monitor that empties the history when the arm has changed; 0 is off.',
         's', 0.0, 3600.0, live=True)
     threshold: float = parameter(
-        25.0, 'Mean square residual, in units of the recorded one, that counts as a change.',
+        25.0, 'Mean square residual, in units of the recorded one, that counts as a change; what '
+        'each joint has beyond 1 adds up.',
         '', 1.0, 1e9, exclusive=True, live=True)
     resolution: float = parameter(
         0.01, 'Part of the torque below which a change does not matter.', '', 0.0, 1.0, live=True)

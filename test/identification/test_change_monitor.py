@@ -87,6 +87,29 @@ def test_a_change_is_found_within_the_window_and_after_a_reset_again():
         assert not monitor.statistic.any()
 
 
+def test_a_change_that_is_too_little_in_each_joint_is_found_in_all_of_them_together():
+    random = np.random.default_rng(11)
+    stack = HistoryStack(6, 3, 30, 0.0)
+    for _ in range(30):
+        regressor = random.normal(size=(6, 3))
+        stack.offer(regressor, regressor @ TRUE + 0.05 * random.normal(size=6))
+
+    def found(joints: int, threshold: float = 25.0) -> bool:
+        monitor = ResidualMonitor(6, 3, 0.1, threshold, 0.0)
+        beyond = np.where(np.arange(6) < joints, 0.18, 0.0)
+        alarms = []
+        for _ in range(1500):
+            regressor = random.normal(size=(6, 3))
+            torque = regressor @ TRUE + 0.05 * random.normal(size=6) + beyond
+            alarms.append(monitor.watch(1e-3, regressor, torque, stack))
+        assert monitor.statistic.max() < 20.0
+        return any(alarms)
+
+    assert not found(1)
+    assert found(4)
+    assert not found(0, 5.0)  # what is ordinary in six joints adds up to nothing
+
+
 def grown(pairs, size: int) -> HistoryStack:
     stack = HistoryStack(2, 3, size, 0.0)
     for pair in pairs:

@@ -50,9 +50,10 @@ def _overrides(values: dict[str, Any]) -> dict[str, Any]:
 class _Arm:
     """An arm that the test moves, and the two nodes of one process that answer it."""
 
-    def __init__(self, graph, wait_until, tmp_path, **controller: Any) -> None:
+    def __init__(self, graph, wait_until, tmp_path, identifier: dict[str, Any] | None = None,
+                 **controller: Any) -> None:
         self._wait_until = wait_until
-        estimate = {'estimate_file': str(tmp_path / 'theta_hat.yaml')}
+        estimate = {'estimate_file': str(tmp_path / 'theta_hat.yaml'), **(identifier or {})}
         self.both = ArmControl(context=graph.context,
                                controller=_overrides({**CONTROLLER, **controller}),
                                identifier=_overrides(estimate))
@@ -286,3 +287,31 @@ def test_a_signal_ends_both_with_zero_torque_and_the_estimate(
     assert both.signal(signal.SIGINT) == 0, both.text
     assert 'ERROR' not in both.text[before:]
     assert driver.signal(signal.SIGINT) == 0, driver.text
+
+
+LEARNS = {'safety_filter': 'limits', 'limits.learn': True, 'limits.velocity': [20.0, 20.0],
+          'limits.prior.mass_error': 0.3, 'limits.prior.friction': [8.0, 2.0],
+          'limits.prior.unexplained': [50.0]}
+SURE = {'parameter_set.period': 0.02, 'parameter_set.prior.mass_error': 0.3,
+        'parameter_set.prior.friction': [8.0, 2.0], 'parameter_set.prior.unexplained': [50.0]}
+
+
+def test_a_filter_that_learns_gets_the_intervals_of_the_identifier_in_memory(
+        arm, wait_until) -> None:
+    arm = arm(identifier=SURE, **LEARNS)
+    arm.begin()
+    controller, identifier = arm.both.nodes
+    for k in range(60):
+        arm.step((0.001 * k, 0.002 * k), (0.2, 0.4))
+    wait_until(lambda: identifier.last_ns == arm.stamp_ns, what='the last state learned')
+    arm.step((0.06, 0.12), (0.2, 0.4))
+    model = controller.motion.controller.safety_filter.model
+    assert model.part < 1.0
+    assert identifier.parameter_set.estimator.falsified == 0
+    assert controller.count_subscribers('identifier/parameter_set') == 0
+    assert arm.end() == 0
+
+
+def test_a_filter_that_learns_from_an_identifier_without_a_set_does_not_start(arm) -> None:
+    with pytest.raises(ParameterError, match=r'identifier\.parameter_set\.period.*learn'):
+        arm(**LEARNS)

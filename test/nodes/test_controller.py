@@ -28,6 +28,7 @@ from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.way import way_through
 from adaptive_blf_control.errors import ParameterError, SetViolation
+from adaptive_blf_control.limits.prior import prior_of
 from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.topics import (
     ADAPTATION_TERM,
@@ -35,6 +36,7 @@ from adaptive_blf_control.messages.topics import (
     COMMANDS,
     GUARANTEE,
     JOINT_STATES,
+    PARAMETER_SET,
     REFERENCE,
     THETA_HAT,
     TRACKING_ERROR,
@@ -848,3 +850,66 @@ def test_settings_beyond_the_limits_of_the_arm_are_a_warning_with_numbers(
             '-2 .. 2 rad') in log
     assert "joint 'shoulder': torque_limit 60 N·m is above the limit of the arm, 50 N·m" in log
     assert log.count('of the arm') == 2
+
+
+LEARNS = {'safety_filter': 'limits', 'limits__learn': True, 'limits__velocity': [20.0, 20.0],
+          'limits__prior__mass_error': 0.1, 'limits__prior__friction': [8.0, 2.0]}
+
+
+def _bounds(part: float, label: str = 'identifier#01234567', **without: float) -> bytes:
+    """Return intervals with ``part`` of the half widths of the prior, as an identifier sends."""
+    prior = prior_of(TwoLinkArm(), mass_error=0.1, friction=np.array([8.0, 2.0]))
+    causes = [cause for cause in prior.causes if cause.name not in without]
+    message = JointState(name=[f'prior.{cause.name}' for cause in causes],
+                         position=[cause.middle for cause in causes],
+                         velocity=[part * cause.half for cause in causes])
+    message.header.frame_id = label
+    return serialize_message(message)
+
+
+def test_what_the_identifier_is_sure_of_narrows_the_safety_filter_of_a_motion(rig) -> None:
+    rig = rig(**LEARNS)
+    rig.answer(_state(0.0))
+    sets, motion = rig.node.inputs.sets, rig.node.motion
+    assert motion.controller.safety_filter.model.part == 1.0
+    assert sets.receive(_bounds(0.25), {})
+    assert motion.controller.safety_filter.model.part == pytest.approx(0.25)
+    rig.answer(_state(1.0))
+    assert 'parameter set' in rig.node.status()[2]
+    assert rig.node.status()[2]['parameter set'].startswith('25 %')
+
+
+@pytest.mark.parametrize(('data', 'reason'), [
+    (_bounds(0.25, p1=1.0), 'unusable parameter set'),
+    (_bounds(math.nan), 'unusable parameter set'), (_bounds(-0.1), 'unusable parameter set'),
+    (_bounds(0.25, 'stranger#76543210'), 'parameter set of a second publisher')])
+def test_intervals_that_cannot_be_used_or_are_of_another_source_narrow_nothing(
+        rig, data, reason) -> None:
+    rig = rig(**LEARNS)
+    rig.answer(_state(0.0))
+    sets, motion = rig.node.inputs.sets, rig.node.motion
+    assert sets.receive(_bounds(0.5), {})
+    assert not sets.receive(data, {})
+    assert rig.node.faults.drops == {reason: 1}
+    assert motion.controller.safety_filter.model.part == pytest.approx(0.5)
+
+
+def test_intervals_are_believed_for_learn_timeout_and_then_it_is_the_prior_again(rig) -> None:
+    rig = rig(**LEARNS, limits__learn_timeout=0.01)
+    rig.answer(_state(0.0))
+    motion = rig.node.motion
+    assert rig.node.inputs.sets.receive(_bounds(0.25), {})
+    rig.answer(_state(9.0))
+    assert motion.controller.safety_filter.model.part == pytest.approx(0.25)
+    rig.answer(_state(11.0))
+    assert motion.controller.safety_filter.model.part == 1.0
+
+
+def test_a_controller_whose_filter_does_not_learn_does_not_listen_to_the_set(rig) -> None:
+    assert rig().node.count_subscribers(PARAMETER_SET) == 0
+    assert rig(namespace='/other', **LEARNS).node.count_subscribers(PARAMETER_SET) == 1
+
+
+def test_in_lockstep_nothing_is_learned_from_another_process(graph) -> None:
+    with pytest.raises(ParameterError, match=r'controller\.limits\.learn.*lockstep'):
+        graph.make(ControllerNode, use_sim_time=True, autostart=True, **{**TASK, **LEARNS})
