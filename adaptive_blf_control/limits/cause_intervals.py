@@ -27,7 +27,7 @@ from adaptive_blf_control.limits.prior import Prior
 __all__ = ['CauseBounds', 'CauseIntervals']
 
 PASSES = 6  # of weighted least squares for one cause
-AT_ONCE = 2  # causes that are looked at closely with one update, in turn
+AT_ONCE = 1  # causes that are looked at closely with one update, in turn
 LEAST_PART = 1e-6  # of the largest weight, so that none is lost for good
 NARROW = 1e-9  # half widths below this are taken for it
 ROUNDING = 1e-9  # by which an interval may be empty without a contradiction

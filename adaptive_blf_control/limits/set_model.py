@@ -18,7 +18,7 @@ from adaptive_blf_control.limits.prior import inertia_range, prior_of
 
 __all__ = ['SetModel']
 
-WORTH = 0.02
+WORTH = 0.1
 """Part of the mean half width that an interval has to lose for the model to be made again, which
 takes longer than a sample of the filter."""
 

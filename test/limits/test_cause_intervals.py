@@ -77,7 +77,7 @@ def test_a_load_is_found_in_its_unit(panda: UrdfArm):
     friction = np.array([0.5 if name.startswith('fv_') else 0.0 for name in panda.parameters])
     theta = panda.nominal + 2.0 * panda.payload_direction + friction
     known = CauseIntervals(prior, np.full(7, 0.1))
-    for _ in range(12):
+    for _ in range(2 * len(prior.causes)):
         assert known.update(*pairs(random, panda, theta, 60, np.full(7, 0.1), 0.5))
     bounds = known.bounds()
     load, viscous = bounds.names.index('payload'), bounds.names.index('fv_panda_joint2')
