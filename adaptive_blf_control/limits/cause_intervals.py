@@ -9,8 +9,11 @@ of the rows, r being what A λ leaves of the axis u_j of one cause,
 
 where z is known to be in c ± h. That is the dual of the linear program which looks for the largest
 and the smallest z_j (Milanese and Vicino, Automatica 27, 1991). It holds for every λ, the best one
-or not, so that no solver has to be trusted; a good one is found by least squares, weighted again
-with |λ|/δ and |r|/h. What was found once stays: pairs that are recorded no more were right, too.
+or not, so that no solver has to be trusted. What was found once stays: pairs that are recorded no
+more were right, too.
+
+A good λ is found by least squares, weighted again with |r|/h and, because an end of the interval
+lies at ±λ (b − A c) + |λ| δ + |r| h from c, with |λ| over δ ± (b − A c).
 
 The set is a box in z, which is the prior's own zonotope made narrower, so that what relies on the
 prior can rely on it as well.
@@ -26,10 +29,11 @@ from adaptive_blf_control.limits.prior import Prior
 
 __all__ = ['CauseBounds', 'CauseIntervals']
 
-PASSES = 6  # of weighted least squares for one cause
+PASSES = 4  # of weighted least squares for one end of an interval
 AT_ONCE = 1  # causes that are looked at closely with one update, in turn
 LEAST_PART = 1e-6  # of the largest weight, so that none is lost for good
 NARROW = 1e-9  # half widths below this are taken for it
+LEAST_COST = 0.05  # of a row, in units of δ: one that excludes the centre costs nothing
 ROUNDING = 1e-9  # by which an interval may be empty without a contradiction
 
 
@@ -126,19 +130,24 @@ class CauseIntervals:
 
     def _narrow_one(self, j: int, rows: np.ndarray, values: np.ndarray,
                     delta: np.ndarray) -> None:
-        """Narrow the interval of cause ``j`` with the best λ that some passes find."""
-        centre, half = self._box()
-        axis = np.zeros(half.size)
-        axis[j] = 1.0
-        of_rows, of_rest = 1.0 / delta ** 2, 1.0 / half ** 2
-        for _ in range(PASSES):
-            weights = of_rows * (rows @ np.linalg.solve(
-                (rows.T * of_rows) @ rows + np.diag(of_rest), axis))
-            rest = axis - weights @ rows
-            middle = float(weights @ values + rest @ centre)
-            reach = float(np.abs(weights) @ delta + np.abs(rest) @ half)
-            self.least[j] = max(self.least[j], middle - reach)
-            self.most[j] = min(self.most[j], middle + reach)
-            size = np.abs(weights)
-            of_rows = np.maximum(size, LEAST_PART * size.max()) / delta
-            of_rest = np.maximum(np.abs(rest), LEAST_PART) / half
+        """Narrow each end of the interval of cause ``j`` with the best λ that some passes find."""
+        for side in (1.0, -1.0):
+            centre, half = self._box()
+            beyond = side * (values - rows @ centre)
+            costs = np.maximum(delta + beyond, LEAST_COST * delta), np.maximum(
+                delta - beyond, LEAST_COST * delta)
+            axis = np.zeros(half.size)
+            axis[j] = 1.0
+            of_rows, of_rest = 1.0 / delta ** 2, 1.0 / half ** 2
+            for _ in range(PASSES):
+                weights = of_rows * (rows @ np.linalg.solve(
+                    (rows.T * of_rows) @ rows + np.diag(of_rest), axis))
+                rest = axis - weights @ rows
+                middle = float(weights @ values + rest @ centre)
+                reach = float(np.abs(weights) @ delta + np.abs(rest) @ half)
+                self.least[j] = max(self.least[j], middle - reach)
+                self.most[j] = min(self.most[j], middle + reach)
+                size = np.abs(weights)
+                of_rows = (np.maximum(size, LEAST_PART * size.max())
+                           / np.where(weights > 0.0, *costs))
+                of_rest = np.maximum(np.abs(rest), LEAST_PART) / half

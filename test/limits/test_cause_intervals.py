@@ -60,15 +60,14 @@ def _exact(known: CauseIntervals, regressors: np.ndarray,
 def test_the_intervals_are_nearly_those_of_the_linear_program():
     random = np.random.default_rng(4)
     known = CauseIntervals(prior_of(ARM, mass_error=0.3), DELTA)
-    given_pairs = pairs(random, ARM, ARM.nominal, 30, DELTA)
+    given_pairs = pairs(random, ARM, ARM.nominal, 30, 0.5 * DELTA)
     for _ in range(10):
         known.update(*given_pairs)
     least, most = _exact(known, *given_pairs)
     assert (known.least <= least + 1e-7).all()
     assert (known.most >= most - 1e-7).all()
-    widths = (known.most - known.least) / (most - least)
-    assert widths.max() < 1.3
-    assert (most - least).max() < 1.0  # there is something to be found
+    assert (known.most - known.least <= 1.3 * (most - least) + 1e-6).all()
+    assert 0.1 < (most - least).max() < 1.5  # there is something to be found
 
 
 def test_a_load_is_found_in_its_unit(panda: UrdfArm):
