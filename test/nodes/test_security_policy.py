@@ -12,7 +12,12 @@ import pytest
 from rclpy.node import Node, NodeNameNonExistentError
 
 from adaptive_blf_control.executables import NODES
-from adaptive_blf_control.messages.topics import JOINT_TRAJECTORY, OBSTACLES, TOPICS
+from adaptive_blf_control.messages.topics import (
+    JOINT_TRAJECTORY,
+    OBSTACLES,
+    PARAMETER_SET,
+    TOPICS,
+)
 from adaptive_blf_control.nodes.arm_driver import ArmDriver
 from adaptive_blf_control.nodes.controller import ControllerNode
 from adaptive_blf_control.nodes.identifier import IdentifierNode
@@ -27,6 +32,8 @@ MANAGED = {'/arm_driver/transition_event', '/controller/transition_event'}
 LOCKSTEP = {'publish': {'/clock'},
             'subscribe': {f'/{topic.name}' for topic in TOPICS.values()
                           if 'arm_driver' in topic.lockstep_subscribers}}
+# With which the controller hears everything that it may.
+LEARNS = {'safety_filter': 'limits', 'limits__learn': True, 'limits__velocity': [20.0]}
 Granted = dict[str, dict[str, set[str]]]
 
 
@@ -93,7 +100,9 @@ def test_everything_a_running_node_uses_is_granted_and_the_other_way_round(
     monkeypatch.setattr(ParameterSurvey, '_end', lambda *_: None)
     made = {name: graph.make(kind, use_sim_time=lockstep, **(
         {'bag': str(tmp_path / 'bag')} if name == 'recorder' else {'initial_estimate': [1.0]}
-        if name in ('controller', 'identifier') else {})) for name, kind in KINDS.items()}
+        if name in ('controller', 'identifier') else {}),
+        **(LEARNS if name == 'controller' and not lockstep else {}))
+        for name, kind in KINDS.items()}
     for node in made.values():
         graph.run(node)
     wait_until(lambda: made['controller'].output, what='the controller, which has the arm now')
@@ -106,6 +115,9 @@ def test_everything_a_running_node_uses_is_granted_and_the_other_way_round(
     for name in made:
         granted = {use: set(names) for use, names in policy[name].items()}
         granted['subscribe'] -= {'/clock'}  # heard at most while a node is being made
+        if lockstep:
+            granted['subscribe'] -= set() if name == 'recorder' else {
+                _absolute(PARAMETER_SET)}  # with limits.learn only
         for use in LOCKSTEP if name == 'arm_driver' and not lockstep else ():
             granted[use] -= LOCKSTEP[use]
         seen: list[object] = []  # what the graph tells of a node comes bit by bit
