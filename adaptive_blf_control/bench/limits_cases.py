@@ -183,6 +183,8 @@ def _scene_cases(config: Path, numbers: tuple[int, ...]) -> Iterator[Case]:
             return {**random_scene(config, seed), **changes}
 
         yield Case('random scenes', 'Panda', law, scene, seeds=numbers)
+        if changes is not NO_FILTER:
+            yield Case('random scenes' + LEARNED, 'Panda', law, scene, seeds=numbers, learns=True)
         for slowest, fastest in SPEEDS:
             def moving(seed: int, slowest: float = slowest,
                        fastest: float = fastest) -> MovingSphere:
