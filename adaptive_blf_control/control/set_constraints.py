@@ -50,9 +50,9 @@ class PerformanceConstraint:
 
     name, quantity, unit = 'performance', 'error', 'rad'
     whole_runs = True
-    recovery = ('begin the motion with a smooth start (reference.smooth_start > 0 s), which joins '
-                'the reference from the posture, or on the reference (initial_position of a '
-                'simulated arm)')
+    recovery = ('begin the motion where the arm is (start= of a Controller, or its begin(q, qd)) '
+                'with a smooth start (reference.smooth_start > 0 s), which joins the reference '
+                'from there, or on the reference (initial_position of a simulated arm)')
 
     def __init__(self, joints: tuple[str, ...]) -> None:
         """Take the names of the joints."""

@@ -82,6 +82,7 @@ def joined(scenario: Scenario, own: OwnParts, changes: Mapping[str, Any]) -> Joi
         for name, value in given.items():
             if value is not None:
                 raise ParameterError(name, value, 'nothing: the loop has been joined by hand')
+        scenario.check_start()  # before anything is compiled or a bag is made
         return Joined(scenario, _of_joints(scenario.arm), (), False)
     data, arm = _data_and_arm(scenario)
     if arm is not None and own.plant is None:

@@ -34,6 +34,8 @@ from adaptive_blf_control.simulation.sensors import Measurement
 
 __all__ = ['ClosedLoop', 'Trace']
 
+_DURATION = 'a time >= 0 s'
+
 
 @dataclass(frozen=True, eq=False)
 class Trace:
@@ -140,6 +142,15 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
         """The parts for which it goes sample by sample, see `Trace`."""
         return parts_in_python(self._parts)
 
+    def check_start(self) -> None:
+        """Raise SetViolation where the plant is not inside the sets in which the motion begins.
+
+        ``controller.begin(plant.q, plant.qd)`` begins it where the plant is.
+        """
+        check = getattr(self.controller, 'check_start', None)
+        if check is not None:  # another controller than ours may have no sets
+            check(self.plant.measured_position(), self.plant.qd)
+
     def warm_up(self) -> None:
         """Compile everything on throw-away objects, so that a run starts at full speed."""
         if self.in_python:
@@ -164,7 +175,12 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
         Args:
             duration: Length of the run [s]; the sample at its end is included.
             observer: Called with every sample, e.g. to write a bag.
+
+        Raises:
+            ParameterError: the duration cannot be used.
+            SetViolation: the plant is not inside the sets in which the motion begins.
         """
+        self.check_start()
         times = sample_times(self._steps(duration), self.period)
         rows = trace_rows(times.size, self.arm.n, self.arm.m)
         begin = time.perf_counter()  # duration of the computation, not a time of the logic
@@ -200,7 +216,11 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
 
         Yields:
             Each sample, before the plant moves on.
+
+        Raises:
+            SetViolation: the plant is not inside the sets in which the motion begins.
         """
+        self.check_start()
         plant, controller, identifier = self.plant, self.controller, self.identifier
         theta, term = self._initial_estimate, np.zeros(self.arm.m)
         estimator = self._set_estimator
@@ -221,4 +241,7 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
             plant.advance(self.period)
 
     def _steps(self, duration: float) -> int:
+        duration = checked_finite('duration', duration, _DURATION)
+        if duration < 0.0:
+            raise ParameterError('duration', duration, _DURATION)
         return int(round(duration / self.period)) + 1
