@@ -11,9 +11,9 @@ import numpy as np
 
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['are_vectors', 'by_name', 'checked_array', 'checked_count', 'checked_finite',
-           'checked_number', 'checked_theta', 'checked_vectors', 'dimensions', 'joint_places',
-           'record', 'same_values']
+__all__ = ['are_vectors', 'by_name', 'check_unmasked', 'checked_array', 'checked_count',
+           'checked_finite', 'checked_number', 'checked_theta', 'checked_vectors', 'dimensions',
+           'joint_places', 'record', 'same_values']
 
 Record = TypeVar('Record', bound=type)
 
@@ -37,12 +37,13 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
         each: What the elements along the last axis stand for, e.g. the joints.
 
     Raises:
-        ParameterError: the value holds no real numbers, has another shape, or names that are
-            those of ``each`` in part.
+        ParameterError: the value holds no real numbers, has another shape or masked elements, or
+            names that are those of ``each`` in part.
     """
     if (type(value) is np.ndarray and value.shape == shape and value.dtype == _FLOAT64
             and value.flags.carray):
         return value
+    check_unmasked(name, value)
     try:
         given = np.asarray(value)
     except (TypeError, ValueError):  # rows of different lengths
@@ -59,6 +60,29 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
                              f'{_text(given.shape)}')
     array = np.ascontiguousarray(given, dtype=np.float64)
     return array if array.flags.writeable else array.copy()
+
+
+def check_unmasked(name: str, value: Any) -> None:
+    """Raise ParameterError where an element is masked: NumPy would take what lies behind it.
+
+    Args:
+        name: What the caller calls it, for the message.
+        value: Anything; a masked array, or a list of such, is looked at.
+    """
+    if isinstance(value, (list, tuple)) and any(
+            isinstance(each, np.ma.MaskedArray) for each in value):
+        try:
+            value = np.ma.array(value)  # type: ignore[no-untyped-call]
+        except ValueError:  # rows of different lengths, which are refused as such
+            return
+    if not isinstance(value, np.ma.MaskedArray):
+        return
+    places = np.argwhere(np.ma.getmaskarray(value))  # type: ignore[no-untyped-call]
+    if len(places):
+        first = f'[{", ".join(map(str, places[0]))}]' if places.shape[1] else ''
+        raise ParameterError(name, value, f'no masked elements: {name}{first} is masked, '
+                             f'{len(places)} of {value.size} are; filled(numpy.nan) has NaN '
+                             'there, and samples with NaN are left out of a log')
 
 
 def _labels_of(value: Any) -> list[str] | None:
@@ -128,6 +152,7 @@ def checked_number(name: str, value: Any, expected: str = 'a number') -> float:
     """
     if type(value) is float:
         return value
+    check_unmasked(name, value)
     try:
         given = np.asarray(value)
         if given.size == 1 and given.dtype.kind in _NUMBERS:

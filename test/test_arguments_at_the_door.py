@@ -327,3 +327,38 @@ def test_a_constraint_of_a_users_own_may_answer_with_lists():
         controller = door.Controller(ARM, constraints=kind)
         state = controller.state(0.0, np.zeros(2), np.array([0.5, 0.0]))
         assert controller.constraints.margins(state)[-2:].tolist() == [1.5, 2.0]
+
+
+T = np.arange(0.0, 0.3, 1e-3)
+WAVE = np.column_stack([np.sin(3.0 * T), np.cos(2.0 * T)])
+HIDDEN = np.ma.masked_array(WAVE, mask=False)
+HIDDEN[7, 1] = np.ma.masked
+LOG = {'t': T, 'q': WAVE, 'qd': WAVE, 'tau': WAVE}
+COLUMNS = {'t': T, **{f'{kind}{i + 1}': HIDDEN[:, i] if kind == 'qd' else WAVE[:, i]
+                      for kind in ('q', 'qd', 'tau') for i in range(2)}}
+ONE = np.ma.masked_array([0.1, 0.2], mask=[True, False])
+
+
+@pytest.mark.parametrize(('call', 'message'), [
+    (lambda: door.read_log({**LOG, 'qd': HIDDEN}), r"'qd' is .*qd\[7, 1\] is masked, 1 of 600"),
+    (lambda: door.read_log(COLUMNS), r"'qd2' is .*qd2\[7\] is masked"),
+    (lambda: door.identify({**LOG, 'tau': HIDDEN}, arm=ARM), r'tau\[7, 1\] is masked.*NaN'),
+    (lambda: door.Identifier(ARM).learn(T, HIDDEN, WAVE, WAVE), r'q\[7, 1\] is masked'),
+    (lambda: door.Identifier(ARM).learn({**LOG, 'q': HIDDEN, 'joints': ARM.joints[::-1]}),
+     r'q\[7, 0\] is masked'),
+    (lambda: door.Identifier(ARM).learn(T, list(HIDDEN), WAVE, WAVE), r'q\[7, 1\] is masked'),
+    (lambda: door.Identifier(ARM).update(0.0, ONE, [0.0, 0.0], [0.0, 0.0]), r'q\[0\] is masked'),
+    (lambda: door.Controller(ARM).update(0.0, [0.0, 0.0], ONE, np.zeros(5)), r'qd\[0\] is masked'),
+    (lambda: door.Controller(ARM).update(np.ma.masked, ONE, ONE, np.zeros(5)), 't is masked'),
+    (lambda: door.Controller(ARM, start=ONE), r'start\[0\] is masked'),
+    (lambda: door.Controller(ARM, k2=ONE), r'k2\[0\] is masked'),
+    (lambda: door.inverse_dynamics(ARM, ARM.nominal, HIDDEN, WAVE, WAVE), r'q\[7, 1\] is masked'),
+])
+def test_a_masked_element_is_refused_by_name_and_place(call, message):
+    with pytest.raises(door.BlfError, match=message):
+        call()
+
+
+def test_an_array_in_which_nothing_is_masked_is_an_array():
+    np.testing.assert_array_equal(
+        door.read_log({**LOG, 'q': np.ma.masked_array(WAVE, mask=False)}).q, WAVE)

@@ -11,10 +11,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from adaptive_blf_control.arrays import check_unmasked
 from adaptive_blf_control.bags.csv_log import raw_log
 from adaptive_blf_control.bags.log_columns import find_columns
 from adaptive_blf_control.bags.raw_log import RawLog
-from adaptive_blf_control.errors import LogError
+from adaptive_blf_control.errors import LogError, ParameterError
 
 __all__ = ['DataFrame', 'columns_of', 'is_table', 'table_log']
 
@@ -39,7 +40,7 @@ def columns_of(source: Any) -> Mapping[str, Any] | None:
     names = getattr(source, 'columns', None)
     if names is None or isinstance(source, type) or not hasattr(source, '__getitem__'):
         return None
-    found = {str(name): np.asarray(source[name]) for name in names}
+    found = {str(name): np.asanyarray(source[name]) for name in names}
     index = getattr(source, 'index', None)  # where pandas has what was made the index
     name = getattr(index, 'name', None)
     return found if name is None else {str(name): np.asarray(index), **found}
@@ -74,6 +75,11 @@ def table_log(source: str, columns: Mapping[str, Any], joints: Sequence[str] | N
     except LogError as exc:
         raise LogError(f'{source}: {exc}') from exc
     rows = list(columns.values())
+    try:
+        for i in (*found.time, *(i for each in found.values.values() for i in each)):
+            check_unmasked(header[i], rows[i])
+    except ParameterError as exc:
+        raise LogError(f'{source}: {exc}') from exc
     times = [_times(source, header[i], rows[i]) for i in found.time]
     origin = int(times[0][0]) if times[0].dtype.kind == 'i' and times[0].size else 0
     clock = (times[0] - origin).astype(float)

@@ -51,7 +51,7 @@ def _in_order(stored: Any, joints: Sequence[str], *values: Any) -> tuple[Any, ..
     Args:
         stored: Names of the columns; in order where there are none.
         joints: Joints of the arm.
-        values: Arrays with these columns.
+        values: Arrays with these columns; masks of masked arrays stay.
 
     Raises:
         LogError: no column has the name of a joint.
@@ -62,4 +62,4 @@ def _in_order(stored: Any, joints: Sequence[str], *values: Any) -> tuple[Any, ..
     places = joint_places(joints, known)
     if places is None:
         raise LogError(f'the log is of {", ".join(known)}, the arm has {", ".join(joints)}')
-    return tuple(np.asarray(each)[:, places] for each in values)
+    return tuple(np.asanyarray(each)[:, places] for each in values)

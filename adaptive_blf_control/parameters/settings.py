@@ -22,6 +22,7 @@ from typing import Any, ClassVar, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from adaptive_blf_control.arrays import check_unmasked
 from adaptive_blf_control.errors import (
     ParameterError,
     TypeWithHints,
@@ -116,6 +117,7 @@ class Settings(metaclass=TypeWithHints):
             return MappingProxyType({str(joint): _as_group(kind, each, f'{name}.{joint}')
                                      for joint, each in value.items()})
         row = self._declarations()[item.name]
+        check_unmasked(name, value)
         given, value = value, plain(row.kind, value)
         problem = value_problem(row, value, {})
         if problem:
