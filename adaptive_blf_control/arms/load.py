@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
+import warnings
 
 import numpy as np
 
 from adaptive_blf_control.arms.at_hand import list_arms
 from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.arms.urdf_nominal import stated_coulomb
 from adaptive_blf_control.arms.urdf_source import UrdfSource
 from adaptive_blf_control.calls import argument_names, checked_call
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
@@ -19,7 +21,7 @@ __all__ = ['load_arm']
 
 @checked_call
 def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
-             viscous: bool = True, coulomb: bool = False, offset: bool = False,
+             viscous: bool = True, coulomb: bool | None = None, offset: bool = False,
              square_root: bool = False, rotor_inertia: bool = False,
              rotor: float | Sequence[float] | np.ndarray | None = None,
              coulomb_velocity: float = 0.02,
@@ -33,7 +35,8 @@ def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
         joints: Joint names in the order of every array; None takes every joint with one axis,
             from the base outwards. The others are locked at zero.
         viscous: Whether θ has a viscous coefficient per joint [N·m·s/rad].
-        coulomb: Whether θ has a Coulomb torque per joint, tanh(q̇/v_s) [N·m].
+        coulomb: Whether θ has a Coulomb torque per joint, tanh(q̇/v_s) [N·m]. None: it has none,
+            and a warning says so where the URDF states some, as one that was identified does.
         offset: Whether θ has a constant torque per joint [N·m].
         square_root: Whether θ has a coefficient per joint of √|q̇| tanh(q̇/v_s)
             [N·m·(s/rad)^½].
@@ -57,10 +60,19 @@ def load_arm(urdf: UrdfSource, joints: Sequence[str] | None = None, *,
         raise ParameterError('urdf', urdf, f'a URDF; the arm of this name is {at_hand[urdf]}')
     for name, value in (('viscous', viscous), ('coulomb', coulomb), ('offset', offset),
                         ('square_root', square_root), ('rotor_inertia', rotor_inertia)):
+        if name == 'coulomb' and value is None:
+            continue
         if not isinstance(value, (bool, np.bool_)):
             raise ParameterError(name, value, 'True or False: whether it is learned; '
                                  'UrdfArm(urdf, viscous=...) takes nominal values')
-    return UrdfArm(urdf, joints, friction_viscous=viscous, friction_coulomb=coulomb,
-                   friction_offset=offset, friction_square_root=square_root,
-                   rotor_inertia=rotor_inertia, rotor=rotor,
-                   coulomb_velocity=coulomb_velocity, gravity=gravity)
+    arm = UrdfArm(urdf, joints, friction_viscous=viscous, friction_coulomb=bool(coulomb),
+                  friction_offset=offset, friction_square_root=square_root,
+                  rotor_inertia=rotor_inertia, rotor=rotor,
+                  coulomb_velocity=coulomb_velocity, gravity=gravity)
+    left_out = stated_coulomb(arm.model) if coulomb is None else {}
+    if left_out:
+        warnings.warn('the URDF states Coulomb friction, which this arm does not have: '
+                      + ', '.join(f'{name} {value:.4g} N·m' for name, value in left_out.items())
+                      + '; load_arm(urdf, coulomb=True) has it, coulomb=False leaves it out',
+                      stacklevel=3)
+    return arm

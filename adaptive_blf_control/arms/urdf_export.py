@@ -30,7 +30,7 @@ _TENSOR = tuple(name for name in INERTIAL_NAMES if name.startswith('I'))
     ('text', 'string', 'save', 'write', 'write_text', 'to_file', 'dump'),
     'xml is the text; identify(...).urdf(path) writes it'))
 class ExportedUrdf(NamedTuple):
-    """A URDF with identified values.
+    """A URDF with identified values; ``load_arm(exported, coulomb=True)`` is the arm of it.
 
     Attributes:
         xml: Its text.

@@ -12,7 +12,7 @@ from adaptive_blf_control.arms.joint_friction import finite_array
 from adaptive_blf_control.arrays import dimensions
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['checked_gravity', 'nominal_friction', 'nominal_rotor']
+__all__ = ['checked_gravity', 'nominal_friction', 'nominal_rotor', 'stated_coulomb']
 
 
 def checked_gravity(gravity: Any) -> np.ndarray:
@@ -35,9 +35,8 @@ def nominal_friction(choice: Mapping[str, tuple[bool, Any]], model: Any,
     Raises:
         ParameterError: coefficients of a kind that is not learned, or a bool for coefficients.
     """
-    dry = getattr(model, 'upperDryFrictionLimit', None)  # named so from Pinocchio 4 on
     from_urdf = {'viscous': model.damping[rows], 'offset': 0.0, 'square_root': 0.0,
-                 'coulomb': (model.friction if dry is None else dry)[rows]}
+                 'coulomb': _dry(model)[rows]}
     nominal: dict[str, object] = {}
     for kind, (enabled, value) in choice.items():
         if isinstance(value, (bool, np.bool_)):
@@ -48,6 +47,23 @@ def nominal_friction(choice: Mapping[str, tuple[bool, Any]], model: Any,
         elif value is not None:
             raise ParameterError(kind, value, f'None where friction_{kind} is off')
     return nominal
+
+
+def stated_coulomb(model: Any) -> dict[str, float]:
+    """Return the Coulomb friction that a URDF states by joint [N·m]; those without are left out.
+
+    Args:
+        model: Pinocchio's, of the joints that move.
+    """
+    dry = _dry(model)
+    return {name: float(dry[joint.idx_v]) for name, joint in zip(
+        list(model.names)[1:], list(model.joints)[1:], strict=True) if dry[joint.idx_v]}
+
+
+def _dry(model: Any) -> np.ndarray:
+    found = getattr(model, 'upperDryFrictionLimit', None)  # named so from Pinocchio 4 on
+    result: np.ndarray = model.friction if found is None else found
+    return result
 
 
 def nominal_rotor(given: Any, learned: bool, n: int) -> np.ndarray:

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import difflib
+import warnings
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.arms.urdf_export import export_urdf
 from adaptive_blf_control.bench.read_back import mujoco_errors
 from adaptive_blf_control.errors import ArmError
@@ -55,6 +57,23 @@ def test_mujoco_predicts_the_same_torques(arm, theta, inertial, tmp_path):
 def test_friction_is_read_back(arm, theta, inertial):
     back = spatial_arm(export_urdf(arm, theta, inertial).xml)
     np.testing.assert_array_equal(back.friction(back.nominal)[:2], arm.friction(theta)[:2])
+
+
+def test_an_arm_that_leaves_out_the_coulomb_friction_of_its_urdf_is_loaded_with_a_warning(
+        arm, theta, inertial):
+    exported = export_urdf(arm, theta, inertial)
+    stated = ', '.join(f'{joint} {value:.4g} N·m'
+                       for joint, value in zip(arm.joints, arm.friction(theta)[1], strict=True))
+    with pytest.warns(UserWarning, match=f'{stated}.*coulomb=True') as caught:
+        loaded = load_arm(exported)
+    assert caught[0].filename == __file__
+    assert not loaded.friction(loaded.nominal)[1].any()
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        whole = load_arm(exported, coulomb=True)
+        load_arm(exported, coulomb=False)
+        load_arm(URDF.replace('friction=', 'not_friction='))
+    np.testing.assert_allclose(whole.friction(whole.nominal)[1], arm.friction(theta)[1])
 
 
 def test_nothing_but_inertials_and_dynamics_changes(arm, theta, inertial):
