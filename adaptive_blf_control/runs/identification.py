@@ -226,7 +226,8 @@ class Identification(Learned, instead=_NOT_THERE):
 
     def __repr__(self) -> str:
         """Show what is to be heeded, and the figures as a table."""
-        return '\n'.join([*(f'note: {text}' for text in self.notes),
+        whole = [finding for finding in self.findings if finding.joint is None]
+        return '\n'.join([*(f'note: {text}' for text in (*whole, *self.notes)),
                           table(self.figures, self.source)])
 
 
@@ -305,7 +306,8 @@ def _judged(identifier: Identifier, sections: Sequence[Section], result: LogPass
     seconds = time.perf_counter() - begin
     figures = figures_of(sections, identifier, result)
     figures |= model_figures(identifier, result, consistent, seconds)
-    notes = (*reader.notes, *notes_on(identifier, sections, judged, figures))
+    notes = (*reader.notes, *notes_on(identifier, sections, judged, figures,
+                                        reader.findings))
     figures |= {'source': source, 'checks': checks_of(reader.findings),
                 'notes': list(notes),
                 'verdicts': listed(reader.findings, arm.joints)}

@@ -20,6 +20,7 @@ from adaptive_blf_control.runs.dynamic_checks import (
     Pairs,
     unit_findings,
 )
+from adaptive_blf_control.runs.effort_kind_check import effort_kind_findings
 from adaptive_blf_control.runs.finding import even, excerpt, Finding, REFUSED
 from adaptive_blf_control.runs.kinematic_checks import (
     effort_findings,
@@ -69,6 +70,7 @@ def _against_model(log: MeasuredLog, period: float, arm: Arm, settings: Identifi
     if pairs is None:
         return
     yield from delay_findings(pairs, arm, np.ptp(part.q, axis=0))
+    yield from effort_kind_findings(pairs, part, arm, settings)
     if not described_masses or not hasattr(arm, 'base_count'):
         return
     whole = _described(pairs, arm)

@@ -11,6 +11,8 @@ import numpy as np
 from adaptive_blf_control.identification.confidence import DETERMINED
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.uncertainty import distance_to_go, Uncertainty
+from adaptive_blf_control.runs.effort_kind_check import EFFORT_KIND
+from adaptive_blf_control.runs.finding import Finding
 from adaptive_blf_control.runs.log_pass import Section
 from adaptive_blf_control.spelling import option
 
@@ -22,7 +24,7 @@ _COVERED = 0.8  # of the tested torques of a joint; intervals that hold cover 95
 
 
 def notes_on(identifier: Identifier, sections: Sequence[Section], judged: Uncertainty | None,
-             figures: Mapping[str, Any]) -> tuple[str, ...]:
+             figures: Mapping[str, Any], findings: Sequence[Finding] = ()) -> tuple[str, ...]:
     """Return why standard deviations and "determined" are not to be trusted; none where they are.
 
     Args:
@@ -30,12 +32,13 @@ def notes_on(identifier: Identifier, sections: Sequence[Section], judged: Uncert
         sections: What was learned from and predicted.
         judged: How sure θ̂ is said to be; None where no pair was recorded.
         figures: Those of the pass and of the model, see `figures_of` and `model_figures`.
+        findings: What the checks have found in the logs.
     """
     if judged is None:
         return ()
     on_its_way = tuple(_on_its_way(identifier))
     return (*on_its_way, *_no_robot(figures), *_too_short(identifier, sections, judged),
-            *(() if on_its_way else _too_narrow(figures)))
+            *(() if on_its_way else _too_narrow(figures, findings)))
 
 
 def _on_its_way(identifier: Identifier) -> Iterator[str]:
@@ -77,15 +80,17 @@ def _too_short(identifier: Identifier, sections: Sequence[Section],
                'motion, or ' + option('train', '(T0, T1)', 'T0:T1') + ' with more of it, tells')
 
 
-def _too_narrow(figures: Mapping[str, Any]) -> Iterator[str]:
+def _too_narrow(figures: Mapping[str, Any], findings: Sequence[Finding]) -> Iterator[str]:
     """Yield a note where torques that were not learned from lie outside their intervals."""
     rows = [(part, joint) for joint, part, error, torque in zip(
         figures['joints'], figures['test_coverage'], figures['test_rmse'],
         figures['test_torque_rms'], strict=True)
         if part is not None and error > _ARRIVED * torque]
     covered, joint = min(rows, default=(1.0, ''))
+    kinds = [finding for finding in findings if finding.check == EFFORT_KIND]
     if covered < _COVERED:
         yield (f'only {covered:.0%} of the tested torques of {joint} are inside their 95 % '
                'intervals: standard deviations are too small, and parameters that are said to be '
-               'determined may be far off. The test span moves otherwise than the training, '
-               'which may be too short')
+               'determined may be far off. '
+               + (f'Above all {kinds[0]}' if kinds else 'The test span moves otherwise than the '
+                  'training, which may be too short'))

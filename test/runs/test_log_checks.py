@@ -8,13 +8,16 @@ import pytest
 
 pytest.importorskip('pinocchio')
 
+from adaptive_blf_control.arms.inverse_dynamics import inverse_dynamics
 from adaptive_blf_control.arms.load import load_arm
+from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.bags.logs import read_log
 from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.runs.finding import even, excerpt, Finding, listed, REFUSED, WARNING
+from adaptive_blf_control.runs.identification import identify
 from adaptive_blf_control.runs.log_checks import check_log, refuse
 from adaptive_blf_control.runs.subject import REAL_ROBOT
 
@@ -315,3 +318,35 @@ def test_a_delay_is_found_in_the_blocks_of_a_long_log(arm, period, rates, second
     delay, = found(late, arm)
     assert delay[:3] == ('delay', None, WARNING)
     assert delay[3] == pytest.approx(0.04, abs=0.004)
+
+
+def slow(log, averaged):
+    """Return every fifth row of a log with the torque at it, or the mean of the five up to it."""
+    tau = log.tau
+    if averaged:
+        tau = np.array([tau[max(k - 4, 0):k + 1].mean(axis=0) for k in range(len(log))])
+    return log.replace(t=log.t[::5], q=log.q[::5], qd=log.qd[::5], tau=tau[::5])
+
+
+@pytest.mark.parametrize(('averaged', 'taken', 'said'), [
+    (False, 'mean', "filter={'effort': 'instant'}"), (False, 'instant', None),
+    (True, 'mean', None), (True, 'instant', "filter={'effort': 'mean'}")])
+def test_an_effort_that_is_taken_for_the_other_kind_is_told(sound, arm, averaged, taken, said):
+    # The mean of five rows ends two rows of 2 ms before the torque at the last one.
+    settings = SETTINGS.replace(filter={'effort': taken})
+    findings = check_log(slow(sound, averaged), arm, settings)
+    assert [each.hint for each in findings if each.check == 'effort kind'] == [said] * bool(said)
+
+
+def test_an_effort_of_the_other_kind_is_blamed_and_not_the_faster_test_span():
+    planar = TwoLinkArm()
+    t, rates, growth = 0.01 * np.arange(2000), np.array([1.1, 1.7]), np.array([0.12, 0.15])
+    angle, speed = np.outer(t, rates) + np.outer(t ** 2, growth), rates + 2.0 * np.outer(t, growth)
+    q, qd = 0.5 * np.sin(angle), 0.5 * speed * np.cos(angle)
+    qdd = growth * np.cos(angle) - 0.5 * speed ** 2 * np.sin(angle)
+    log = {'t': t, 'q': q, 'qd': qd, 'tau': inverse_dynamics(planar, planar.nominal, q, qd, qdd)}
+    result = identify(log, arm=planar)
+    [blamed] = [note for note in result.notes if 'of the tested torques' in note]
+    assert 'Above all the effort fits' in blamed and 'test span' not in blamed
+    assert repr(result).startswith("note: the effort fits the motion better as the torque at its")
+    assert 'note:' not in repr(identify(log, arm=planar, filter={'effort': 'instant'}))
