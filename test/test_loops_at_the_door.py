@@ -60,3 +60,56 @@ def test_a_loop_runs_for_no_time_that_is_none(duration):
     for call in (loop.run, lambda time: list(loop.samples(time))):
         with pytest.raises(door.ParameterError, match="'duration' is .*expected a time >= 0 s"):
             call(duration)
+
+
+OTHER = door.TwoLinkArm(('joint2', 'joint1'))
+
+
+class Renamed(door.TwoLinkArm):
+    """The same joints with other parameters."""
+
+    @property
+    def parameters(self):
+        """Name them in another order."""
+        return ('p2', 'p1', 'p3', 'fv_joint1', 'fv_joint2')
+
+    @parameters.setter
+    def parameters(self, names):
+        """Take none."""
+
+
+class Named(Moved):
+    """A plant that knows its joints."""
+
+    joints = ('joint2', 'joint1')
+
+
+class Three(Moved):
+    """A plant of three joints."""
+
+    def __init__(self):
+        """Begin at zero."""
+        self.q, self.qd, self.torque = np.zeros((3, 3))
+
+
+@pytest.mark.parametrize(('plant', 'identifier', 'message'), [
+    (Moved([0.0, 0.0]), door.Identifier(OTHER),
+     "'identifier' is .*the joints joint1, joint2 in this order; it has joint2, joint1"),
+    (Moved([0.0, 0.0]), door.Identifier(Renamed()),
+     "'identifier' is .*the parameters p1, p2, .*; it has p2, p1, "),
+    (Moved([0.0, 0.0]), door.Identifier(door.ThreeLinkArm()),
+     "'identifier' is .*; it has joint1, joint2, joint3"),
+    (door.simulate(OTHER, 0.001).plant, None,
+     "'plant' is .*the joints joint1, joint2 in this order; it has joint2, joint1"),
+    (Named([0.0, 0.0]), None, "'plant' is .*; it has joint2, joint1"),
+    (Three(), None, r"'plant\.q' is .*expected shape \(2,\) \(one for each of joint1, joint2\)")])
+def test_parts_of_other_joints_or_in_another_order_are_not_joined(plant, identifier, message):
+    with pytest.raises(door.ParameterError, match=message):
+        door.ClosedLoop(plant, controller(), identifier)
+
+
+def test_a_loop_starts_with_an_estimate_by_name():
+    known = door.Identifier(ARM, initial_estimate=ARM.nominal)
+    for given in (known, known.estimate):
+        loop = door.ClosedLoop(Moved([0.0, 0.0]), controller(), initial_estimate=given)
+        np.testing.assert_array_equal(loop.initial_estimate, ARM.nominal)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.arrays import checked_array, checked_finite
+from adaptive_blf_control.arrays import checked_array, checked_finite, checked_theta
 from adaptive_blf_control.calls import checked_call
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.safety_filter import narrow
@@ -84,13 +84,15 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
             controller: The law.
             identifier: Learns along; one of the controller's arm with the defaults where None.
             period: Sample interval [s].
-            initial_estimate: θ the controller starts with, shape (m,); the identifier's where
-                None.
+            initial_estimate: θ the controller starts with, shape (m,), or by name; the
+                identifier's where None.
             known: The controller keeps that θ and never hears the identifier (34).
             set_estimator: Narrows the prior of a safety filter that learns; None where none does.
 
         Raises:
-            ParameterError: the plant lacks what a plant needs, or a value cannot be used.
+            ParameterError: the plant lacks what a plant needs, plant or identifier is of other
+                joints than the controller, or of the same in another order, or a value cannot be
+                used.
         """
         if hasattr(plant, 'Y1') or hasattr(plant, 'acceleration'):
             raise ParameterError('plant', plant, 'what moves under torques: simulate(arm) drives '
@@ -104,9 +106,14 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
         require('identifier', identifier, self.identifier, ('arm', 'theta', 'stack', 'update'))
         self.period = checked_finite('period', period, 'a time > 0 s', above=0.0)
         arm = controller.arm
+        _check_same('identifier', self.identifier, 'joints', self.identifier.arm, arm)
+        _check_same('identifier', self.identifier, 'parameters', self.identifier.arm, arm)
+        _check_same('plant', plant, 'joints', plant, arm)
+        for name in ('q', 'qd', 'torque'):
+            checked_array(f'plant.{name}', getattr(plant, name), (arm.n,), arm.joints)
         self._initial_estimate = (
-            self.identifier.theta.copy() if initial_estimate is None else checked_array(
-                'initial_estimate', initial_estimate, (arm.m,), arm.parameters))
+            self.identifier.theta.copy() if initial_estimate is None else checked_theta(
+                'initial_estimate', initial_estimate, arm.parameters))
         self._known = known
         self._set_estimator = set_estimator
         self.sample_by_sample = False
@@ -245,3 +252,19 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
         if duration < 0.0:
             raise ParameterError('duration', duration, _DURATION)
         return int(round(duration / self.period)) + 1
+
+
+def _check_same(name: str, part: Any, what: str, other: Any, arm: Arm) -> None:
+    """Raise ParameterError where a part has other joints or parameters than the controller's arm.
+
+    Args:
+        name: What the caller calls the part.
+        part: The part.
+        what: ``joints`` or ``parameters``.
+        other: What has them; a plant of a user's own need not.
+        arm: The arm of the controller.
+    """
+    theirs, ours = getattr(other, what, None), getattr(arm, what)
+    if theirs is not None and tuple(theirs) != tuple(ours):
+        raise ParameterError(name, part, f'one for the arm of the controller, with the {what} '
+                             f'{", ".join(ours)} in this order; it has {", ".join(theirs)}')

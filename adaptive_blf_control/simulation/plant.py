@@ -163,6 +163,11 @@ class SimulatedArm:
         """Name the arm and the time."""
         return f'<{type(self).__name__} of {self._arm!r} at {self.t:.4g} s>'
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of its arrays."""
+        return self._arm.joints
+
     def _take(self, settings: PlantSettings) -> None:
         """Take limit and dead time; what was commanded last is under way for that long."""
         self.settings = settings

@@ -66,6 +66,11 @@ class MujocoPlant(Plant):
         self._actuators = Actuators(settings)
         self._sensor = made_sensor(settings.sensors, arm, sensor)
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of its arrays."""
+        return self._arm.joints
+
     def _enter(self, scene: Scene, q: np.ndarray, qd: np.ndarray) -> None:
         """Go on in a scene from positions q and velocities q̇, shape (n,) [rad, rad/s]."""
         self._changes, self._done = scene.changes, 0
