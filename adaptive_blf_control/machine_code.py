@@ -25,7 +25,8 @@ PACKAGE = Path(__file__).parent
 # Where the compiled functions are.
 ROOMS = ('arms', 'control', 'identification', 'limits', 'simulation')
 # What checks, names and says things for Python callers; no compiled function has anything of it.
-NEVER_COMPILED = ('bounded_yaml', 'calls', 'errors', 'parameters', 'spelling', 'synonyms')
+NEVER_COMPILED = ('bounded_yaml', 'calls', 'errors', 'parameters', 'spelling', 'synonyms',
+                  'time_units')
 
 _IMPORT = re.compile(r'^\s*from adaptive_blf_control\.?(\S*) import (\(?)([^#\n(]*)', re.MULTILINE)
 _BY_TYPE = re.compile(r'^@by_type\ndef (\w+)', re.MULTILINE)

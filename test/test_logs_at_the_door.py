@@ -98,3 +98,30 @@ def test_a_log_in_degrees_of_an_arm_with_limits_is_not_learned_without_a_word(un
         return
     with pytest.raises(door.ParameterError, match=r'no sample is within the limits.*deg2rad'):
         learn(T, q + 10.0, unit * QD, Q)
+
+
+MIXED = np.random.default_rng(0).permutation(len(T))
+TAU = np.full_like(Q, np.nan)
+
+
+@pytest.mark.parametrize(('log', 'message'), [
+    ((T[MIXED], Q[MIXED], QD[MIXED], Q[MIXED]), r"'t' is .*not in the order of time: t goes back "
+     r'in \d+ of \d+ rows.*argsort'),
+    ((1e3 * T, Q, QD, Q), r'times in ms \(.*t / 1000 are'),
+    ((1e9 * T, Q, QD, Q), r'times in ns \(.*t / 1e\+09 are'),
+    ((1e9 * (1.7e9 + T), Q, QD, Q), r'times in ns \(.*t / 1e\+09 are'),
+    ((T, Q, QD, TAU), r"'tau' is .*finite numbers: in none of its \d+ rows"),
+    ((T[:1], Q[:1], QD[:1], Q[:1]), r"'t' is .*two samples, not 1; update"),
+    ((T[:0], Q[:0], QD[:0], Q[:0]), r"'t' is .*two samples, not 0; update")])
+def test_what_cannot_be_learned_from_is_told_why(log, message):
+    with pytest.raises(door.ParameterError, match=message):
+        door.Identifier(ARM).learn(*log)
+
+
+def test_rows_that_are_not_in_order_are_not_read():
+    log = {'t': T[MIXED], 'q': Q[MIXED], 'qd': QD[MIXED], 'tau': Q[MIXED]}
+    with pytest.raises(door.LogError, match=r'log: the rows are not in the order of time: t goes'):
+        door.read_log(log)
+    late = T.copy()
+    late[[100, 200]] = late[[99, 190]]  # two late messages are no disorder
+    assert len(door.read_log({**log, 't': late, 'q': Q, 'qd': QD, 'tau': Q})) == len(T) - 2

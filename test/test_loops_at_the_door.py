@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import copy
+import re
+
 import numpy as np
 import pytest
 
@@ -113,3 +116,52 @@ def test_a_loop_starts_with_an_estimate_by_name():
     for given in (known, known.estimate):
         loop = door.ClosedLoop(Moved([0.0, 0.0]), controller(), initial_estimate=given)
         np.testing.assert_array_equal(loop.initial_estimate, ARM.nominal)
+
+
+@pytest.mark.parametrize(('factor', 'unit'), [(1e3, 'ms'), (1e6, 'us'), (1e9, 'ns')])
+@pytest.mark.parametrize('since', [0.0, 1.7e9])
+def test_times_in_another_unit_are_noticed_by_what_takes_sample_after_sample(factor, unit, since):
+    identifier, law = door.Identifier(ARM), controller()
+    asked = re.escape(f'times in {unit}? t / {factor:g} ')
+    with pytest.warns(UserWarning, match=asked) as caught:
+        for k in range(20):
+            identifier.update(factor * (since + 1e-3 * k), *np.zeros((3, 2)))
+    assert (len(caught), caught[0].filename) == (1, __file__)
+    assert f'times in {unit}?' in identifier.notes[0]
+    assert repr(identifier).endswith('see its notes>')
+    if since:
+        with pytest.raises(door.ParameterError, match="'t' is .*since 1970: .* / 1e?[+0]*"):
+            law.update(factor * since, *np.zeros((2, 2)), ARM.nominal)
+        return
+    with pytest.warns(UserWarning, match=asked) as caught:
+        for k in range(20):
+            law.update(1e-3 * factor * k, *np.zeros((2, 2)), ARM.nominal)
+    assert (len(caught), caught[0].filename) == (1, __file__)
+    assert f'times in {unit}?' in law.notes[-1]
+
+
+def test_one_pause_is_none_of_another_unit(recwarn):
+    identifier, law = door.Identifier(ARM), controller()
+    for k in range(100):
+        t = 1e-3 * k + 0.3 * (k > 50)
+        identifier.update(t, *np.zeros((3, 2)))
+        law.update(t, *np.zeros((2, 2)), ARM.nominal)
+    assert identifier.notes == ()
+    assert law.notes == controller().notes
+    assert not recwarn.list
+
+
+def test_a_copy_of_a_controller_has_notes_of_its_own():
+    law = controller()
+    law.update(0.0, *np.zeros((2, 2)), ARM.nominal)
+    before, other = law.notes, copy.copy(law)
+    with pytest.warns(UserWarning, match='went on by 2 s'):
+        other.update(2.0, *np.zeros((2, 2)), ARM.nominal)
+    assert law.notes == before != other.notes
+
+
+def test_a_loop_whose_identifier_would_restart_at_every_sample_is_not_joined():
+    with pytest.raises(door.ParameterError, match=r"'period' is 1\.0.*0\.05 s.*1 ms are 0\.001 s"):
+        door.ClosedLoop(Moved([0.0, 0.0]), controller(), period=1.0)
+    slow = door.Identifier(ARM, filter={'gap': 2.0})
+    assert door.ClosedLoop(Moved([0.0, 0.0]), controller(), slow, period=1.0).period == 1.0

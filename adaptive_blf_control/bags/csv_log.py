@@ -13,11 +13,11 @@ import re
 import numpy as np
 
 from adaptive_blf_control.bags.csv_format import CsvFile, number_of, open_csv, opened
-from adaptive_blf_control.bags.log_clock import epoch_unit, period_unit, UNITS
 from adaptive_blf_control.bags.log_columns import Columns, find_columns
 from adaptive_blf_control.bags.raw_log import RawLog
 from adaptive_blf_control.bags.row_store import RowStore
 from adaptive_blf_control.errors import LogError
+from adaptive_blf_control.time_units import epoch_unit, period_unit, UNITS
 
 __all__ = ['csv_log', 'raw_log']
 

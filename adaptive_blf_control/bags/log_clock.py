@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clocks of measured logs: units, single wild stamps, and clocks that were set back."""
+"""Clocks of measured logs: single wild stamps, and clocks that were set back."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ['LogClock', 'UNITS', 'epoch_unit', 'log_clock', 'period_unit']
+__all__ = ['LogClock', 'log_clock']
 
-UNITS = {'s': 1.0, 'ms': 1e3, 'us': 1e6, 'ns': 1e9}  # per second
 JUMP = 1.0  # s: a smaller step back is a message out of order
 PAUSE = 60.0  # s: a longer one before the last or after the first few rows is no pause
 FEW = 5  # rows in a row that may be wild; more of them are a clock that was set
@@ -127,37 +126,3 @@ def _joined(sections: list[np.ndarray]) -> np.ndarray:
             begin = joined[-1][-1] + period if joined else 0.0
             joined.append(section - section[0] + begin)
     return np.concatenate(joined) if joined else np.empty(0)
-
-
-def epoch_unit(first: float) -> str | None:
-    """Return the unit of a time since 1970 by its size; None where no unit fits."""
-    for unit, per_second in UNITS.items():
-        if 5e8 < first / per_second < 5e9:  # years 1985 to 2128
-            return unit
-    return None
-
-
-def period_unit(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None) -> tuple[str, str]:
-    """Return the unit of times that count from some start, and why it is not the second, or ''.
-
-    Velocities tell: Δq is the integral of q̇ over time. Without them a log is taken to have 2 Hz
-    or more, and 10 kHz or less.
-
-    Args:
-        t: Times, shape (N,) [unit].
-        q: Positions, shape (N, n) [rad].
-        qd: Velocities, shape (N, n) [rad/s], or None.
-    """
-    period = float(np.median(np.diff(t))) if t.size > 10 else 0.0
-    if period < 0.5:
-        return 's', ''
-    if qd is not None:
-        moved = 0.5 * (qd[1:] + qd[:-1]) * np.diff(t)[:, None]
-        stepped = np.diff(q, axis=0)
-        with np.errstate(over='ignore', invalid='ignore'):
-            slope = float((moved * stepped).sum() / max((moved * moved).sum(), 1e-300))
-        for unit, per_second in UNITS.items():
-            if 1.0 / 3.0 < slope * per_second < 3.0:
-                return unit, '' if unit == 's' else f'the velocities say so, with {slope:.3g} s'
-    unit = next((unit for unit in ('ms', 'us', 'ns') if 1e-4 <= period / UNITS[unit] < 0.5), 's')
-    return unit, '' if unit == 's' else f'the rows are {period:g} apart'

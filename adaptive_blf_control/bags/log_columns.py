@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 import re
 from typing import NamedTuple
 
-from adaptive_blf_control.bags.log_clock import UNITS
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.spelling import argument, option, setting
+from adaptive_blf_control.time_units import UNITS
 
 __all__ = ['Columns', 'KINDS', 'find_columns', 'given_columns']
 

@@ -33,6 +33,7 @@ from adaptive_blf_control.errors import (
 )
 from adaptive_blf_control.spelling import option, setting
 from adaptive_blf_control.synonyms import same_meaning
+from adaptive_blf_control.time_units import order_problem
 
 __all__ = ['Log', 'read_log']
 
@@ -202,6 +203,8 @@ def _finished(source: str, raw: RawLog, joints: Sequence[str] | None) -> Measure
     finite = np.empty(len(table), bool)
     for some in row_blocks(table):
         finite[some] = np.isfinite(table[some]).all(axis=1)
+    if problem := order_problem(raw.clock):
+        raise LogError(f'{source}: {problem}')
     clock = log_clock(raw.clock, finite, raw.per_second)
     found, kept = len(table), int(clock.keep.sum())
     if kept < MINIMUM_ROWS:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import copy
-import math
 from typing import Any
 
 import numpy as np
@@ -32,6 +31,7 @@ from adaptive_blf_control.control.law import unwound_term
 from adaptive_blf_control.control.laws.protocol import Law, LawSample
 from adaptive_blf_control.control.limited_law import LimitedLaw
 from adaptive_blf_control.control.motion_sets import check_change, checked_sets, MotionSets
+from adaptive_blf_control.control.odd_times import OddTimes
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.reference import (
     Crossfade,
@@ -53,6 +53,7 @@ from adaptive_blf_control.control.tuned_parts import (
 )
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.parameters.settings import Settings
+from adaptive_blf_control.time_units import SLOWEST
 
 __all__ = ['Controller', 'ControlOutput']
 
@@ -142,7 +143,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         self._not_measured = np.full(arm.n, np.nan)
         self._m = (arm.m,)
         self._memory = new_memory(arm.n)
-        self._set_back: tuple[float, float] | None = None
+        self._odd_times = OddTimes()
         self._smooth_start = follow if isinstance(follow, SmoothStart) else None
         self._take(tuned_parts(arm, with_safety(settings, parts['safety']), self._given),
                    checked_sets(0.0, parts['safety'], parts['performance'], follow,
@@ -168,7 +169,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         other._tuned = self._tuned._replace(safety_filter=own)
         vars(other)['safety_filter'] = own
         other._answers = LimitedLaw(self.arm, other._tuned, other._memory)
-        other._judged = None
+        other._judged, other._odd_times = None, copy.copy(self._odd_times)
         return other
 
     def _take(self, tuned: TunedParts, sets: MotionSets) -> None:
@@ -178,10 +179,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
     @property
     def notes(self) -> tuple[str, ...]:
         """Where settings exceed the arm's limits or name limits nobody keeps; odd times."""
-        odd = () if self._set_back is None else (
-            'the time went back from {:.6g} to {:.6g} s: begin(q, qd) begins another '
-            'motion'.format(*self._set_back),)
-        return (*limit_warnings(self.arm, self.settings), *odd)
+        return (*limit_warnings(self.arm, self.settings), *self._odd_times.notes())
 
     @property
     def law(self) -> Law:
@@ -335,19 +333,20 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
             The torque and what it was made of. Nothing is raised for a state that cannot be used:
             with q, q̇ or θ̂ not finite the torque goes to zero as fast as ``torque_rate_limit``
             lets it, and stays where it was with a t that repeats, goes back or is not finite.
-            Where t went back, ``notes`` says so: another motion is begun by :meth:`begin`.
+            Where t went back, or on by more than 0.5 s, ``notes`` says so: another motion is
+            begun by :meth:`begin`.
             Outside a set nothing is guaranteed, and the torque leads back as far as its limit
             lets it; :meth:`margins` is then negative.
 
         Raises:
-            ParameterError: an array has another shape.
+            ParameterError: an array has another shape, or the first t is one since 1970.
         """
         t, torque = checked_number('t', t), self._not_measured if torque is None else torque
         if not are_vectors(self._n, q, qd, torque):
             q, qd, torque = checked_vectors(self.arm.joints, q=q, qd=qd, torque=torque)
         theta = checked_array('theta', theta, self._m, self.arm.parameters)
-        if not self._memory.time[0] <= t < math.inf:
-            t = self._odd_time(t, float(self._memory.time[0]))
+        if not 0.0 <= t - self._memory.time[0] <= SLOWEST:  # nor at the first one, after NaN
+            t = self._odd_times.answered(t, self._memory.time)
         if self.safety_filter is not None:
             point, bounds = self._governed(self.safety_filter, t, q)
             return self._answers.filtered(
@@ -359,16 +358,6 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
             return output
         point, bounds = self.reference.at(t), self._bounds.at(t)
         return self._answers.answered(LawSample(t, q, qd, torque, point, bounds, theta))
-
-    def _odd_time(self, t: float, last: float) -> float:
-        """Return the time to answer at; ``last`` is that of the last sample, NaN for none [s]."""
-        if not math.isfinite(t):
-            if math.isnan(last):  # the motion begins now, without a torque
-                self._memory.time[0] = last = 0.0
-            return last
-        if t < last:
-            self._set_back = last, t
-        return t
 
     def _governed(self, safety_filter: SafetyFilter, t: float,
                   q: np.ndarray) -> tuple[ReferencePoint, Bounds]:

@@ -25,6 +25,7 @@ from adaptive_blf_control.identification.parts import AnyHistory, named, PartMak
 from adaptive_blf_control.identification.running_parts import RunningParts
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.state_filter import StateFilter
+from adaptive_blf_control.identification.unused_log import check_order, no_sample_used
 from adaptive_blf_control.identification.update_laws import check_answers, UpdateLaw
 from adaptive_blf_control.identification.whole_log import log_arrays
 
@@ -230,7 +231,9 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
         """
         term = self._no_term if adaptation_term is None else checked_array(
             'adaptation_term', adaptation_term, self._no_term.shape, self.arm.parameters)
-        self._parts.take(*self._checked(t, q, qd, tau), term)
+        t, q, qd, tau = self._checked(t, q, qd, tau)
+        self._intervals.take(t, self._settings.filter.gap)
+        self._parts.take(t, q, qd, tau, term)
         return self._present_theta()
 
     @checked_call
@@ -252,8 +255,9 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
             θ̂ after the last sample, shape (m,).
 
         Raises:
-            ParameterError: an array has another shape, no two samples follow each other so
-                that the filter can take them, or no position is within the limits of the arm.
+            ParameterError: an array has another shape, the samples are not in the order of
+                time, no two follow each other so that the filter can take them, or no position
+                is within the limits of the arm.
             LogError: the joints of the log have other names than those of the arm.
         """
         if q is None and qd is None and tau is None:
@@ -264,20 +268,16 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
         for name, value in (('q', q), ('qd', qd), ('tau', tau)):
             if value is None:
                 raise without_argument(Identifier.learn, name)
+        check_order(t)
         unused, beyond = self.restarts + sum(self.dropped.values()), self.at_limit
         for _ in self.learn_in_blocks(t, q, qd, tau):
             pass
         unused = self.restarts + sum(self.dropped.values()) - unused
-        times = np.asarray(t, dtype=float)
-        if times.size > 1 and unused >= times.size:
+        if unused >= len(t):
             check_answers(self._parts.law, self.dropped['not finite'], q, qd, tau)
-            raise ParameterError('t', f'{times.size} times from {times[0]:g} to {times[-1]:g}',
-                                 'times in s that rise by less than filter.gap = '
-                                 f'{self.settings.filter.gap:g} s: no sample could be used'
-                                 + ('; are they in ms? t / 1000 are seconds' if np.median(
-                                     np.diff(times)) >= 0.5 else ''))
+            raise no_sample_used(t, self.settings.filter.gap, q=q, qd=qd, tau=tau)
         largest = float(np.nanmax(np.abs(np.asarray(q, dtype=float)), initial=0.0))
-        if self.at_limit - beyond == times.size and largest > 2.0 * np.pi:
+        if self.at_limit - beyond == len(t) and largest > 2.0 * np.pi:
             raise ParameterError('q', f'up to {largest:.4g}', 'positions in rad: no sample is '
                                  'within the limits of the arm; are they in degrees? '
                                  'np.deg2rad(q) and np.deg2rad(qd) are radians')

@@ -39,6 +39,7 @@ from adaptive_blf_control.identification.step import (
     WENT_BACK,
 )
 from adaptive_blf_control.identification.torque_filter import FilteredPair
+from adaptive_blf_control.identification.unused_log import Intervals
 from adaptive_blf_control.parameters.guided import Guided
 
 __all__ = ['Knowledge', 'Snapshot']
@@ -102,6 +103,7 @@ class Knowledge(Guided, instead={
         self.arm = arm
         self._parts = parts
         self._theta, self._theta_updates = np.zeros(0), -1
+        self._intervals = Intervals()
 
     def __repr__(self) -> str:
         """Show what has been learned."""
@@ -111,7 +113,13 @@ class Knowledge(Guided, instead={
                 f'{self.stack.count} of {self.stack.size} pairs'
                 + (f', too few for more than rank {most}' if most < self.arm.m else '')
                 + (f', {dropped} samples dropped' if dropped else '')
-                + (f', {self.restarts} restarts of the filter' if self.restarts > 1 else '') + '>')
+                + (f', {self.restarts} restarts of the filter' if self.restarts > 1 else '')
+                + (', see its notes' if self.notes else '') + '>')
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is odd about the samples so far, in sentences; `identify` says more of a log."""
+        return (self._intervals.note,) if self._intervals.note else ()
 
     # -- what has been learned ------------------------------------------------------------------
 

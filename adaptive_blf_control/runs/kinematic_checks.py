@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.bags.log_clock import period_unit, UNITS
 from adaptive_blf_control.identification.settings import FilterSettings
 from adaptive_blf_control.runs.finding import even, Excerpt, Finding, gain_of, REFUSED, WARNING
 from adaptive_blf_control.spelling import argument, option, setting
+from adaptive_blf_control.time_units import period_unit, question
 
 __all__ = ['effort_findings', 'motion_findings', 'position_findings', 'rate_findings',
            'velocity_findings']
@@ -202,8 +202,7 @@ def rate_findings(log: Excerpt, settings: FilterSettings) -> Iterator[Finding]:
 def _unit(log: Excerpt) -> str:
     """Return the question whether the times are in another unit, where that is likely."""
     unit, reason = period_unit(log.t, log.q, log.qd)
-    return (f'; are its times in {unit} ({reason})? t / {UNITS[unit]:g} are seconds'
-            if reason else '')
+    return f'; {question(unit, reason)}' if reason else ''
 
 
 def _state_filter() -> str:

@@ -31,6 +31,7 @@ from adaptive_blf_control.simulation.failure import Failure, failure_at, first_f
 from adaptive_blf_control.simulation.plant import Plant, REQUIRED, SimulatedArm
 from adaptive_blf_control.simulation.sample import Sample, sample_time, sample_times
 from adaptive_blf_control.simulation.sensors import Measurement
+from adaptive_blf_control.time_units import unit_of_period, UNITS
 
 __all__ = ['ClosedLoop', 'Trace']
 
@@ -105,6 +106,8 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
         self.identifier = Identifier(controller.arm) if identifier is None else identifier
         require('identifier', identifier, self.identifier, ('arm', 'theta', 'stack', 'update'))
         self.period = checked_finite('period', period, 'a time > 0 s', above=0.0)
+        if not known:
+            _check_period(self.period, self.identifier)
         arm = controller.arm
         _check_same('identifier', self.identifier, 'joints', self.identifier.arm, arm)
         _check_same('identifier', self.identifier, 'parameters', self.identifier.arm, arm)
@@ -252,6 +255,18 @@ class ClosedLoop(Guided, instead={'step': 'samples(duration) yields sample after
         if duration < 0.0:
             raise ParameterError('duration', duration, _DURATION)
         return int(round(duration / self.period)) + 1
+
+
+def _check_period(period: float, identifier: Identifier) -> None:
+    """Raise ParameterError where an identifier would restart at every sample."""
+    filters: Any = getattr(getattr(identifier, 'settings', None), 'filter', None)
+    gap = getattr(filters, 'gap', np.inf)
+    if period > gap:
+        unit = unit_of_period(period)
+        raise ParameterError('period', period, f'a time in s of at most filter.gap = {gap:g} s of '
+                             'the identifier, which else restarts at every sample and learns '
+                             'nothing' + ('' if unit == 's' else f'; {period:g} {unit} are '
+                                          f'{period / UNITS[unit]:g} s'))
 
 
 def _check_same(name: str, part: Any, what: str, other: Any, arm: Arm) -> None:

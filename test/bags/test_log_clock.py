@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adaptive_blf_control.bags.log_clock import epoch_unit, log_clock
+from adaptive_blf_control.bags.log_clock import log_clock
+from adaptive_blf_control.time_units import epoch_unit
 
 PERIOD = 10_000_000  # ns
 STAMPS = 10**18 + PERIOD * np.arange(100)

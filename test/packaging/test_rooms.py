@@ -11,7 +11,8 @@ import pytest
 
 PACKAGE = 'adaptive_blf_control'
 # From the foundations up. A room may import itself and what stands before it, nothing else.
-ORDER = ('synonyms', 'errors', 'calls', 'spelling', 'bounded_yaml', 'arrays', 'machine_code',
+ORDER = ('synonyms', 'errors', 'calls', 'spelling', 'bounded_yaml', 'arrays', 'time_units',
+         'machine_code',
          'compiled', 'compilation_notice', 'linear_algebra',
          'executables', 'command_line', 'parameters', 'arms', 'control', 'identification',
          'limits', 'simulation', 'messages', 'configuration', 'tuning', 'experiment', 'bags',

@@ -347,6 +347,7 @@ def test_an_effort_of_the_other_kind_is_blamed_and_not_the_faster_test_span():
     log = {'t': t, 'q': q, 'qd': qd, 'tau': inverse_dynamics(planar, planar.nominal, q, qd, qdd)}
     result = identify(log, arm=planar)
     [blamed] = [note for note in result.notes if 'of the tested torques' in note]
-    assert 'Above all the effort fits' in blamed and 'test span' not in blamed
-    assert repr(result).startswith("note: the effort fits the motion better as the torque at its")
+    assert 'Above all the effort fits' in blamed
+    assert 'test span' not in blamed
+    assert repr(result).startswith('note: the effort fits the motion better as the torque at its')
     assert 'note:' not in repr(identify(log, arm=planar, filter={'effort': 'instant'}))
