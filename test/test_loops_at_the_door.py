@@ -124,8 +124,7 @@ def test_times_in_another_unit_are_noticed_by_what_takes_sample_after_sample(fac
     identifier, law = door.Identifier(ARM), controller()
     asked = re.escape(f'times in {unit}? t / {factor:g} ')
     with pytest.warns(UserWarning, match=asked) as caught:
-        for k in range(20):
-            identifier.update(factor * (since + 1e-3 * k), *np.zeros((3, 2)))
+        [identifier.update(factor * (since + 1e-3 * k), *np.zeros((3, 2))) for k in range(20)]
     assert (len(caught), caught[0].filename) == (1, __file__)
     assert f'times in {unit}?' in identifier.notes[0]
     assert repr(identifier).endswith('see its notes>')
@@ -134,8 +133,7 @@ def test_times_in_another_unit_are_noticed_by_what_takes_sample_after_sample(fac
             law.update(factor * since, *np.zeros((2, 2)), ARM.nominal)
         return
     with pytest.warns(UserWarning, match=asked) as caught:
-        for k in range(20):
-            law.update(1e-3 * factor * k, *np.zeros((2, 2)), ARM.nominal)
+        [law.update(1e-3 * factor * k, *np.zeros((2, 2)), ARM.nominal) for k in range(20)]
     assert (len(caught), caught[0].filename) == (1, __file__)
     assert f'times in {unit}?' in law.notes[-1]
 
