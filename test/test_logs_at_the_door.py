@@ -125,3 +125,52 @@ def test_rows_that_are_not_in_order_are_not_read():
     late = T.copy()
     late[[100, 200]] = late[[99, 190]]  # two late messages are no disorder
     assert len(door.read_log({**log, 't': late, 'q': Q, 'qd': QD, 'tau': Q})) == len(T) - 2
+
+
+ROWS = np.arange(0.0, 8.0, 2e-3)
+RATES = np.array([1.1, 1.7, 2.5, 3.9])
+MOVED = 0.6 * np.sin(np.outer(ROWS, RATES[:2])) + 0.3 * np.sin(np.outer(ROWS, RATES[2:]))
+SPEED = (0.6 * RATES[:2] * np.cos(np.outer(ROWS, RATES[:2]))
+         + 0.3 * RATES[2:] * np.cos(np.outer(ROWS, RATES[2:])))
+PUSH = np.gradient(SPEED, ROWS, axis=0)
+SETTINGS = {'filter': {'time_constant': 0.05, 'effort': 'instant'}}
+
+
+def measured(arm):
+    return {'t': ROWS, 'q': MOVED, 'qd': SPEED,
+            'tau': door.inverse_dynamics(arm, arm.nominal, MOVED, SPEED, PUSH)}
+
+
+def test_what_identify_says_of_a_log_is_noted_by_learn():
+    log = measured(ARM)
+    swapped = {**log, 'q': log['qd'], 'qd': log['q']}
+    with pytest.raises(door.LogError, match='sign opposite to that of dq/dt') as refused:
+        door.identify(swapped, arm=ARM, **SETTINGS)
+    identifier = door.Identifier(ARM, **SETTINGS)
+    with pytest.warns(UserWarning, match='cannot be right: .*sign opposite to that') as caught:
+        identifier.learn(swapped)
+    assert caught[0].filename == __file__
+    assert identifier.notes
+    assert all(note in str(refused.value) for note in identifier.notes)
+    assert repr(identifier).endswith('see its notes>')
+    identifier.learn(log)
+    assert identifier.notes == ()
+
+
+def test_what_takes_a_model_is_noted_by_learn_as_well(recwarn):
+    pytest.importorskip('pinocchio')
+    twice = PENDULUM.replace('</robot>', (
+        '<link name="tip"><inertial><mass value="2"/><origin xyz="0.3 0 0"/><inertia ixx="0.1" '
+        'ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link><joint name="wrist" '
+        'type="continuous"><parent link="rod"/><child link="tip"/><origin xyz="0 0 -0.4"/><axis '
+        'xyz="0 1 0"/></joint></robot>'))
+    arm = door.load_arm(twice)
+    for sign in (1.0, -1.0):
+        log = measured(arm)
+        identifier = door.Identifier(arm, **SETTINGS)
+        identifier.learn({**log, 'tau': sign * log['tau']})
+        findings = door.identify({**log, 'tau': sign * log['tau']}, arm=arm, **SETTINGS).findings
+        assert identifier.notes == tuple(map(str, findings))
+        assert any('the effort has the sign opposite' in note for note in identifier.notes) == (
+            sign < 0.0)
+    assert not recwarn.list

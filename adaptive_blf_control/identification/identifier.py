@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
+import warnings
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor
 from adaptive_blf_control.identification.given_parameters import given_parameters, values_of
 from adaptive_blf_control.identification.knowledge import Knowledge
+from adaptive_blf_control.identification.log_checks import LearnedLog
 from adaptive_blf_control.identification.parts import AnyHistory, named, PartMaker
 from adaptive_blf_control.identification.running_parts import RunningParts
 from adaptive_blf_control.identification.settings import IdentifierSettings
@@ -124,6 +126,7 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
         super().__init__(arm, RunningParts(PartMaker(arm, given), self._settings))
         self._n = (arm.n,)
         self._no_term = np.zeros(arm.m)
+        self._learned: LearnedLog | None = None
 
     @property
     def settings(self) -> IdentifierSettings:
@@ -174,7 +177,8 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
         t, samples = 1e-3 * np.arange(count), random.normal(size=(3, count, joints))
         spare = Identifier(self.arm, settings, **parts)
         if log:
-            spare.learn(t, *samples)
+            for _ in spare.learn_in_blocks(t, *samples):
+                pass
             return
         for k in range(count):
             spare.update(t[k], *samples[:, k])
@@ -242,6 +246,7 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
 
         The usual settings are those of a simulation. The log of a real robot is learned from, and
         checked before, by `identify`, whose settings are ``IdentifierSettings.real_robot()``.
+        Here a log that `identify` would refuse makes a warning; ``notes`` has all that is odd.
 
         Args:
             t: Times, shape (N,) [s]; or, alone, a log that has all four: a mapping with arrays
@@ -281,7 +286,25 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
             raise ParameterError('q', f'up to {largest:.4g}', 'positions in rad: no sample is '
                                  'within the limits of the arm; are they in degrees? '
                                  'np.deg2rad(q) and np.deg2rad(qd) are radians')
+        self._learned = LearnedLog(self.arm, self.settings, t, *(
+            np.reshape(each, (len(t), self.arm.n)) for each in (q, qd, tau)))
+        if self._learned.refused:
+            warnings.warn('the log that was learned from cannot be right: '
+                          + '; '.join(self._learned.refused), stacklevel=3)
         return self._present_theta()
+
+    @property
+    def _odd(self) -> bool:
+        return super()._odd or (self._learned is not None and bool(self._learned.found))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is odd about the samples, or the log that was learned from last, in sentences.
+
+        A log is checked as `identify` does; what takes a model is looked at when it is asked for.
+        """
+        log = () if self._learned is None else self._learned.findings
+        return (*super().notes, *map(str, log))
 
     def learn_in_blocks(self, t: Any, q: Any, qd: Any, tau: Any, learning: Any = True,
                         size: int = BLOCK) -> Iterator[LearnedBlock]:

@@ -114,11 +114,16 @@ class Knowledge(Guided, instead={
                 + (f', too few for more than rank {most}' if most < self.arm.m else '')
                 + (f', {dropped} samples dropped' if dropped else '')
                 + (f', {self.restarts} restarts of the filter' if self.restarts > 1 else '')
-                + (', see its notes' if self.notes else '') + '>')
+                + (', see its notes' if self._odd else '') + '>')
+
+    @property
+    def _odd(self) -> bool:
+        """Whether it is known that there are notes: those of a model take a while."""
+        return bool(self._intervals.note)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is odd about the samples so far, in sentences; `identify` says more of a log."""
+        """What is odd about the samples so far, in sentences."""
         return (self._intervals.note,) if self._intervals.note else ()
 
     # -- what has been learned ------------------------------------------------------------------

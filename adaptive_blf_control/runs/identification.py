@@ -26,12 +26,12 @@ from adaptive_blf_control.identification.consistent_model import (
     InertialArm,
 )
 from adaptive_blf_control.identification.estimate_file import write_estimate
+from adaptive_blf_control.identification.finding import Finding, listed
 from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.log_checks import checks_of
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.uncertainty import Uncertainty
-from adaptive_blf_control.runs.finding import Finding, listed
 from adaptive_blf_control.runs.learned import Learned
-from adaptive_blf_control.runs.log_checks import checks_of
 from adaptive_blf_control.runs.log_notes import notes_on
 from adaptive_blf_control.runs.log_options import LogOptions, name_of, several
 from adaptive_blf_control.runs.log_pass import (

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.identification.confidence import DETERMINED
+from adaptive_blf_control.identification.effort_kind_check import EFFORT_KIND
+from adaptive_blf_control.identification.finding import Finding
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.identification.uncertainty import distance_to_go, Uncertainty
-from adaptive_blf_control.runs.effort_kind_check import EFFORT_KIND
-from adaptive_blf_control.runs.finding import Finding
 from adaptive_blf_control.runs.log_pass import Section
 from adaptive_blf_control.spelling import option
 

@@ -6,13 +6,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.bags.logs import Log
 from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.errors import LogError
-from adaptive_blf_control.runs.finding import Finding
-from adaptive_blf_control.runs.log_checks import check_log, refuse
+from adaptive_blf_control.identification.finding import Finding
+from adaptive_blf_control.identification.log_checks import check_log, refuse, weightless_of
 from adaptive_blf_control.runs.log_options import LogOptions, name_of, read_converted
 from adaptive_blf_control.runs.log_pass import (
     check_rest,
@@ -91,9 +90,7 @@ class LogReader:
             source, self._arm.joints, self._options,
             velocity=filters.state_order == 0 or filters.state_filter != 'low_pass')
         arm = self._arm
-        weightless = (arm.without_gravity if isinstance(arm, UrdfArm)
-                      and arm.model.gravity.linear.any() else None)
-        found = check_log(log, arm, settings, weightless, self._described)
+        found = check_log(log, arm, settings, weightless_of(arm), self._described)
         if not self._options.force:
             refuse(found, name_of(source))
         self.findings += found

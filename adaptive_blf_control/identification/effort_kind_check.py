@@ -12,9 +12,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.identification.dynamic_checks import filtered_pairs, left_over, Pairs
+from adaptive_blf_control.identification.finding import Excerpt, Finding, WARNING
 from adaptive_blf_control.identification.settings import IdentifierSettings
-from adaptive_blf_control.runs.dynamic_checks import filtered_pairs, left_over, Pairs
-from adaptive_blf_control.runs.finding import Excerpt, Finding, WARNING
 from adaptive_blf_control.spelling import setting
 
 __all__ = ['EFFORT_KIND', 'effort_kind_findings']

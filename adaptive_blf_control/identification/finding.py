@@ -5,14 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 import itertools
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.spelling import option
 
-__all__ = ['Excerpt', 'Finding', 'REFUSED', 'WARNING', 'even', 'excerpt', 'gain_of', 'listed']
+__all__ = ['Excerpt', 'Finding', 'LogRows', 'REFUSED', 'WARNING', 'even', 'excerpt', 'gain_of',
+           'listed']
 
 REFUSED, WARNING = 'refused', 'warning'
 ROWS = 200_000  # looked at of a longer log
@@ -65,12 +65,46 @@ class Excerpt(NamedTuple):
     whole: np.ndarray
 
 
+class LogRows(Protocol):
+    """The rows of a log, all finite and in the order of time; see `MeasuredLog`."""
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times, shape (N,) [s]."""
+        ...
+
+    @property
+    def q(self) -> np.ndarray:
+        """Positions, shape (N, n) [rad]."""
+        ...
+
+    @property
+    def qd(self) -> np.ndarray:
+        """Velocities, shape (N, n) [rad/s]."""
+        ...
+
+    @property
+    def tau(self) -> np.ndarray:
+        """Torques, shape (N, n) [N·m]."""
+        ...
+
+    @property
+    def breaks(self) -> tuple[int, ...]:
+        """Rows at which the clock was set back."""
+        ...
+
+    @property
+    def measured_velocity(self) -> bool:
+        """Whether the velocities mean anything."""
+        ...
+
+
 def gain_of(joint: str) -> str:
     """Return the option that multiplies the effort of a joint by K, as the caller writes it."""
     return option('gain', f'{{{joint!r}: K}}', f'{joint}:K')
 
 
-def excerpt(log: MeasuredLog, rows: int = ROWS, blocks: int = BLOCKS) -> Excerpt:
+def excerpt(log: LogRows, rows: int = ROWS, blocks: int = BLOCKS) -> Excerpt:
     """Return at most about ``rows`` rows of a log, in ``blocks`` blocks where it is longer."""
     size = len(log.t)
     chosen = np.arange(size)

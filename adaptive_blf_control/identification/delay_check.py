@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.runs.dynamic_checks import left_over, Pairs
-from adaptive_blf_control.runs.finding import Finding, WARNING
+from adaptive_blf_control.identification.dynamic_checks import left_over, Pairs
+from adaptive_blf_control.identification.finding import Finding, WARNING
 from adaptive_blf_control.spelling import option
 
 __all__ = ['delay_findings']

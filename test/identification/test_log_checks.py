@@ -15,10 +15,17 @@ from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.bags.logs import read_log
 from adaptive_blf_control.bags.measured_log import MeasuredLog
 from adaptive_blf_control.errors import LogError
+from adaptive_blf_control.identification.finding import (
+    even,
+    excerpt,
+    Finding,
+    listed,
+    REFUSED,
+    WARNING,
+)
+from adaptive_blf_control.identification.log_checks import check_log, refuse
 from adaptive_blf_control.identification.settings import IdentifierSettings
-from adaptive_blf_control.runs.finding import even, excerpt, Finding, listed, REFUSED, WARNING
 from adaptive_blf_control.runs.identification import identify
-from adaptive_blf_control.runs.log_checks import check_log, refuse
 from adaptive_blf_control.runs.subject import REAL_ROBOT
 
 LINK = """<link name="{0}"><inertial><origin xyz="0.2 0.03 0"/><mass value="2.5"/>

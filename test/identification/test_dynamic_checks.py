@@ -8,14 +8,14 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from adaptive_blf_control.runs.delay_check import delay_findings
-from adaptive_blf_control.runs.dynamic_checks import (
+from adaptive_blf_control.identification.delay_check import delay_findings
+from adaptive_blf_control.identification.dynamic_checks import (
     gravity_findings,
     left_over,
     Pairs,
     unit_findings,
 )
-from adaptive_blf_control.runs.finding import WARNING
+from adaptive_blf_control.identification.finding import WARNING
 
 N = 4
 ROWS = 1500

@@ -10,8 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.identification.finding import (
+    even,
+    Excerpt,
+    Finding,
+    gain_of,
+    REFUSED,
+    WARNING,
+)
 from adaptive_blf_control.identification.settings import FilterSettings
-from adaptive_blf_control.runs.finding import even, Excerpt, Finding, gain_of, REFUSED, WARNING
 from adaptive_blf_control.spelling import argument, option, setting
 from adaptive_blf_control.time_units import period_unit, question
 

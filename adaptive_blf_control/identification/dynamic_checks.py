@@ -13,12 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.identification.identifier import Identifier
+from adaptive_blf_control.identification.finding import Excerpt, Finding, gain_of, WARNING
+from adaptive_blf_control.identification.knowledge import Knowledge
+from adaptive_blf_control.identification.parts import Given, PartMaker
+from adaptive_blf_control.identification.running_parts import RunningParts
 from adaptive_blf_control.identification.settings import IdentifierSettings
-from adaptive_blf_control.runs.finding import Excerpt, Finding, gain_of, WARNING
 from adaptive_blf_control.spelling import option, setting
 
-__all__ = ['Pairs', 'filtered_pairs', 'gravity_findings', 'left_over', 'observer',
+__all__ = ['Observer', 'Pairs', 'filtered_pairs', 'gravity_findings', 'left_over',
            'unit_findings']
 
 ROWS = 1500  # pairs of each joint that least squares see
@@ -44,11 +46,25 @@ class Pairs(NamedTuple):
     period: float
 
 
-def observer(arm: Arm, settings: IdentifierSettings) -> Identifier:
-    """Return an identifier that is only there for its filters."""
-    return Identifier(arm, settings.replace(**{
-        'history.size': 1, 'change.window': 0.0, 'excitation.window': 0.0,
-        'initial_estimate': [0.0], 'gamma': [1.0]}))
+class Observer(Knowledge):
+    """The filters of an identifier, which learns nothing."""
+
+    def __init__(self, arm: Arm, settings: IdentifierSettings) -> None:
+        """Take the arm and the settings of the filters."""
+        settings = settings.replace(**{
+            'history.size': 1, 'change.window': 0.0, 'excitation.window': 0.0,
+            'update_law': 'concurrent', 'history.selection': 'algorithm_1',
+            'initial_estimate': [0.0] * arm.m, 'gamma': [1.0]})
+        super().__init__(arm, RunningParts(PartMaker(arm, Given()), settings.resolved(
+            joints=arm.n, parameters=arm.m)))
+
+    def observe(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> None:
+        """Filter a sample."""
+        self._parts.observe(t, q, qd, tau)
+
+    def restart(self) -> None:
+        """Restart the filters with the next sample."""
+        self._parts.restart()
 
 
 def filtered_pairs(log: Excerpt, arm: Arm, settings: IdentifierSettings, *,
@@ -65,7 +81,7 @@ def filtered_pairs(log: Excerpt, arm: Arm, settings: IdentifierSettings, *,
     lags = lags[:: max(1, len(lags) // 80)] if shifted else np.zeros(1, dtype=int)
     if shifted and 0 not in lags:
         lags = np.sort(np.append(lags, 0))
-    identifier = observer(arm, settings)
+    identifier = Observer(arm, settings)
     settled = np.zeros(len(log.t), dtype=bool)
     regressors = np.empty((len(log.t), arm.n, arm.m))
     torques = np.empty((len(log.t), arm.n))

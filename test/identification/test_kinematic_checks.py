@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.bags.logs import MeasuredLog
-from adaptive_blf_control.identification.settings import FilterSettings
-from adaptive_blf_control.runs.finding import excerpt, REFUSED, WARNING
-from adaptive_blf_control.runs.kinematic_checks import (
+from adaptive_blf_control.identification.finding import excerpt, REFUSED, WARNING
+from adaptive_blf_control.identification.kinematic_checks import (
     effort_findings,
     motion_findings,
     position_findings,
     rate_findings,
     velocity_findings,
 )
+from adaptive_blf_control.identification.settings import FilterSettings
 
 PERIOD = 0.002
 
