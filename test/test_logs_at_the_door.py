@@ -174,3 +174,30 @@ def test_what_takes_a_model_is_noted_by_learn_as_well(recwarn):
         assert any('the effort has the sign opposite' in note for note in identifier.notes) == (
             sign < 0.0)
     assert not recwarn.list
+
+
+WHOLE = door.read_log(LOG)
+
+
+@pytest.mark.parametrize(('changes', 'message'), [
+    ({'q': Q[:10]}, r"'q' is .*expected shape \(1000, 2\) .*joint1, joint2.*not \(10, 2\)"),
+    ({'tau': Q[:, :1]}, r"'tau' is .*expected shape \(1000, 2\)"),
+    ({'qd': None}, r"'qd' is None: expected numbers of shape \(1000, 2\)"),
+    ({'t': T[:5]}, r"'q' is left with the shape \(1000, 2\): expected to be given as well"),
+    ({'t': T[::-1]}, r"'t' is .*that rise, not t\[1\] = 0\.998 after 0\.999"),
+    ({'t': T * np.nan}, r"'t' is .*finite numbers, not t\[0\] = nan"),
+    ({'q': np.where(Q > 0.9, np.inf, Q)}, r"'q' is .*finite numbers, not q\[0, 1\] = inf"),
+    ({'joints': ('a',)}, r"'q' is left with the shape \(1000, 2\): .*\(1000, 1\)"),
+    ({'joints': ('a', 'a')}, r"'joints' is .*different names"),
+    ({'joints': 3}, r"'joints' is 3.*different names"),
+    ({'joints': 'ab'}, r"'joints' is 'ab'.*different names")])
+def test_a_log_takes_no_values_that_do_not_fit_the_rest(changes, message):
+    with pytest.raises(door.ParameterError, match=message):
+        WHOLE.replace(**changes)
+
+
+def test_a_log_takes_other_rows_and_names_where_all_of_them_fit():
+    rows = {name: getattr(WHOLE, name)[::2] for name in ('t', 'q', 'qd', 'tau')}
+    half = WHOLE.replace(joints=['a', 'b'], breaks=(3,)).replace(**rows)
+    assert (half.joints, half.breaks, len(half)) == (('a', 'b'), (), 500)
+    np.testing.assert_array_equal(WHOLE.replace(q=Q.tolist()).q, Q)

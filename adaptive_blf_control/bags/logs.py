@@ -300,9 +300,9 @@ def _renamed(source: str, arrays: Mapping[str, Any],
 def _converted(log: MeasuredLog, by: Conversion, source: Log) -> MeasuredLog:
     gains = by.gains(log.joints)
     if by.degrees:
-        log = log.replace(q=_scaled(log.q, np.pi / 180.0), qd=_scaled(log.qd, np.pi / 180.0))
+        log = log.with_fitting(q=_scaled(log.q, np.pi / 180.0), qd=_scaled(log.qd, np.pi / 180.0))
     if by.gain:
-        log = log.replace(tau=_scaled(log.tau, gains))
+        log = log.with_fitting(tau=_scaled(log.tau, gains))
     return _shifted(log, by.effort_delay, source) if by.effort_delay else log
 
 
@@ -325,7 +325,7 @@ def _shifted(log: MeasuredLog, delay: float, source: Log) -> MeasuredLog:
                        f'{log.t[-1] - log.t[0]:.3g} s')
     there = slice(first, first + count)  # times rise, so it is one stretch
     t = log.t[there]
-    return log.replace(t=t - t[0], q=log.q[there], qd=log.qd[there],
+    return log.with_fitting(t=t - t[0], q=log.q[there], qd=log.qd[there],
                         tau=_interpolated(later[there], log.t, log.tau),
                         dropped=log.dropped + len(log.t) - count,
                         breaks=tuple(row - first for row in log.breaks

@@ -10,8 +10,14 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from adaptive_blf_control.arrays import joint_places
-from adaptive_blf_control.errors import LogError, no_array, UnknownParameter, with_hints
+from adaptive_blf_control.arrays import checked_array, joint_places
+from adaptive_blf_control.errors import (
+    LogError,
+    no_array,
+    ParameterError,
+    UnknownParameter,
+    with_hints,
+)
 from adaptive_blf_control.spelling import spelled
 
 __all__ = ['MeasuredLog']
@@ -91,15 +97,38 @@ class MeasuredLog:
                        'identify(log, train=(1.0, 5.0)) chooses a span')
 
     def replace(self, **changes: Any) -> MeasuredLog:
-        """Return a copy with other attributes, by name.
+        """Return a copy with other attributes, by name: ``log.replace(tau=2.0 * log.tau)``.
+
+        Arrays of another number of rows are given together: t, q, qd and tau.
 
         Raises:
-            ParameterError: a log has no attribute of such a name.
+            ParameterError: a log has no attribute of such a name, or a value does not fit the
+                rest: its shape, its names, a time that does not rise, a value that is not finite.
         """
         names = [item.name for item in fields(self)]
         for name, value in changes.items():
             if name not in names:
                 raise UnknownParameter(name, value, names)
+        joints = changes.get('joints', self.joints)
+        if (not isinstance(joints, (list, tuple)) or not all(isinstance(name, str) for name in joints)
+                or not 0 < len(set(joints)) == len(tuple(joints))):
+            raise ParameterError('joints', joints, 'different names, one for each joint')
+        changes['joints'] = joints = tuple(joints)
+        if 't' in changes:
+            changes['t'] = _rising(checked_array('t', changes['t'], (-1,)))
+            if len(changes['t']) != len(self):  # these are other rows
+                changes.setdefault('breaks', ())
+        shape = (len(changes.get('t', self.t)), len(joints))
+        for name in ('q', 'qd', 'tau'):
+            if name not in changes and getattr(self, name).shape != shape:
+                raise ParameterError(name, _AsItIs(getattr(self, name).shape), f'to be given as '
+                                     f'well, with shape {shape}')
+            if name in changes:
+                changes[name] = _finite(name, checked_array(name, changes[name], shape, joints))
+        return self.with_fitting(**changes)
+
+    def with_fitting(self, **changes: Any) -> MeasuredLog:
+        """Return a copy with other attributes that are known to fit; :meth:`replace` checks."""
         return replace(self, **changes)
 
     def of_joints(self, joints: Sequence[str]) -> MeasuredLog:
@@ -118,12 +147,12 @@ class MeasuredLog:
             return self
         places = joint_places(names, self.joints)
         if places is None and not self.named and len(set(names)) == len(self.joints):
-            return self.replace(joints=names, named=True)
+            return self.with_fitting(joints=names, named=True)
         if places is None:
             raise LogError(f'log: {self._without(names)}')
         q, qd, tau = (np.ascontiguousarray(values[:, places])
                       for values in (self.q, self.qd, self.tau))
-        return self.replace(joints=names, q=q, qd=qd, tau=tau)
+        return self.with_fitting(joints=names, q=q, qd=qd, tau=tau)
 
     def _without(self, joints: Sequence[str]) -> str:
         """Return what is said of joints that the log does not have."""
@@ -147,3 +176,33 @@ class MeasuredLog:
                 + (f', {self.dropped} rows left out' if self.dropped else '')
                 + ('' if self.measured_velocity else ', without velocities')
                 + (f', {self.problem}' if self.problem else '') + '>')
+
+
+class _AsItIs:
+    """Stands in a message for an array that was left as it is."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self._shape = shape
+
+    def __repr__(self) -> str:
+        return f'left with the shape {self._shape}'
+
+
+def _finite(name: str, array: np.ndarray) -> np.ndarray:
+    """Return an array of a log; ParameterError names the first element that is not finite."""
+    odd = np.argwhere(~np.isfinite(array))
+    if len(odd):
+        place = ', '.join(map(str, odd[0]))
+        raise ParameterError(name, array, f'finite numbers, not {name}[{place}] = '
+                             f'{array[tuple(odd[0])]}')
+    return array
+
+
+def _rising(t: np.ndarray) -> np.ndarray:
+    """Return times of a log; ParameterError names the first that does not come after the last."""
+    back = np.flatnonzero(np.diff(_finite('t', t)) <= 0.0)
+    if len(back) or len(t) < 2:
+        where = f', not t[{back[0] + 1}] = {t[back[0] + 1]:g} after {t[back[0]]:g}' if len(
+            back) else ''
+        raise ParameterError('t', t, f'at least two times that rise{where}')
+    return t

@@ -165,7 +165,8 @@ class LearnedLog:
             keep &= np.isfinite(array).all(axis=1)
         keep[1:] &= t[1:] > t[:-1]
         filters = settings.filter
-        rows = _Rows(*(array[keep] for array in (t, *others)), (),
+        q, qd, tau = (array[keep] for array in others)
+        rows = _Rows(t[keep], q, qd, tau, (),
                      filters.state_order == 0 or filters.state_filter != 'low_pass')
         self.found: list[Finding] = []
         self._part: Excerpt | None = None
