@@ -97,10 +97,10 @@ class JointStateCodec:
         for name in self.names:
             head += bytes(align(len(head), 4) - len(head)) + encode_string(name, 'joint name')
         self._buffer, offsets = self._append_arrays(head)
-        self._places = [(field, 0, None) if offset is None else
-                        (field, len(self.names),
-                         np.frombuffer(self._buffer, '<f8', len(self.names), offset))
-                        for field, offset in zip(FIELDS, offsets)]
+        self._lengths = tuple(0 if offset is None else len(self.names) for offset in offsets)
+        self._views = [None if offset is None else
+                       np.frombuffer(self._buffer, '<f8', len(self.names), offset)
+                       for offset in offsets]
 
     def _append_arrays(self, head: bytearray) -> tuple[bytearray, list[int | None]]:
         """Append counts and room for the numbers; return where each field's numbers start."""
@@ -129,22 +129,32 @@ class JointStateCodec:
         Raises:
             BagError: wrong length of an array, or a stamp that does not fit.
         """
-        seconds, nanoseconds = divmod(stamp_ns, NANOSECONDS)
         try:
-            STAMP.pack_into(self._buffer, HEADER_SIZE, seconds, nanoseconds)
+            STAMP.pack_into(self._buffer, HEADER_SIZE, *divmod(stamp_ns, NANOSECONDS))
         except struct.error as exc:
             raise BagError(f'stamp {stamp_ns!r} ns: expected whole nanoseconds below 2**31 s'
                            ) from exc
-        for (field, expected, view), values in zip(self._places, (position, velocity, effort)):
-            if len(values) != expected:
-                raise BagError(f'JointState.{field} has {len(values)} values: expected {expected}')
-            if view is not None:
-                try:
-                    view[...] = values
-                except (ValueError, TypeError) as exc:
-                    raise BagError(
-                        f'JointState.{field}: {exc}: expected {expected} numbers') from exc
+        if (len(position), len(velocity), len(effort)) != self._lengths:
+            raise self._wrong_length(position, velocity, effort)
+        first, second, third = self._views
+        try:
+            if first is not None:
+                first[...] = position
+            if second is not None:
+                second[...] = velocity
+            if third is not None:
+                third[...] = effort
+        except (ValueError, TypeError) as exc:
+            raise BagError(f'JointState: {exc}: expected {len(self.names)} numbers for each of '
+                           f'{", ".join(self.fields)}') from exc
         return bytes(self._buffer)
+
+    def _wrong_length(self, *values: Sequence[float] | np.ndarray) -> BagError:
+        field, given, expected = next(
+            (field, len(given), expected)
+            for field, given, expected in zip(FIELDS, values, self._lengths)
+            if len(given) != expected)
+        return BagError(f'JointState.{field} has {given} values: expected {expected}')
 
 
 def refuse_duplicates(names: tuple[str, ...], where: str) -> None:

@@ -20,54 +20,73 @@ from adaptive_blf_control.messages.joint_state import (
 
 __all__ = ['JointStateReader']
 
-_COUNT = struct.Struct('<I')
 _DOUBLE = np.dtype('<f8')
+_LITTLE_ENDIAN = b'\0\1'
 _FRAME_OFFSET = HEADER_SIZE + STAMP.size
 # Layouts kept. A topic has one for each publisher; more than this many show a fault.
 _MAX_LAYOUTS = 8
 
 
 class _Layout(NamedTuple):
-    """What one publisher's messages have in common.
+    """What the messages of one publisher have in common, where its arrays keep their lengths.
+
+    A word is 8 bytes. From the first number on all numbers lie on words.
 
     Attributes:
+        key: Bytes of frame_id and names; they fix where the counts begin.
+        end: Offset behind the message.
+        head: Format of stamp and the three counts.
+        counts: Those that the message has to have.
+        begin: Offset of the first number.
+        words: Number of words from the first number to the last.
+        order: Where our numbers are among the words, shape (k, n) for k arrays that are not
+            empty; None where the names are our joints in our order.
+        rows: Where position, velocity and effort are among the words, or which row of ``order``
+            they are; None for an empty one.
         frame: frame_id.
-        key: Bytes of frame_id and names; they fix where the arrays begin.
-        first: Offset of the count of `position`.
-        size: Number of names.
-        order: Index of each of our joints among the names, shape (n,).
-        ours: Whether the names are our joints in our order.
-        head: Format of stamp and counts of a message whose arrays are all as long as the names.
-        begin: Offset of the first number of such a message.
-        end: Offset behind its last one.
     """
 
-    frame: bytes
     key: bytes
-    first: int
-    size: int
-    order: np.ndarray
-    ours: bool
-    head: str
-    begin: int
     end: int
+    head: str
+    counts: tuple[int, ...]
+    begin: int
+    words: int
+    order: np.ndarray | None
+    rows: tuple[slice | int | None, ...]
+    frame: bytes
 
 
-def _layout(frame: bytes, key: bytes, size: int, order: np.ndarray) -> _Layout:
-    first = align(_FRAME_OFFSET + len(key), 4)
-    begin = first + 4
-    begin += (HEADER_SIZE - begin) % 8
-    before, between = first - HEADER_SIZE - STAMP.size, begin - first - 4 + 8 * size
-    # Behind each array the count of the next one takes a whole word.
-    head = f'{STAMP.format}{before}xI{between}xI{4 + 8 * size}xI'
-    return _Layout(frame, key, first, size, order, order.tolist() == list(range(size)), head,
-                   begin, begin + 8 * (3 * size + 2))
+def _layout(frame: bytes, key: bytes, counts: tuple[int, ...], order: np.ndarray) -> _Layout:
+    """Lay out messages with an array that is not empty.
+
+    Args:
+        frame: frame_id.
+        key: Bytes of frame_id and names.
+        counts: Lengths of the three arrays.
+        order: Index of each of our joints among the names, shape (n,).
+    """
+    head, place, end, starts = STAMP.format, _FRAME_OFFSET, _FRAME_OFFSET + len(key), []
+    for count in counts:
+        after = align(end, 4)
+        head += f'{after - place}xI'
+        place = end = after + 4
+        if count:
+            starts.append(align(end, 8))
+            end = starts[-1] + 8 * count
+    size, n = max(counts), len(order)
+    words = [(start - starts[0]) // 8 for start in starts]
+    ours = order.tolist() == list(range(size))
+    rows = iter([slice(word, word + n) for word in words] if ours else range(len(words)))
+    return _Layout(key, end, head, counts, starts[0],
+                   words[-1] + size, None if ours else np.add.outer(words, order),
+                   tuple(next(rows) if count else None for count in counts), frame)
 
 
 class JointStateReader:
     """Decoder that returns the numbers in the order of given joints, matched by name.
 
-    The permutation is kept for each layout (frame_id and names as bytes), so that only the first
+    Each layout (frame_id and names as bytes, lengths of the arrays) is kept, so that only the first
     message of a publisher is parsed name by name.
 
     Attributes:
@@ -95,39 +114,19 @@ class JointStateReader:
         if type(data) is not bytes:
             data = bytes(data)
         for layout in self._layouts:
-            if data.startswith(layout.key, _FRAME_OFFSET) and data.startswith(b'\0\1'):
-                try:
-                    return self._read_arrays(data, layout)
-                except (struct.error, ValueError):  # the slow decoder finds out what is wrong
-                    break
-        return self._read_slowly(data)
-
-    def _read_arrays(self, data: bytes, layout: _Layout
-                     ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
-        """Read a message of known layout; struct.error or ValueError where it is not sound."""
-        size, order = layout.size, layout.order
-        if len(data) >= layout.end:
-            sec, nanosec, a, b, c = struct.unpack_from(layout.head, data, HEADER_SIZE)
-            if a == b == c == size:
-                rows = np.ndarray((3, size), _DOUBLE, data, layout.begin, (8 * (size + 1), 8))
-                rows = rows.copy() if layout.ours else rows.take(order, 1)
-                self.source = layout.frame
-                return sec * NANOSECONDS + nanosec, rows[0], rows[1], rows[2]
-        place, arrays = layout.first, []
-        for _ in FIELDS:
-            (count,) = _COUNT.unpack_from(data, place)
-            place += 4
-            if count == 0:
-                arrays.append(self._nothing.copy())
-                continue
-            if count != size:
-                raise ValueError
-            place += (HEADER_SIZE - place) % 8
-            arrays.append(np.frombuffer(data, _DOUBLE, size, place).take(order))
-            place += 8 * size
-        sec, nanosec = STAMP.unpack_from(data, HEADER_SIZE)
-        self.source = layout.frame
-        return sec * NANOSECONDS + nanosec, arrays[0], arrays[1], arrays[2]
+            if (data.startswith(layout.key, _FRAME_OFFSET) and len(data) >= layout.end
+                    and data.startswith(_LITTLE_ENDIAN)):
+                sec, nanosec, a, b, c = struct.unpack_from(layout.head, data, HEADER_SIZE)
+                if (a, b, c) == layout.counts:
+                    self.source = layout.frame
+                    stamp = sec * NANOSECONDS + nanosec
+                    words = np.frombuffer(data, _DOUBLE, layout.words, layout.begin)
+                    rows = words.copy() if layout.order is None else words.take(layout.order)
+                    a, b, c = layout.rows
+                    return (stamp, self._nothing.copy() if a is None else rows[a],
+                            self._nothing.copy() if b is None else rows[b],
+                            self._nothing.copy() if c is None else rows[c])
+        return self._read_slowly(data)  # it also finds out what is wrong
 
     def _read_slowly(self, data: bytes) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         cursor = Cursor(data, 'JointState')
@@ -135,9 +134,10 @@ class JointStateReader:
         frame = frame_id.encode()
         order = self._match(names)
         layout_end = cursor.pos
-        arrays = []
+        arrays, counts = [], []
         for field in FIELDS:
             values = cursor.doubles(field)
+            counts.append(len(values))
             if len(values) == 0:
                 arrays.append(self._nothing.copy())
             elif len(values) == len(names):
@@ -145,8 +145,10 @@ class JointStateReader:
             else:
                 raise BagError(f'JointState.{field} has {len(values)} values for {len(names)} '
                                'names: expected as many, or none')
-        if cursor.order == '<' and self.joints:
-            self._remember(frame, data[_FRAME_OFFSET:layout_end], names, order)
+        if cursor.order == '<' and self.joints and any(counts):
+            self._layouts.insert(0, _layout(frame, data[_FRAME_OFFSET:layout_end], tuple(counts),
+                                            order))
+            del self._layouts[_MAX_LAYOUTS:]
         self.source = frame
         return stamp_ns, arrays[0], arrays[1], arrays[2]
 
@@ -158,10 +160,3 @@ class JointStateReader:
             raise BagError(f'JointState lacks joint {", ".join(map(repr, missing))}: '
                            f'it has {list(names)}')
         return np.array([where[joint] for joint in self.joints], dtype=np.intp)
-
-    def _remember(self, frame: bytes, key: bytes, names: tuple[str, ...],
-                  order: np.ndarray) -> None:
-        if any(layout.key == key for layout in self._layouts):
-            return
-        self._layouts.insert(0, _layout(frame, key, len(names), order))
-        del self._layouts[_MAX_LAYOUTS:]
