@@ -39,12 +39,12 @@ class _ControllerStep:
         """Return torque and adaptation term, (n,) and (m,), after encoding what is published."""
         controller = self._controller
         stamp, q, qd, torque = self._reader.read(data)
-        output = controller.update(stamp * 1e-9, q, qd, theta, torque)
-        self._torque.encode(output.torque)
-        self._codecs.adaptation_term(stamp, output)
-        self._monitors.messages(stamp, output, controller.margins(output), DECIMATION,
-                                lambda: controller.lyapunov(output, theta))
-        return output.torque, output.adaptation_term
+        answered = controller.answer(stamp * 1e-9, q, qd, theta, torque)
+        self._torque.encode(answered.torque)
+        self._codecs.adaptation_term(stamp, answered)
+        self._monitors.messages(stamp, answered, answered.margins, DECIMATION,
+                                lambda: controller.lyapunov(answered.output, theta))
+        return answered.torque, answered.adaptation_term
 
 
 class _IdentifierStep:
@@ -89,6 +89,6 @@ def _times(loop: ClosedLoop, samples: int) -> Iterator[tuple[float, float]]:
         between = time.thread_time_ns()
         estimate = identifier.answer(message, term)
         yield 1e-3 * (between - begin), 1e-3 * (time.thread_time_ns() - between)
-        theta, term = theta if loop.known is not None else estimate, following
+        theta, term = theta if loop.known is not None else estimate, following.copy()
         plant.apply(torque)
         plant.advance(loop.period)

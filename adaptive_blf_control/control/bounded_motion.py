@@ -10,6 +10,7 @@ import numpy as np
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.calls import checked_call
+from adaptive_blf_control.control.answered import Answered
 from adaptive_blf_control.control.barrier import barrier
 from adaptive_blf_control.control.constraints import Constraints, MotionState
 from adaptive_blf_control.control.control_output import ControlOutput
@@ -48,7 +49,7 @@ class BoundedMotion(Guided, instead={
         self.arm = arm
         self._n = (arm.n,)
         self._path_time = 0.0
-        self._judged: tuple[ControlOutput, np.ndarray] | None = None
+        self._judged: Answered | None = None
 
     def _use(self, tuned: TunedParts, sets: MotionSets) -> None:
         """Take what follows from the settings, and the sets that were checked with it."""
@@ -57,7 +58,7 @@ class BoundedMotion(Guided, instead={
                                    PerformanceConstraint(joints),
                                    *getattr(tuned.safety_filter, 'constraints', ()),
                                    *tuned.constraints], joints)
-        self._judged = None  # the last sample with its margins to the two sets
+        self._judged = None  # the last answer, with its margins to the sets of then
         self._sets_alone = len(constraints.parts) == 2
         # Not as attributes are set: there these names are refused, see `Guided`.
         vars(self).update(settings=tuned.settings, safety=sets.safety,
@@ -112,8 +113,8 @@ class BoundedMotion(Guided, instead={
         controller.margins(output)))``.
         """
         judged = self._judged
-        if judged is not None and output is judged[0] and self._sets_alone:
-            return judged[1].copy()
+        if judged is not None and output is judged.output:
+            return judged.margins.copy()
         return self.constraints.margins(output.state)
 
     @checked_call

@@ -17,6 +17,7 @@ from adaptive_blf_control.arrays import (
     checked_vectors,
 )
 from adaptive_blf_control.calls import checked_call
+from adaptive_blf_control.control.answered import Answered, AnsweredOutput
 from adaptive_blf_control.control.arm_limits import limit_warnings
 from adaptive_blf_control.control.bounded_motion import BoundedMotion
 from adaptive_blf_control.control.control_output import ControlOutput
@@ -345,19 +346,39 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         if not are_vectors(self._n, q, qd, torque):
             q, qd, torque = checked_vectors(self.arm.joints, q=q, qd=qd, torque=torque)
         theta = checked_array('theta', theta, self._m, self.arm.parameters)
+        answered = self._judged = self.answer(t, q, qd, theta, torque)
+        return answered.output
+
+    def answer(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
+               torque: np.ndarray) -> Answered:
+        """Answer a sample as :meth:`update` does, with arrays that the next sample may change.
+
+        For a node, whose arrays are known to be right: nothing is checked.
+
+        Args:
+            t: Time of the sample [s].
+            q: Measured positions, shape (n,) [rad]; contiguous float64, as the other arrays.
+            qd: Measured velocities, shape (n,) [rad/s].
+            theta: Parameter estimate θ̂, shape (m,).
+            torque: Mean torque applied since the sample before, shape (n,) [N·m]; NaN where it
+                is not known.
+        """
         if not 0.0 <= t - self._memory.time[0] <= SLOWEST:  # nor at the first one, after NaN
             t = self._odd_times.answered(t, self._memory.time)
         if self.safety_filter is not None:
             point, bounds = self._governed(self.safety_filter, t, q)
-            return self._answers.filtered(
+            output = self._answers.filtered(
                 self.safety_filter, LawSample(t, q, qd, torque, point, bounds, theta))
-        usual = self._answers.usual(t, self.reference, self._bounds, self.safety)
-        if usual is not None:
-            output = usual.answered(t, q, qd, theta)
-            self._judged = output, usual.margins
-            return output
-        point, bounds = self.reference.at(t), self._bounds.at(t)
-        return self._answers.answered(LawSample(t, q, qd, torque, point, bounds, theta))
+        elif (usual := self._answers.usual(t, self.reference, self._bounds,
+                                           self.safety)) is not None:
+            answered = usual.answered(t, q, qd, theta)
+            if self._sets_alone:
+                return answered
+            output = answered.output
+        else:
+            output = self._answers.answered(LawSample(
+                t, q, qd, torque, self.reference.at(t), self._bounds.at(t), theta))
+        return AnsweredOutput(output, self.constraints)
 
     def _governed(self, safety_filter: SafetyFilter, t: float,
                   q: np.ndarray) -> tuple[ReferencePoint, Bounds]:

@@ -70,7 +70,8 @@ class LimitedLaw:
         if sinusoids is None:
             return None
         if self._usual is None or not self._usual.fits(sinusoids, resting):
-            self._usual = UsualSamples(self.arrays, sinusoids, resting, safety)
+            self._usual = UsualSamples(self.arrays, self._no_regressor.shape[1], sinusoids,
+                                       resting, safety)
         return self._usual
 
     def answered(self, sample: LawSample) -> ControlOutput:

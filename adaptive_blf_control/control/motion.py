@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
-from adaptive_blf_control.control.controller import Controller, ControlOutput
+from adaptive_blf_control.control.answered import Answered
+from adaptive_blf_control.control.control_output import ControlOutput
+from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.parts import controller_parts
 from adaptive_blf_control.control.reference import from_time, Reference
 from adaptive_blf_control.control.refusal import Refusal
@@ -63,7 +65,7 @@ class Motion:
         arm: The arm.
         settings: Gains, limits, sets and reference.
         controller: That of the motion; None between motions.
-        output: Last answer, None before the first.
+        answered: Last answer, None before the first.
         lost: Why the torque is zero until the next state, '' where it is not.
         gate: Order of the joint states.
         q: Positions measured last, shape (n,) [rad].
@@ -76,7 +78,7 @@ class Motion:
         """Take the arm and the settings; nothing moves yet."""
         self.arm, self.settings = arm, settings
         self.controller: Controller | None = None
-        self.output: ControlOutput | None = None
+        self.answered: Answered | None = None
         self.lost = ''
         self.gate = StateGate(arm.joints)
         self.q, self.qd = np.zeros(arm.n), np.zeros(arm.n)
@@ -84,11 +86,17 @@ class Motion:
         self.planned = False
         self._resumes = False
         self._start_ns = 0
+        self._not_measured = np.full(arm.n, np.nan)
 
     @property
     def t(self) -> float:
         """Time of the last sample since the start of the motion [s]."""
         return 0.0 if self.gate.last_ns is None else (self.gate.last_ns - self._start_ns) * 1e-9
+
+    @property
+    def output(self) -> ControlOutput | None:
+        """All that belongs to the last answer, None before the first."""
+        return None if self.answered is None else self.answered.output
 
     def refuse(self, stamp: int, q: np.ndarray, qd: np.ndarray,
                longest: float) -> Refusal | None:
@@ -162,12 +170,12 @@ class Motion:
         return controller
 
     def answer(self, stamp: int, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
-               torque: np.ndarray | None = None, elapsed: float | None = None) -> ControlOutput:
-        """Answer a state of the motion.
+               torque: np.ndarray | None = None, elapsed: float | None = None) -> Answered:
+        """Answer a state of the motion, with arrays that the next answer may change.
 
         Args:
             stamp: Of the state [ns].
-            q: Measured positions, shape (n,) [rad].
+            q: Measured positions, shape (n,) [rad]; contiguous float64, as the other arrays.
             qd: Measured velocities, shape (n,) [rad/s].
             theta: Parameter estimate θ̂, shape (m,).
             torque: Measured torque, shape (n,) [N·m]; None where there is none.
@@ -177,11 +185,13 @@ class Motion:
             raise BlfError('no motion has begun')
         self.gate.take(stamp)
         self.q, self.qd, self.lost = q, qd, ''
+        t = self.t
         if elapsed is not None:
-            self.controller.shorten_interval(self.t, elapsed)
-        self.output = self.controller.update(self.t, q, qd, theta, torque)
-        self.torque = self.output.torque
-        return self.output
+            self.controller.shorten_interval(t, elapsed)
+        answered = self.answered = self.controller.answer(
+            t, q, qd, theta, self._not_measured if torque is None else torque)
+        self.torque = answered.torque
+        return answered
 
     def lose(self, reason: str) -> None:
         """Note that the torque is zero now; the next state begins another motion."""

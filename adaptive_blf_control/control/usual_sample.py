@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, Handle, handle, jit
+from adaptive_blf_control.compiled import Handle, handle, jit
 from adaptive_blf_control.control.constraints import MotionState
 from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.reference import (
@@ -28,11 +28,9 @@ from adaptive_blf_control.control.step import Answer, ControllerArrays, write_an
 
 __all__ = ['answer_usual_sample', 'sinusoids_at', 'UsualMotion', 'UsualSamples']
 
-ROWS = 8  # of what a sample writes for each joint, see `answer_usual_sample`
-
 
 class UsualMotion(NamedTuple):
-    """What the samples of a motion have in common.
+    """What the samples of a motion have in common, and where their answers are written.
 
     Attributes:
         controller: The law (38) with its limits.
@@ -40,8 +38,10 @@ class UsualMotion(NamedTuple):
         bounds: Performance bounds with their rates.
         lower: Of the safety set, shape (n,) [rad].
         upper: Likewise.
-        margins: To both sets in the last sample, the safety set first, shape (2 n,) [rad].
-        alpha: Room for α [rad/s] and α̇ [rad/s²], shape (2, n).
+        answer: Is written.
+        point: y_d with two derivatives; is written.
+        regressor: X, shape (n, m); is written.
+        margins: To both sets, the safety set first, shape (2 n,) [rad]; is written.
     """
 
     controller: ControllerArrays
@@ -49,37 +49,39 @@ class UsualMotion(NamedTuple):
     bounds: Bounds
     lower: np.ndarray
     upper: np.ndarray
+    answer: Answer
+    point: ReferencePoint
+    regressor: np.ndarray
     margins: np.ndarray
-    alpha: np.ndarray
 
 
 @jit
 def answer_usual_sample(motion: Handle, t: float, q: np.ndarray, qd: np.ndarray,
-                        theta: np.ndarray, rows: np.ndarray, products: np.ndarray) -> None:
+                        theta: np.ndarray) -> float:
     """Answer one sample as `write_answer` does, called from Python.
 
     Args:
-        motion: A `UsualMotion`; its memory, margins and room are changed in place.
+        motion: A `UsualMotion`; its memory is changed in place.
         t: Time of the sample since the start of the motion [s].
         q: Measured positions, shape (n,) [rad].
         qd: Measured velocities, shape (n,) [rad/s].
         theta: θ̂, shape (m,).
-        rows: To be filled with torque, e1, e2, active bound, torque before the limits, and y_d
-            with two derivatives, shape (8, n).
-        products: To be filled with X and below it the adaptation term, shape (n + 1, m).
+
+    Returns:
+        The smallest margin [rad]; NaN where one is.
     """
     parts = motion.value
-    n = q.size
-    bounds, safe_lower, safe_upper = parts.bounds, parts.lower, parts.upper
-    e1, lower, upper, margins = rows[1], bounds.lower, bounds.upper, parts.margins
-    point = borrowed(ReferencePoint(rows[5], rows[6], rows[7]))
+    n, answer, point, bounds = q.size, parts.answer, parts.point, parts.bounds
+    safe_lower, safe_upper = parts.lower, parts.upper
+    e1, lower, upper, margins = answer.e1, bounds.lower, bounds.upper, parts.margins
     write_sinusoids(point, t, parts.sinusoids)
-    answer = Answer(rows[0], products[n], e1, rows[2], parts.alpha[0], parts.alpha[1], rows[3],
-                    rows[4])
-    write_answer(products[:n], parts.controller, borrowed(answer), t, q, qd, theta, point, bounds)
+    write_answer(parts.regressor, parts.controller, answer, t, q, qd, theta, point, bounds)
+    smallest = np.inf
     for i in range(n):
         margins[i] = np.minimum(q[i] - safe_lower[i], safe_upper[i] - q[i])
         margins[n + i] = np.minimum(e1[i] - lower[i], upper[i] - e1[i])
+        smallest = np.minimum(smallest, np.minimum(margins[i], margins[n + i]))
+    return smallest
 
 
 def sinusoids_at(reference: Reference, t: float) -> SumOfSinusoids | None:
@@ -94,31 +96,49 @@ def sinusoids_at(reference: Reference, t: float) -> SumOfSinusoids | None:
 class UsualSamples:
     """Answers the samples of a motion while its sinusoids, bounds and sets stay what they are.
 
+    It is also the answer to the last one, an `Answered`.
+
     Attributes:
-        margins: To both sets in the last sample, the safety set first, shape (2 n,) [rad].
+        torque: See `Answered`, as the other attributes.
     """
 
-    def __init__(self, controller: ControllerArrays, sinusoids: SumOfSinusoids, bounds: Bounds,
-                 safety: JointInterval) -> None:
-        """Take what the samples have in common; see `UsualMotion`."""
+    def __init__(self, controller: ControllerArrays, m: int, sinusoids: SumOfSinusoids,
+                 bounds: Bounds, safety: JointInterval) -> None:
+        """Take what the samples have in common, see `UsualMotion`, for m parameters."""
         n = controller.memory.torque.size
-        self.margins = np.full(2 * n, np.nan)
+        self._rows, self._products = np.empty((10, n)), np.empty((n + 1, m))
+        rows, products = self._rows, self._products
+        answer = Answer(rows[0], products[n], rows[1], rows[2], rows[8], rows[9], rows[3], rows[4])
+        self.torque, self.adaptation_term, self.e1, self.e2 = answer[:4]
+        self.reference = ReferencePoint(rows[5], rows[6], rows[7])
+        self.margins, self.smallest = np.full(2 * n, np.nan), np.nan
         self._sinusoids, self._bounds = sinusoids, bounds
         self._handle = handle(UsualMotion(
             controller, sinusoids.arrays, bounds, safety.lower.copy(), safety.upper.copy(),
-            self.margins, np.empty((2, n))))
+            answer, self.reference, products[:n], self.margins))
+        self.t, self._q, self._qd = np.nan, np.empty(n), np.empty(n)
+        self._output: ControlOutput | None = None
 
     def fits(self, sinusoids: SumOfSinusoids, bounds: Bounds) -> bool:
         """Return whether these are the sinusoids and the bounds of the handle."""
         return sinusoids is self._sinusoids and bounds is self._bounds
 
     def answered(self, t: float, q: np.ndarray, qd: np.ndarray,
-                 theta: np.ndarray) -> ControlOutput:
-        """Return the answer to a sample."""
-        rows = np.empty((ROWS, q.size))
-        products = np.empty((q.size + 1, theta.size))
-        answer_usual_sample(self._handle, t, q, qd, theta, rows, products)
-        # Row by row: an array that is unpacked takes twice as long.
-        return ControlOutput(rows[0], products[-1], MotionState(t, q, qd, rows[1], self._bounds),
-                             rows[2], ReferencePoint(rows[5], rows[6], rows[7]), products[:-1],
-                             rows[3], rows[4])
+                 theta: np.ndarray) -> UsualSamples:
+        """Return the answer to a sample: this object, with other numbers in its arrays."""
+        self.t, self._q, self._qd, self._output = t, q, qd, None
+        self.smallest = answer_usual_sample(self._handle, t, q, qd, theta)
+        return self
+
+    @property
+    def output(self) -> ControlOutput:
+        """All that belongs to the last answer, in arrays of its own."""
+        if self._output is None:
+            rows, products = self._rows.copy(), self._products.copy()
+            # Row by row: an array that is unpacked takes twice as long.
+            self._output = ControlOutput(
+                rows[0], products[-1], MotionState(self.t, self._q, self._qd, rows[1],
+                                                    self._bounds),
+                rows[2], ReferencePoint(rows[5], rows[6], rows[7]), products[:-1], rows[3],
+                rows[4])
+        return self._output

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from adaptive_blf_control.control.answered import Answered
 from adaptive_blf_control.control.constraints import MarginName
 from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.guarantee import Guarantee
@@ -57,15 +58,15 @@ class ControllerCodecs:
             guaranteed.error_lower, guaranteed.error_upper, guaranteed.output_lower,
             guaranteed.output_upper, [guaranteed.value, guaranteed.e2_norm]]))
 
-    def adaptation_term(self, stamp: int, output: ControlOutput) -> bytes:
+    def adaptation_term(self, stamp: int, output: ControlOutput | Answered) -> bytes:
         """Encode Xᵀe2 of (37) by parameter name; ``stamp`` in ns."""
         return self._term.encode(stamp, output.adaptation_term)
 
-    def tracking_error(self, stamp: int, output: ControlOutput) -> bytes:
+    def tracking_error(self, stamp: int, output: ControlOutput | Answered) -> bytes:
         """Encode e1 with e2; ``stamp`` in ns."""
         return self._error.encode(stamp, output.e1, output.e2)
 
-    def monitors(self, stamp: int, output: ControlOutput, margins: np.ndarray,
+    def monitors(self, stamp: int, output: ControlOutput | Answered, margins: np.ndarray,
                  lyapunov: float) -> dict[str, bytes]:
         """Encode the reference, and the margins (K,) with V; by topic."""
         return {
@@ -91,7 +92,7 @@ class MonitorStream:
         self._codecs = codecs
         self._smallest: np.ndarray | None = None
 
-    def messages(self, stamp: int, output: ControlOutput, margins: np.ndarray,
+    def messages(self, stamp: int, output: ControlOutput | Answered, margins: np.ndarray,
                  decimation: int, lyapunov: Callable[[], float],
                  watch: Callable[[], np.ndarray] | None = None) -> dict[str, bytes]:
         """Return the messages of a sample by topic.
@@ -105,7 +106,9 @@ class MonitorStream:
             watch: Returns what a safety filter says of itself, likewise; None for none.
         """
         messages = {TRACKING_ERROR: self._codecs.tracking_error(stamp, output)}
-        smallest = margins if self._smallest is None else np.minimum(self._smallest, margins)
+        # The margins may be those of an `Answered`, which change with the next sample.
+        smallest = (margins.copy() if self._smallest is None
+                    else np.minimum(self._smallest, margins))
         if self.samples % decimation == 0:
             self.lyapunov = lyapunov()
             messages.update(self._codecs.monitors(stamp, output, smallest, self.lyapunov))

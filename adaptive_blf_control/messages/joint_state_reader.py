@@ -77,7 +77,8 @@ def _layout(frame: bytes, key: bytes, counts: tuple[int, ...], order: np.ndarray
     size, n = max(counts), len(order)
     words = [(start - starts[0]) // 8 for start in starts]
     ours = order.tolist() == list(range(size))
-    rows = iter([slice(word, word + n) for word in words] if ours else range(len(words)))
+    places = [slice(word, word + n) if ours else row for row, word in enumerate(words)]
+    rows = iter(places)
     return _Layout(key, end, head, counts, starts[0],
                    words[-1] + size, None if ours else np.add.outer(words, order),
                    tuple(next(rows) if count else None for count in counts), frame)
@@ -86,8 +87,8 @@ def _layout(frame: bytes, key: bytes, counts: tuple[int, ...], order: np.ndarray
 class JointStateReader:
     """Decoder that returns the numbers in the order of given joints, matched by name.
 
-    Each layout (frame_id and names as bytes, lengths of the arrays) is kept, so that only the first
-    message of a publisher is parsed name by name.
+    Each layout (frame_id and names as bytes, lengths of the arrays) is kept, so that only the
+    first message of a publisher is parsed name by name.
 
     Attributes:
         source: frame_id of the message read last: what it says of its publisher.

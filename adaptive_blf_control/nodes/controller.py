@@ -21,8 +21,10 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
+from adaptive_blf_control.control.answered import Answered
 from adaptive_blf_control.control.arm_limits import limit_warnings
-from adaptive_blf_control.control.controller import Controller, ControlOutput
+from adaptive_blf_control.control.control_output import ControlOutput
+from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.laws.protocol import uses_estimate
 from adaptive_blf_control.control.motion import groups_of, Motion
 from adaptive_blf_control.control.parts import controller_parts
@@ -244,11 +246,11 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         controller = self.motion.controller or self._begin(stamp, q, qd)
         self.heard_at = time.monotonic()
         self.aged(info)
-        output = self._answer(stamp, q, qd, torque, controller, self._elapsed(info))
+        answered = self._answer(stamp, q, qd, torque, controller, self._elapsed(info))
         if begins:  # after the answer, because a log line takes longer than the law
             self.get_logger().info('motion begins')
             if self.active:
-                self.monitors.state_guarantee(controller, stamp, output)
+                self.monitors.state_guarantee(controller, stamp, answered)
         return True
 
     def _begin(self, stamp: int, q: np.ndarray, qd: np.ndarray) -> Controller:
@@ -279,19 +281,19 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         return self.commands.interval() if received else None
 
     def _answer(self, stamp: int, q: np.ndarray, qd: np.ndarray, torque: np.ndarray,
-                controller: Controller, elapsed: float | None) -> ControlOutput:
-        output = self.motion.answer(stamp, q, qd, self.theta, torque, elapsed)
+                controller: Controller, elapsed: float | None) -> Answered:
+        answered = self.motion.answer(stamp, q, qd, self.theta, torque, elapsed)
         self._watch_silence()
         if self.motion.lost:  # the process was stopped while it computed
-            return output
-        self.commands.send(output.torque, stamp)
-        self.monitors.publish_term(stamp, output)
-        inside = self.monitors.watch(controller, stamp, output, self.theta)
+            return answered
+        self.commands.send(answered.torque, stamp)
+        self.monitors.publish_term(stamp, answered)
+        inside = self.monitors.watch(controller, stamp, answered, self.theta)
         self.sampled(stamp)
         told = self.gravity.fits(stamp, q, qd, torque)
         if not (inside and told) and self.settings.on_violation == 'stop':
             self.deactivate_by_itself()
-        return output
+        return answered
 
     def spin_data(self, timeout: float = LONGEST_WAIT) -> int:
         """Wait until the states count as lost at the latest; see :meth:`DataNode.spin_data`."""

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
+from adaptive_blf_control.control.answered import Answered
 from adaptive_blf_control.control.constraints import MarginName
-from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.guarantee import bounded_value, guarantee, GuaranteeMonitor
 from adaptive_blf_control.control.safety_filter import complaint_of
@@ -67,42 +67,43 @@ class ControllerMonitors:
         """Forget the guarantee of the motion before."""
         self._guarantee = None
 
-    def publish_term(self, stamp: int, output: ControlOutput) -> None:
+    def publish_term(self, stamp: int, answered: Answered) -> None:
         """Hand over and publish the adaptation term; ``stamp`` of the sample in ns."""
         if self._handover is not None:
-            self._handover.terms.append((stamp, output.adaptation_term))
+            self._handover.terms.append((stamp, answered.adaptation_term.copy()))
             if self._stream.samples % handed_over_decimation(self._node):
                 return
-        self._outputs[ADAPTATION_TERM].publish(self.codecs.adaptation_term(stamp, output))
+        self._outputs[ADAPTATION_TERM].publish(self.codecs.adaptation_term(stamp, answered))
 
-    def watch(self, controller: Controller, stamp: int, output: ControlOutput,
+    def watch(self, controller: Controller, stamp: int, answered: Answered,
               theta: np.ndarray) -> bool:
         """Publish what is due for a sample; return whether all constraints are kept."""
-        self.margins = controller.margins(output)
-        inside = bool(self.margins.min() > 0.0)
+        self.margins = answered.margins
+        inside = answered.smallest > 0.0
         if not inside:
-            self._violated(controller, output)
+            self._violated(controller, answered)
         for topic, message in self._stream.messages(
-                stamp, output, self.margins, self._node.settings.monitor_decimation,
-                lambda: controller.lyapunov(output, theta),
+                stamp, answered, self.margins, self._node.settings.monitor_decimation,
+                lambda: controller.lyapunov(answered.output, theta),
                 getattr(controller.safety_filter, 'watch', None)).items():
             self._outputs[topic].publish(message)
-        self._watch_guarantee(stamp, output)
+        if self._guarantee is not None:
+            self._watch_guarantee(self._guarantee, stamp, answered)
         complaint = complaint_of(controller.safety_filter)
         if complaint:
             self._node.faults.report('safety filter', complaint)
         return inside
 
-    def _violated(self, controller: Controller, output: ControlOutput) -> None:
+    def _violated(self, controller: Controller, answered: Answered) -> None:
         self.violations += 1
-        violation = controller.constraints.violation(output.state)
+        violation = controller.constraints.violation(answered.output.state)
         if violation is None:
             return
         if not self.first_violation:
             self.first_violation, self._recovery = str(violation), violation.recovery
         self._node.faults.report('set left', str(violation))
 
-    def state_guarantee(self, controller: Controller, stamp: int, output: ControlOutput) -> None:
+    def state_guarantee(self, controller: Controller, stamp: int, answered: Answered) -> None:
         """Publish what Theorem 2 guarantees from here on, given bounds on the unknown arm."""
         settings = self._node.settings.guarantee
         if settings.mode != 'bound':
@@ -110,7 +111,7 @@ class ControllerMonitors:
         weight = controller.settings.resolved(joints=len(self._joints)).barrier_weight.copy()
         try:
             smallest, largest = settings.mass
-            value = bounded_value(output.e1, output.e2, controller.performance, largest,
+            value = bounded_value(answered.e1, answered.e2, controller.performance, largest,
                                   settings.theta_error,
                                   np.array([settings.smallest_gamma]), weight)
             guaranteed = guarantee(value, controller.performance, controller.reference.range(),
@@ -126,13 +127,11 @@ class ControllerMonitors:
         self._node.get_logger().info(
             f'Theorem 2: V(0) <= {value:.4g}, so e1 stays in {bounds}')
 
-    def _watch_guarantee(self, stamp: int, output: ControlOutput) -> None:
-        monitor = self._guarantee
-        if monitor is None:
-            return
+    def _watch_guarantee(self, monitor: GuaranteeMonitor, stamp: int,
+                         answered: Answered) -> None:
         if self._stream.samples % REPUBLISH_SAMPLES == 0:
             self._outputs[GUARANTEE].publish(self.codecs.guarantee(stamp, monitor.guaranteed))
-        left = monitor.observe(float(output.state.t), output.e1)
+        left = monitor.observe(answered.t, answered.e1)
         if left is not None:
             self._node.faults.report('guarantee', (
                 f'joint {left.joint}: e1 = {left.value:.4g} rad is beyond the {left.bound:.4g} '

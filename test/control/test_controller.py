@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from adaptive_blf_control.arms.two_link import TwoLinkArm
+from adaptive_blf_control.control.constraints import Bounded
 from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.controller import Controller
 from adaptive_blf_control.control.reference import (
@@ -44,11 +45,11 @@ def settings(coupling: str = 'per_joint', limit: float = 1e9, rate: float = 1e15
 
 def controller(coupling: str = 'per_joint', limit: float = 1e9, widen: float = 0.0,
                lower: np.ndarray = LOWER, upper: np.ndarray = UPPER, rate: float = 1e15,
-               reference: Reference = TASK) -> Controller:
+               reference: Reference = TASK, **given) -> Controller:
     safety = JointInterval(np.array([-1.17, -2.17]) - widen, np.array([1.2, 2.2]) + widen,
                            'safety')
     return Controller(ARM, settings(coupling, limit, rate), safety,
-                      JointInterval(lower, upper, 'performance'), reference)
+                      JointInterval(lower, upper, 'performance'), reference, **given)
 
 
 def first_answer(law: Controller, t: float, q: np.ndarray, qd: np.ndarray,
@@ -640,6 +641,46 @@ def test_an_answer_stays_what_it_was_and_keeps_its_margins():
     np.testing.assert_array_equal(output.torque, torque)
     np.testing.assert_array_equal(margins, kept)
     np.testing.assert_array_equal(law.margins(output), kept)
+
+
+class _SlowJoints:
+    """A constraint that no answer in one call knows."""
+
+    name, quantity, unit, recovery, bodies = 'pace', 'velocity', 'rad/s', 'slow', ARM.joints
+
+    def bounded(self, state):
+        return Bounded(state.qd, np.array([-2.0, -2.0]), np.array([2.0, 2.0]))
+
+
+NOT_MEASURED = np.full(2, np.nan)
+answered_by = pytest.mark.parametrize('law', [
+    controller(limit=50.0, rate=3e3),
+    controller(limit=50.0, rate=3e3, reference=_InPython(TASK)),
+    controller(limit=50.0, rate=3e3, constraints=_SlowJoints())],
+    ids=['in one call', 'in several', 'with a constraint of their own'])
+
+
+@answered_by
+def test_what_a_node_is_answered_is_what_a_program_gets(law):
+    twin = copy.copy(law)
+    for k, (_, q, qd) in enumerate(random_states(law)):
+        answered = law.answer(2e-3 * k, q, qd, THETA, NOT_MEASURED)
+        output = twin.update(2e-3 * k, q, qd, THETA)
+        for name in ('torque', 'adaptation_term', 'e1', 'e2'):
+            np.testing.assert_array_equal(getattr(answered, name), getattr(output, name), name)
+        margins = twin.constraints.margins(output.state)
+        np.testing.assert_array_equal(answered.margins, margins)
+        np.testing.assert_array_equal(twin.margins(output), margins)
+        assert answered.smallest == answered.margins.min()
+        assert answered.t == output.state.t
+        assert answered.output == output
+        np.testing.assert_array_equal(answered.reference, output.reference)
+
+
+@answered_by
+def test_margins_that_are_not_known_are_no_margins(law):
+    _, q, qd = next(random_states(law))
+    assert np.isnan(law.answer(0.0, q * [1.0, np.nan], qd, THETA, NOT_MEASURED).smallest)
 
 
 def test_margins_of_an_answer_are_those_to_the_sets_in_use_since():

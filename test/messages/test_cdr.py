@@ -142,6 +142,19 @@ def test_reader_names_what_is_wrong_also_after_good_messages():
     assert reader.read(good)[1].tolist() == [2.0, 1.0]
 
 
+def test_publisher_that_leaves_arrays_empty_now_and_then_is_read_as_each_message_is():
+    reader = JointStateReader(['a', 'b'])
+    for turn in range(3):
+        for fields in (FIELDS, ('position',), ('position', 'effort'), ('velocity',), ()):
+            for names in (['a', 'b'], ['b', 'x', 'a']):
+                values = {field: turn + np.arange(len(names)) for field in fields}
+                _, *arrays = reader.read(JointStateCodec(names, 'f', fields).encode(0, **values))
+                for field, array in zip(FIELDS, arrays):
+                    expected = [turn + names.index(joint) if field in fields else np.nan
+                                for joint in ('a', 'b')]
+                    np.testing.assert_array_equal(array, expected)
+
+
 def test_name_that_is_not_utf8_stays_distinct():
     data = reference(['a1', 'a2'], position=[1, 2])
     data = data.replace(b'a1\0', b'a\xfe\0').replace(b'a2\0', b'a\xff\0')
