@@ -8,6 +8,7 @@ The laws are written as functions over float64 arrays in the subset numba compil
 from adaptive_blf_control.compiled.decorators import (
     by_type,
     ByType,
+    entry_for,
     jit,
     jit_apart,
     jit_without_gil,
@@ -26,5 +27,5 @@ from adaptive_blf_control.compiled.vectors import add_multiple, dot, fold_row
 
 __all__ = ['ByType', 'COMPILED', 'Handle', 'add_multiple', 'all_finite',
            'around_each_compilation', 'around_own_compilations', 'before_each_compilation',
-           'borrowed', 'by_type', 'cos_sin', 'dot', 'fold_row', 'handle', 'jit', 'jit_apart',
-           'jit_without_gil', 'jitable', 'uncompiled']
+           'borrowed', 'by_type', 'cos_sin', 'dot', 'entry_for', 'fold_row', 'handle', 'jit',
+           'jit_apart', 'jit_without_gil', 'jitable', 'uncompiled']

@@ -70,7 +70,8 @@ class Motion:
         gate: Order of the joint states.
         q: Positions measured last, shape (n,) [rad].
         qd: Velocities measured last, shape (n,) [rad/s].
-        torque: Commanded last, shape (n,) [N·m]; zero where the arm is left to itself.
+        torque: Commanded last, shape (n,) [N·m], until the next answer; zero where the arm is left
+            to itself.
         planned: Whether given points are followed instead of the reference of the settings.
     """
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import Handle, handle, jit
+from adaptive_blf_control.compiled import entry_for, Handle, handle, jit
 from adaptive_blf_control.control.constraints import MotionState
 from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.reference import (
@@ -117,6 +117,8 @@ class UsualSamples:
             controller, sinusoids.arrays, bounds, safety.lower.copy(), safety.upper.copy(),
             answer, self.reference, products[:n], self.margins))
         self.t, self._q, self._qd = np.nan, np.empty(n), np.empty(n)
+        self._answer = entry_for(answer_usual_sample, self._handle, self.t, self._q, self._qd,
+                                 self.adaptation_term)
         self._output: ControlOutput | None = None
 
     def fits(self, sinusoids: SumOfSinusoids, bounds: Bounds) -> bool:
@@ -127,7 +129,7 @@ class UsualSamples:
                  theta: np.ndarray) -> UsualSamples:
         """Return the answer to a sample: this object, with other numbers in its arrays."""
         self.t, self._q, self._qd, self._output = t, q, qd, None
-        self.smallest = answer_usual_sample(self._handle, t, q, qd, theta)
+        self.smallest = self._answer(self._handle, t, q, qd, theta)
         return self
 
     @property

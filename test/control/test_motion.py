@@ -123,7 +123,7 @@ def _pushed() -> Arm:
 
 def test_a_motion_that_begins_on_another_clock_changes_the_torque_at_its_rate():
     arm = _pushed()
-    before = arm.motion.torque
+    before = arm.motion.torque.copy()
     assert not arm.answers(9000.0, POSTURE, REST)
     assert arm.answers(9001.0, POSTURE, REST)  # on its reference the law asks for little
     assert np.abs(arm.motion.torque - before).max() == pytest.approx(1.0)
@@ -140,7 +140,7 @@ def test_after_lost_states_the_torque_rises_from_the_zero_that_was_sent():
 @pytest.mark.parametrize(('elapsed', 'step'), [(None, 50.0), (0.002, 2.0), (10.0, 50.0)])
 def test_the_torque_changes_by_the_real_time_where_stamps_run_ahead_of_it(elapsed, step):
     arm = _pushed()
-    before = arm.motion.torque
+    before = arm.motion.torque.copy()
     stamp = EPOCH + 89 * MS  # 50 ms after the last one
     arm.motion.answer(stamp, Q, QD - [1.0, 0.0], THETA, elapsed=elapsed)
     assert np.abs(arm.motion.torque - before).max() == pytest.approx(step)
