@@ -22,10 +22,10 @@ from adaptive_blf_control.compiled.notices import (
     before_each_compilation,
 )
 from adaptive_blf_control.compiled.references import borrowed, Handle, handle
-from adaptive_blf_control.compiled.scalars import all_finite, cos_sin
+from adaptive_blf_control.compiled.scalars import all_finite, cos_sin, is_within
 from adaptive_blf_control.compiled.vectors import add_multiple, dot, fold_row
 
 __all__ = ['ByType', 'COMPILED', 'Handle', 'add_multiple', 'all_finite',
            'around_each_compilation', 'around_own_compilations', 'before_each_compilation',
-           'borrowed', 'by_type', 'cos_sin', 'dot', 'entry_for', 'fold_row', 'handle', 'jit',
-           'jit_apart', 'jit_without_gil', 'jitable', 'uncompiled']
+           'borrowed', 'by_type', 'cos_sin', 'dot', 'entry_for', 'fold_row', 'handle',
+           'is_within', 'jit', 'jit_apart', 'jit_without_gil', 'jitable', 'uncompiled']

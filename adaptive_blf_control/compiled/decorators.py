@@ -20,7 +20,8 @@ if COMPILED:
         numba,
     )
 
-__all__ = ['by_type', 'ByType', 'entry_for', 'jit', 'jit_apart', 'jit_without_gil', 'jitable', 'uncompiled']
+__all__ = ['by_type', 'ByType', 'entry_for', 'jit', 'jit_apart', 'jit_without_gil', 'jitable',
+           'uncompiled']
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
@@ -82,9 +83,9 @@ def entry_for(function: Function, *arguments: Any) -> Function:
     """Return a compiled function for arguments of these types, which are not looked at any more.
 
     A call from Python looks at the type of each argument to find the machine code for it, which
-    takes 0.3 µs for a `Handle` alone. Who calls with the same types for each sample asks once. An
-    array of another type of numbers is a TypeError; that arrays are contiguous, and as long as they
-    have to be, is up to the caller.
+    takes 0.3 µs for a `Handle` alone. Who calls with the same types for each sample asks once.
+    An array of another type of numbers is a TypeError; that arrays are contiguous, and as long as
+    they have to be, is up to the caller.
 
     Args:
         function: One that was made by `jit`.

@@ -22,6 +22,15 @@ def all_finite(array: np.ndarray) -> bool:
 
 
 @jit
+def is_within(array: np.ndarray, limit: np.ndarray) -> bool:
+    """Return whether each element is finite and no larger than its limit, whatever its sign."""
+    within = True
+    for i in range(array.size):
+        within = within and abs(array[i]) <= limit[i] and math.isfinite(array[i])
+    return within
+
+
+@jit
 def cos_sin(angle: float) -> tuple[float, float]:
     """Return cosine and sine of an angle [rad]; NaN where it is not finite, with numba or without.
 

@@ -7,6 +7,7 @@ from collections import deque
 
 import numpy as np
 
+from adaptive_blf_control.compiled import all_finite, is_within
 from adaptive_blf_control.control.refusal import Refusal
 
 __all__ = ['EstimateGate']
@@ -27,18 +28,19 @@ class EstimateGate:
         """Take the names of the parameters, θ̂ until the first estimate (m,) and the limit (m,)."""
         self.theta, self.limit = theta, limit
         self._parameters = parameters
+        is_within(theta, limit)  # compile here, not between two samples
         self._of_state: deque[tuple[int, np.ndarray | None]] = deque(maxlen=KEPT)
 
     def check(self, theta: np.ndarray) -> Refusal | None:
         """Return why an estimate, shape (m,), is not used."""
-        if not np.isfinite(theta).all():
+        if is_within(theta, self.limit):
+            return None
+        if not all_finite(theta):
             return Refusal('non-finite estimate', 'the last one is kept')
-        if (np.abs(theta) > self.limit).any():
-            i = int(np.argmax(np.abs(theta) / self.limit))
-            return Refusal('estimate beyond its limit', (
-                f'{self._parameters[i]} = {theta[i]:.4g} is beyond estimate_limit '
-                f'{self.limit[i]:g}: the last estimate is kept'), fault=True)
-        return None
+        i = int(np.argmax(np.abs(theta) / self.limit))
+        return Refusal('estimate beyond its limit', (
+            f'{self._parameters[i]} = {theta[i]:.4g} is beyond estimate_limit '
+            f'{self.limit[i]:g}: the last estimate is kept'), fault=True)
 
     def offer(self, theta: np.ndarray) -> Refusal | None:
         """Use an estimate, shape (m,), from now on, or return why not."""

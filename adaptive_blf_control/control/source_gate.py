@@ -45,6 +45,7 @@ class SourceGate:
         self.number: int | None = None
         self.other = b''
         self.refused_at = self._disputed_at = self._seen_at = float('-inf')
+        self._unique = False  # whether the source is one of a kind
         self._what = what
 
     def refuse(self, source: bytes, number: int | None, now: float, timeout: float,
@@ -73,7 +74,7 @@ class SourceGate:
         elif silent:
             self._begin(source)
         self._seen_at = now
-        if not is_unique(source) and not self._continues(number) and not alone():
+        if not self._unique and not self._continues(number) and not alone():
             self._disputed_at = now
         self.number = number
         if now - self._disputed_at > timeout:
@@ -84,7 +85,7 @@ class SourceGate:
                        f'until one has been silent for {timeout:g} s', fault=True)
 
     def _begin(self, source: bytes) -> None:
-        self.source, self.number = source, None
+        self.source, self.number, self._unique = source, None, is_unique(source)
 
     def _continues(self, number: int | None) -> bool:
         if number is None:

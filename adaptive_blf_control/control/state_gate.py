@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from adaptive_blf_control.compiled import all_finite
 from adaptive_blf_control.control.refusal import Refusal
 
 __all__ = ['StateGate']
@@ -26,6 +27,7 @@ class StateGate:
         """Take the names of the joints, for messages."""
         self.last_ns: int | None = None
         self._joints = joints
+        all_finite(np.zeros(len(joints)))  # compile here, not between two samples
         self._ahead_ns: int | None = None  # stamp far ahead that waits to be confirmed
 
     def take(self, stamp: int) -> None:
@@ -34,10 +36,9 @@ class StateGate:
 
     def not_finite(self, q: np.ndarray, qd: np.ndarray) -> Refusal | None:
         """Refuse positions (n,) [rad] and velocities (n,) [rad/s] that are not all finite."""
-        finite = np.isfinite(q) & np.isfinite(qd)
-        if finite.all():
+        if all_finite(q) and all_finite(qd):
             return None
-        i = int(np.argmin(finite))
+        i = int(np.argmin(np.isfinite(q) & np.isfinite(qd)))
         return Refusal('non-finite joint state',
                        f'joint {self._joints[i]!r}: {q[i]:g} rad, {qd[i]:g} rad/s')
 

@@ -7,6 +7,7 @@ from collections import deque
 
 import numpy as np
 
+from adaptive_blf_control.compiled import all_finite
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.control.source_gate import SourceGate
 from adaptive_blf_control.errors import BagError
@@ -33,6 +34,7 @@ class TermInput:
         """Take the node, for its settings and its faults, and the names of the parameters."""
         self.terms: deque[tuple[int, np.ndarray]] = deque(maxlen=QUEUE_DEPTH)
         self._node = node
+        all_finite(np.zeros(len(parameters)))  # compile here, not between two samples
         self._reader = JointStateReader(parameters)
         self.heard = HeardTopic(node, ADAPTATION_TERM, SourceGate('adaptation term'),
                                 lambda: node.settings.adaptation_term_timeout)
@@ -52,7 +54,7 @@ class TermInput:
 
     def take(self, stamp: int, term: np.ndarray) -> None:
         """Keep a term, shape (m,), of the state of ``stamp`` [ns]; drop one that is not finite."""
-        if np.isfinite(term).all():
+        if all_finite(term):
             self.terms.append((stamp, term))
         else:
             self._node.faults.drop('non-finite adaptation term', 'the last one is kept')

@@ -23,6 +23,7 @@ from adaptive_blf_control.compiled import (
     by_type,
     COMPILED,
     cos_sin,
+    entry_for,
     handle,
     jit,
     jit_apart,
@@ -170,6 +171,32 @@ import adaptive_blf_control.simulation.closed_loop
 def test_the_core_works_where_numba_is_not_installed():
     subprocess.run([sys.executable, '-c', BLOCKED], check=True,
                    env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
+
+
+class Scale(NamedTuple):
+    factor: np.ndarray
+
+
+@jit
+def scaled_sum(scale, values: np.ndarray, times: float) -> float:
+    return times * scale.value.factor[0] * values.sum()
+
+
+def test_an_entry_computes_what_its_function_does():
+    scale, values = handle(Scale(np.array([3.0]))), np.array([1.0, 2.0])
+    entry = entry_for(scaled_sum, scale, values, 1.0)
+    assert entry(scale, values, 2.0) == scaled_sum(scale, values, 2.0) == 18.0
+    assert entry_for(scaled_sum, scale, values, 1.0)(scale, values, 2.0) == 18.0
+    assert entry(handle(Scale(np.array([-1.0]))), np.ones(5), 1.0) == -5.0
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
+def test_an_entry_refuses_an_array_of_other_numbers():
+    scale, values = handle(Scale(np.array([3.0]))), np.array([1.0, 2.0])
+    entry = entry_for(scaled_sum, scale, values, 1.0)
+    for wrong in (values.astype(np.float32), [1.0, 2.0], None):
+        with pytest.raises(TypeError):
+            entry(scale, wrong, 1.0)
 
 
 @pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')

@@ -36,6 +36,13 @@ def test_an_estimate_that_cannot_be_trusted_leaves_the_last_one(theta, reason, d
     assert subject.theta is FIRST
 
 
+def test_an_estimate_has_to_be_finite_where_it_has_no_limit():
+    subject = gate()
+    subject.limit = np.full(2, np.inf)
+    assert subject.offer(np.array([-1e300, 1e300])) is None
+    assert subject.offer(np.array([1.0, -np.inf])).reason == 'non-finite estimate'
+
+
 def test_in_lockstep_an_estimate_waits_for_the_state_after_its_own():
     subject = gate()
     assert not subject.use_after(100)

@@ -95,6 +95,12 @@ def test_a_unique_source_may_count_as_it_likes(gate):
         assert not _refused(gate, FIRST, number, 1.0 + k * 1e-2)
 
 
+def test_a_source_without_a_name_of_its_own_that_follows_a_unique_one_has_to_count(gate):
+    assert not _refused(gate, FIRST, 1, 1.0)
+    assert not _refused(gate, b'base_link', 1, 2.0)
+    assert _refused(gate, b'base_link', 700, 2.01)
+
+
 @pytest.mark.parametrize(('source', 'unique'), [
     (FIRST, True), (b'base_link', False), (b'', False), (b'/a#0123abc', False),
     (b'/a#0123abcd ', False), (b'/a#0123ABCD', False)])
