@@ -363,7 +363,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
             torque: Mean torque applied since the sample before, shape (n,) [N·m]; NaN where it
                 is not known.
         """
-        if not 0.0 <= t - self._memory.time[0] <= SLOWEST:  # nor at the first one, after NaN
+        if not 0.0 <= t - self._memory.time.item() <= SLOWEST:  # nor at the first, after NaN
             t = self._odd_times.answered(t, self._memory.time)
         if self.safety_filter is not None:
             point, bounds = self._governed(self.safety_filter, t, q)

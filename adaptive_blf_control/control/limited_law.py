@@ -55,14 +55,21 @@ class LimitedLaw:
             ControllerArrays(arrays, self._law.gains, self._limit, self._rate_limit, memory))
         self._handle: Any = None  # of the arrays, made with the first sample
         self._usual: UsualSamples | None = None  # likewise
+        self._usual_reference: Reference | None = None  # what it was made for, and since when
+        self._usual_from = np.inf  # s
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a deep copy or a pickle takes: all but the handles, which it makes again."""
-        return {**self.__dict__, '_handle': None, '_usual': None}
+        return {**self.__dict__, '_handle': None, '_usual': None, '_usual_reference': None}
 
     def usual(self, t: float, reference: Reference, bounds: GrowingBounds,
               safety: JointInterval) -> UsualSamples | None:
-        """Return what answers a sample at ``t`` [s] in one call; None where it takes several."""
+        """Return what answers a sample at ``t`` [s] in one call; None where it takes several.
+
+        Bounds and safety set are the same in each call.
+        """
+        if reference is self._usual_reference and t >= self._usual_from:
+            return self._usual  # what was at rest stays so
         resting = bounds.resting(t)
         if resting is None or self.arrays is None:
             return None
@@ -72,6 +79,7 @@ class LimitedLaw:
         if self._usual is None or not self._usual.fits(sinusoids, resting):
             self._usual = UsualSamples(self.arrays, self._no_regressor.shape[1], sinusoids,
                                        resting, safety)
+        self._usual_reference, self._usual_from = reference, t
         return self._usual
 
     def answered(self, sample: LawSample) -> ControlOutput:

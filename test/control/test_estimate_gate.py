@@ -26,6 +26,8 @@ def test_an_estimate_up_to_the_limit_is_used_at_once():
 @pytest.mark.parametrize(('theta', 'reason', 'detail', 'fault'), [
     ([np.nan, 1.0], 'non-finite estimate', 'the last one is kept', False),
     ([1.0, np.inf], 'non-finite estimate', 'the last one is kept', False),
+    ([1.0, -7.5], 'estimate beyond its limit',
+     'friction = -7.5 is beyond estimate_limit 5: the last estimate is kept', True),
     ([10.5, -7.5], 'estimate beyond its limit',
      'friction = -7.5 is beyond estimate_limit 5: the last estimate is kept', True),
     ([10.5, 1.0], 'estimate beyond its limit',  # one of them is enough
