@@ -169,13 +169,13 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         own = copy.copy(self.safety_filter)
         other._tuned = self._tuned._replace(safety_filter=own)
         vars(other)['safety_filter'] = own
-        other._answers = LimitedLaw(self.arm, other._tuned, other._memory)
+        other._answers = LimitedLaw(self.arm, other._tuned, other._memory, self.safety)
         other._judged, other._odd_times = None, copy.copy(self._odd_times)
         return other
 
     def _take(self, tuned: TunedParts, sets: MotionSets) -> None:
         self._use(tuned, sets)
-        self._answers = LimitedLaw(self.arm, tuned, self._memory)
+        self._answers = LimitedLaw(self.arm, tuned, self._memory, sets.safety)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -367,18 +367,16 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
             t = self._odd_times.answered(t, self._memory.time)
         if self.safety_filter is not None:
             point, bounds = self._governed(self.safety_filter, t, q)
-            output = self._answers.filtered(
-                self.safety_filter, LawSample(t, q, qd, torque, point, bounds, theta))
-        elif (usual := self._answers.usual(t, self.reference, self._bounds,
-                                           self.safety)) is not None:
-            answered = usual.answered(t, q, qd, theta)
-            if self._sets_alone:
-                return answered
-            output = answered.output
-        else:
-            output = self._answers.answered(LawSample(
-                t, q, qd, torque, self.reference.at(t), self._bounds.at(t), theta))
-        return AnsweredOutput(output, self.constraints)
+            return AnsweredOutput(self._answers.filtered(self.safety_filter, LawSample(
+                t, q, qd, torque, point, bounds, theta)), self.constraints)
+        usual = self._answers.usual(t, self.reference, self._bounds)
+        answered = (self._answers.answered(LawSample(
+            t, q, qd, torque, self.reference.at(t), self._bounds.at(t), theta))
+            if usual is None else usual.answered(t, q, qd, theta))
+        if isinstance(answered, ControlOutput):
+            return AnsweredOutput(answered, self.constraints)
+        return (answered if self._sets_alone
+                else AnsweredOutput(answered.output, self.constraints))
 
     def _governed(self, safety_filter: SafetyFilter, t: float,
                   q: np.ndarray) -> tuple[ReferencePoint, Bounds]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.regressors import arrays_of
-from adaptive_blf_control.compiled import handle
 from adaptive_blf_control.control.constraints import MotionState
 from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.law import limited_answer, unwound_term
@@ -19,13 +18,16 @@ from adaptive_blf_control.control.reference import Reference
 from adaptive_blf_control.control.safety_filter import FilterSample, SafetyFilter
 from adaptive_blf_control.control.sets import GrowingBounds, JointInterval
 from adaptive_blf_control.control.step import (
-    answer_sample,
     ControllerArrays,
     FIRST_INTERVAL,
     Memory,
 )
 from adaptive_blf_control.control.tuned_parts import TunedParts
-from adaptive_blf_control.control.usual_sample import sinusoids_at, UsualSamples
+from adaptive_blf_control.control.usual_sample import (
+    PreparedSamples,
+    sinusoids_at,
+    UsualSamples,
+)
 
 __all__ = ['LimitedLaw']
 
@@ -39,13 +41,15 @@ class LimitedLaw:
         arrays: What the compiled function takes; None where the law is asked.
     """
 
-    def __init__(self, arm: Arm, tuned: TunedParts, memory: Memory) -> None:
+    def __init__(self, arm: Arm, tuned: TunedParts, memory: Memory,
+                 safety: JointInterval) -> None:
         """Take a law and its limits.
 
         Args:
             arm: The arm.
             tuned: The law, the limits of the torque and of its rate.
             memory: Of the motion; changed in place with every sample.
+            safety: Safety set.
         """
         self._law, self._limit = tuned.law, tuned.torque_limit
         self._rate_limit, self._memory = tuned.torque_rate_limit, memory
@@ -53,20 +57,21 @@ class LimitedLaw:
         arrays = arrays_of(arm)
         self.arrays = None if arrays is None or type(self._law) is not AblfLaw else (
             ControllerArrays(arrays, self._law.gains, self._limit, self._rate_limit, memory))
-        self._handle: Any = None  # of the arrays, made with the first sample
+        self._safety = safety
+        self._prepared: PreparedSamples | None = None  # made with the first sample
         self._usual: UsualSamples | None = None  # likewise
         self._usual_reference: Reference | None = None  # what it was made for, and since when
         self._usual_from = np.inf  # s
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a deep copy or a pickle takes: all but the handles, which it makes again."""
-        return {**self.__dict__, '_handle': None, '_usual': None, '_usual_reference': None}
+        return {**self.__dict__, '_prepared': None, '_usual': None, '_usual_reference': None}
 
-    def usual(self, t: float, reference: Reference, bounds: GrowingBounds,
-              safety: JointInterval) -> UsualSamples | None:
+    def usual(self, t: float, reference: Reference,
+              bounds: GrowingBounds) -> UsualSamples | None:
         """Return what answers a sample at ``t`` [s] in one call; None where it takes several.
 
-        Bounds and safety set are the same in each call.
+        The bounds are the same in each call.
         """
         if reference is self._usual_reference and t >= self._usual_from:
             return self._usual  # what was at rest stays so
@@ -77,28 +82,26 @@ class LimitedLaw:
         if sinusoids is None:
             return None
         if self._usual is None or not self._usual.fits(sinusoids, resting):
-            self._usual = UsualSamples(self.arrays, self._no_regressor.shape[1], sinusoids,
-                                       resting, safety)
+            self._usual = UsualSamples(self.arrays, self._no_regressor.shape[1], self._safety,
+                                       resting, sinusoids)
         self._usual_reference, self._usual_from = reference, t
         return self._usual
 
-    def answered(self, sample: LawSample) -> ControlOutput:
+    def answered(self, sample: LawSample) -> PreparedSamples | ControlOutput:
         """Answer a sample within the limits."""
         if self.arrays is None:
             return self._asked(sample)
         t, q, qd, _, point, bounds, theta = sample
-        if self._handle is None:
-            self._handle = handle(self.arrays)
-        rows, products = np.empty((7, q.size)), np.empty((q.size + 1, theta.size))
-        answer_sample(self._handle, t, q, qd, theta, *point, *bounds, rows, products)
-        return ControlOutput(rows[0], products[-1], MotionState(t, q, qd, rows[1], bounds),
-                             rows[2], point, products[:-1], rows[3], rows[4])
+        if self._prepared is None:
+            self._prepared = PreparedSamples(self.arrays, theta.size, self._safety)
+        return self._prepared.answered_at(t, q, qd, theta, point, bounds)
 
     def filtered(self, safety_filter: SafetyFilter, sample: LawSample) -> ControlOutput:
         """Answer a sample with what a safety filter lets through, likewise within the limits."""
         memory = self._memory
         last, before = memory.torque.copy(), memory.time[0]
-        output = self.answered(sample)
+        answered = self.answered(sample)
+        output = answered if isinstance(answered, ControlOutput) else answered.output
         dt = FIRST_INTERVAL if np.isnan(before) else max(sample.t - before, 0.0)
         reach = self._rate_limit * dt
         least = np.maximum(-self._limit, np.minimum(last - reach, self._limit))

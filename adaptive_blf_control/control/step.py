@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.regressors import law_regressor
-from adaptive_blf_control.compiled import borrowed, Handle, jit, jit_apart
+from adaptive_blf_control.compiled import borrowed, jit, jit_apart
 from adaptive_blf_control.control.law import (
     add_unwound,
     joint_errors,
@@ -23,7 +23,7 @@ from adaptive_blf_control.control.law import (
 from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
 
-__all__ = ['AblfGains', 'Answer', 'answer_sample', 'controller_step', 'ControllerArrays',
+__all__ = ['AblfGains', 'Answer', 'controller_step', 'ControllerArrays',
            'FIRST_INTERVAL', 'Memory', 'new_answer', 'new_memory', 'write_answer']
 
 FIRST_INTERVAL = 1e-3  # s that the first torque of a motion may have taken to rise from zero
@@ -165,22 +165,3 @@ def write_answer(x: np.ndarray, controller: ControllerArrays, answer: Answer, t:
                  bounds: Bounds) -> None:
     """Answer one sample as `controller_step` does and write X into ``x``, shape (n, m)."""
     x[:] = controller_step(controller, answer, t, q, qd, theta, point, bounds)
-
-
-@jit
-def answer_sample(controller: Handle, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,
-                  yd: np.ndarray, yd_dot: np.ndarray, yd_ddot: np.ndarray, lower: np.ndarray,
-                  upper: np.ndarray, lower_rate: np.ndarray, upper_rate: np.ndarray,
-                  rows: np.ndarray, products: np.ndarray) -> None:
-    """Answer one sample as `controller_step` does, called from Python.
-
-    From there a NamedTuple costs ten times what an array does, and an array that is returned five
-    times. So the arrays of reference and bounds come one by one, and ``rows``, shape (7, n), is
-    filled with torque, e1, e2, active bound and torque before the limits (the other two are
-    room), ``products``, shape (n + 1, m), with X and below it the adaptation term.
-    """
-    n = q.size
-    answer = Answer(rows[0], products[n], rows[1], rows[2], rows[5], rows[6], rows[3], rows[4])
-    write_answer(products[:n], controller.value, borrowed(answer), t, q, qd, theta,
-                 borrowed(ReferencePoint(yd, yd_dot, yd_ddot)),
-                 borrowed(Bounds(lower, upper, lower_rate, upper_rate)))
