@@ -45,6 +45,8 @@ _CHANGE = 60.0  # twice the log likelihood ratio from which a load has changed, 
 _PART = 0.3  # of the squared residual that a load has to explain
 _LATER = 6.0  # the same, 20 to 1: from which a new load was attached after the segment began
 _SURE = 3.0  # standard deviations that a mass has to differ from zero
+_UNNOTICED = 0.5  # of the mass that a load may well have: above it, it has to have shown
+_WITHIN = 1.96  # standard deviations: the 95 % interval
 
 
 class PayloadEstimate(NamedTuple):
@@ -56,6 +58,8 @@ class PayloadEstimate(NamedTuple):
         load: The load; zero where there is none.
         std: Standard deviations of all of it; infinite where that has no meaning.
         inertial: Its ten inertial parameters at the frame, zero where there is none, shape (10,).
+        most: Upper end of the 95 % interval of a load's mass, reported or not [kg].
+        undecided: None is reported, but one that the arm may well carry need not have shown yet.
     """
 
     attached: bool
@@ -63,6 +67,8 @@ class PayloadEstimate(NamedTuple):
     load: Load
     std: Load
     inertial: np.ndarray
+    most: float
+    undecided: bool
 
 
 class _Scale(NamedTuple):
@@ -84,7 +90,8 @@ class PayloadEstimator:
 
     Attributes:
         estimate: What is known now; None before the first block.
-        changes: How often a load was attached, removed or exchanged.
+        changes: How often a load was attached, removed or exchanged; one that was there from the
+            beginning was attached once.
     """
 
     def __init__(self, columns: np.ndarray, baseline: np.ndarray, memory: float, *,
@@ -113,6 +120,7 @@ class PayloadEstimator:
         self._columns, self._baseline = columns, baseline
         self._alike = _ALIKE * memory
         self._least_mass, self._period, self._gap = least_mass, period, gap
+        self._scale = scale
         self._prior = scale * np.diag([_GYRATION ** 2] * 3 + [1.0])
         inverse = np.linalg.inv(self._prior)
         turned = np.einsum('ij,kjl->kil', inverse, BASIS)
@@ -199,8 +207,9 @@ class PayloadEstimator:
                 self._left_out_before(self._segment, weights)):
             weights = self._weights(self._segment)
             found = self._judged(self._segment, weights)
-        if before is not None and (before.attached != found.attached or (
-                found.attached and self._segment.begin > before.since)):
+        was_attached = before is not None and before.attached
+        if found.attached != was_attached or (
+                before is not None and found.attached and self._segment.begin > before.since):
             self.changes += 1
         self.estimate = found
         self._earlier.append(_Scale(weights, self._residual_scale(self._segment),
@@ -295,12 +304,14 @@ class PayloadEstimator:
         # Without the curvature of the barrier, which would make a small mass look certain.
         hessian = weighted[:-1, :-1] + self._ridge
         load, std = described(inertial, _covariance(segment, weights, inertial, hessian))
+        most = load.mass + _WITHIN * std.mass
         without, along = weighted[-1, -1], float(squares(weighted, inertial))
         if (without - along > max(_CHANGE, _PART * without)
                 and load.mass > max(self._least_mass, _SURE * std.mass)):
-            return PayloadEstimate(True, segment.begin, load, std, inertial)
+            return PayloadEstimate(True, segment.begin, load, std, inertial, most, False)
         since = segment.begin if before is None or before.attached else before.since
-        return PayloadEstimate(False, since, NO_LOAD, _unknown(std.mass), np.zeros(PER_BODY))
+        return PayloadEstimate(False, since, NO_LOAD, _unknown(std.mass), np.zeros(PER_BODY), most,
+                               most > max(_UNNOTICED * self._scale, self._least_mass))
 
 
 def _unknown(mass: float) -> Load:

@@ -57,7 +57,10 @@ class PayloadOutput:
                 'changes of the payload': self._found.changes}
 
     def _text(self, estimate: PayloadEstimate) -> str:
+        if estimate.undecided:
+            return (f'not known yet: up to {estimate.most:.2g} kg at {self._frame} need not have '
+                    'shown in this motion')
         if not estimate.attached:
-            return f'no load at {self._frame}'
+            return f'no load above {estimate.most:.2g} kg at {self._frame}'
         return (f'{estimate.load.mass:.4g} kg, standard deviation {estimate.std.mass:.2g} kg, at '
                 f'{self._frame}')

@@ -20,6 +20,8 @@ __all__ = ['add_load_arguments', 'asks_for_load', 'show_load']
 _OPTIONS = {'identifier.payload.baseline': '--payload', 'payload.frame': '--payload-frame',
             'identifier.payload.frame': '--payload-frame', 'known_load': '--known-load',
             'gain': '--gain'}
+_OF_LEARNING = ('validate', 'train', 'test', 'output', 'model_out', 'urdf_out', 'html', 'png',
+                'require_rmse', 'parameters')  # options that do nothing here
 
 
 def add_load_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,6 +51,11 @@ def show_load(options: argparse.Namespace, settings: IdentifierNodeSettings,
     Raises:
         BlfError: something that was given cannot be used.
     """
+    for name in _OF_LEARNING:
+        if getattr(options, name):
+            raise ParameterError(f'--{name.replace("_", "-")}', str(getattr(options, name)),
+                                 'nothing beside --payload or --estimate-gains: no model is '
+                                 'learned, and of a log all is used')
     if options.payload_frame is not None:
         settings = settings.replace(**{'payload.frame': options.payload_frame})
     try:

@@ -68,6 +68,14 @@ def test_mass_and_centre_of_a_load_are_found_within_three_seconds() -> None:
     assert last.std.mass < after.std.mass
 
 
+def test_a_load_that_is_there_in_the_first_block_was_attached_once() -> None:
+    found = estimator()
+    judged = list(run(found, {0.0: inertial(4.0)}, noise=0.02))
+    assert judged[0][1].attached
+    assert found.changes == 1
+    assert judged[-1][1].since == judged[0][1].since
+
+
 def test_that_a_load_is_removed_is_noticed() -> None:
     found = estimator()
     judged = list(run(found, {0.0: inertial(1.5), 10.0: inertial(0.0)}))
@@ -116,6 +124,17 @@ def test_noise_alone_is_no_load() -> None:
     assert found.changes == 0
 
 
+def test_no_load_is_above_what_may_be_there_unnoticed() -> None:
+    """The mass that is said not to be exceeded falls, and the load is at no time above it."""
+    judged = [each for _, each in run(estimator(), {0.0: inertial(1.0)}, noise=3.0)]
+    assert judged[0].undecided
+    assert not judged[0].attached
+    assert all(each.most > 1.0 for each in judged)
+    without = [each for _, each in run(estimator(), {})]
+    assert not without[-1].undecided
+    assert without[-1].most < 0.1 < without[0].most
+
+
 def test_a_load_is_a_body_that_can_be_however_noisy_the_torque() -> None:
     judged = [each for _, each in run(estimator(), {0.0: inertial(1.0)}, noise=3.0)]
     loads = [each.inertial for each in judged if each.attached]
@@ -147,6 +166,7 @@ def test_what_a_single_posture_tells_is_no_load() -> None:
         if found.take(PERIOD * k, still, torque):
             assert found.estimate is not None
             assert not found.estimate.attached
+            assert found.estimate.undecided
             assert found.estimate.std.mass > 0.1
 
 

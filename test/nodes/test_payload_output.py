@@ -103,6 +103,29 @@ def test_the_load_is_published_with_its_standard_deviations(graph, make, states,
     assert node.status()[2]['changes of the payload'] == 1
 
 
+def test_a_load_that_was_there_at_the_start_is_found_from_the_model_without_it(
+        make, states, tmp_path) -> None:
+    """The identifier too begins with that model; the states begin under the load."""
+    node = make(initial_estimate=str(tmp_path / 'theta_hat.yaml'))
+    for state in states[500:575]:
+        node.on_joint_states(state, {})
+    assert node.status()[2]['payload'].startswith('not known yet')
+    for state in states[575:]:
+        node.on_joint_states(state, {})
+    found = node.payload.estimate
+    assert found.attached
+    assert found.since < 0.5
+    assert abs(found.load.mass - 1.5) < 1.96 * found.std.mass < 0.2
+    assert node.status()[2]['changes of the payload'] == 1
+
+
+def test_without_a_load_the_mass_is_told_above_which_there_is_none(make, states) -> None:
+    node = make()
+    for state in states[:490]:
+        node.on_joint_states(state, {})
+    assert node.status()[2]['payload'].startswith('no load above 0.')
+
+
 def stamp_of(data: bytes) -> int:
     stamp = deserialize_message(bytes(data), InertiaStamped).header.stamp
     return stamp.sec * 10**9 + stamp.nanosec

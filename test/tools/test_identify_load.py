@@ -29,17 +29,17 @@ def arm() -> UrdfArm:
 
 
 def write_log(path: Path, arm: UrdfArm, load: np.ndarray, rates: tuple[float, ...],
-              gains: np.ndarray | float = 1.0) -> Path:
+              gains: np.ndarray | float = 1.0, size: float = 0.8, noise: float = 0.1) -> Path:
     """Write 8 s of a motion under a load; efforts are means over the interval that ends there."""
     random, speed = np.random.default_rng(1), np.array(rates)
     theta = true_theta(arm) + load_map(arm, 'tool') @ load
     rows, before = [], np.zeros(3)
     for k in range(2000):
         t = PERIOD * k
-        q, qd = 0.8 * np.sin(speed * t), 0.8 * speed * np.cos(speed * t)
-        tau = arm.Y(q, qd, -0.8 * speed ** 2 * np.sin(speed * t)) @ theta
+        q, qd = size * np.sin(speed * t), size * speed * np.cos(speed * t)
+        tau = arm.Y(q, qd, -size * speed ** 2 * np.sin(speed * t)) @ theta
         mean, before = 0.5 * (before + tau), tau
-        rows.append([t, *q, *qd, *(mean + random.normal(scale=0.1, size=3)) / gains])
+        rows.append([t, *q, *qd, *(mean + random.normal(scale=noise, size=3)) / gains])
     np.savetxt(path, rows, '%.10g', ',', comments='', header='t,' + ','.join(
         f'{kind}{j}' for kind in ('q', 'qd', 'tau') for j in (1, 2, 3)))
     return path
@@ -71,7 +71,58 @@ def test_the_load_is_printed_with_standard_deviations(files, capsys) -> None:
     assert abs(load['mass'] - 1.5) < 4.0 * load['mass_std'] < 0.4
     assert main(beside) == 0
     printed = capsys.readouterr().out
-    assert f'mass            {load["mass"]:.4g} ± {load["mass_std"]:.2g} kg' in printed
+    assert 'since the beginning (filters settled at 0.10 s)' in printed
+    assert f'mass            {load["mass"]:.3f} ± {load["mass_std"]:.3f} kg' in printed
+    assert f'95 % interval {load["mass"] - 1.96 * load["mass_std"]:.3f} .. ' in printed
+
+
+def test_a_load_that_is_there_from_the_first_sample_on_is_dated_to_the_beginning(files,
+                                                                              capsys) -> None:
+    assert main(arguments(files, '--payload', files['theta_hat.yaml'], '--payload-frame', 'tool',
+                          '--json')) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures['changes'] == 1
+    assert figures['load']['since'] <= 0.26  # the first block of settled filters
+    assert all(each['attached'] for each in figures['over_time'] if each['t'] > 2.0)
+    assert not figures['notes']
+
+
+def test_a_log_that_cannot_tell_a_load_says_what_is_needed(files, tmp_path, arm, capsys) -> None:
+    """Swings of a degree in one posture under much noise fit many loads, or none."""
+    slow = write_log(tmp_path / 'slow.csv', arm, LOAD, (2.1, 3.3, 4.7), size=0.02, noise=30.0)
+    assert main(arguments({**files, 'loaded.csv': str(slow)}, '--payload',
+                          files['theta_hat.yaml'], '--payload-frame', 'tool', '--json')) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert not figures['load']['attached']
+    assert figures['load']['undecided']
+    assert figures['load']['mass_most'] > 1.5
+    assert 'not known whether there is a load' in figures['notes'][0]
+    assert 'different postures' in figures['notes'][0]
+
+
+def test_a_log_without_a_load_says_above_which_mass_there_is_none(files, tmp_path, arm,
+                                                                   capsys) -> None:
+    without = write_log(tmp_path / 'without.csv', arm, 0.0 * LOAD, (2.1, 3.3, 4.7))
+    assert main(arguments({**files, 'loaded.csv': str(without)}, '--payload',
+                          files['theta_hat.yaml'], '--payload-frame', 'tool')) == 0
+    printed = capsys.readouterr()
+    most = float(printed.out.rsplit('at the end: no load above ')[1].split()[0])
+    assert 0.0 < most < 0.1
+    assert 'not known' not in printed.err
+
+
+def test_a_model_that_leaves_much_of_the_torque_unexplained_is_named(files, tmp_path, arm,
+                                                                     capsys) -> None:
+    """Dry friction that the robot has not is none of the load, which explains the rest."""
+    theta = true_theta(arm)
+    theta[[name.startswith('fc_') for name in arm.parameters]] += 4.0
+    poor = tmp_path / 'poor.yaml'
+    write_estimate(poor, Snapshot(arm.parameters, theta, arm.m, 1.0, 100))
+    assert main(arguments(files, '--payload', str(poor), '--payload-frame', 'tool',
+                          '--json')) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures['load']['attached']
+    assert f'neither by {poor} nor by the load' in figures['notes'][0]
 
 
 def test_the_load_explains_the_torque_that_the_model_does_not(files, capsys) -> None:
@@ -79,6 +130,28 @@ def test_the_load_explains_the_torque_that_the_model_does_not(files, capsys) -> 
                           '--json')) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures['rmse_with'][1] < 0.2 * figures['rmse_without'][1]
+
+
+def test_a_load_that_comes_off_within_the_log_is_listed(files, tmp_path, arm, capsys) -> None:
+    path = write_log(tmp_path / 'both.csv', arm, LOAD, (2.1, 3.3, 4.7))
+    after = write_log(tmp_path / 'after.csv', arm, 0.0 * LOAD, (2.1, 3.3, 4.7))
+    kept = path.read_text().splitlines()[:1001] + after.read_text().splitlines()[1001:]
+    path.write_text('\n'.join(kept), encoding='utf-8')
+    assert main(arguments({**files, 'loaded.csv': str(path)}, '--payload', files['theta_hat.yaml'],
+                          '--payload-frame', 'tool')) == 0
+    printed = capsys.readouterr().out
+    since, _, until, *rest = printed.split('before:')[1].split()[:6]
+    assert float(since) == pytest.approx(0.1, abs=0.01)
+    assert float(until) == pytest.approx(4.0, abs=0.5)
+    assert float(rest[1]) == pytest.approx(1.5, rel=0.05)
+    assert 'at the end: no load above 0.' in printed
+
+
+@pytest.mark.parametrize('option', ['--train=:4', '--html=page.html', '--require-rmse=5%'])
+def test_an_option_that_would_do_nothing_is_refused(files, capsys, option) -> None:
+    assert main(arguments(files, '--payload', files['theta_hat.yaml'], '--payload-frame', 'tool',
+                          option)) == 2
+    assert f"'{option.partition('=')[0]}' is" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('frame', 'told'), [
