@@ -13,11 +13,12 @@ import numpy as np
 from adaptive_blf_control.report.identification_panels import identification_sections
 from adaptive_blf_control.report.shell import document, Plots, section_html
 from adaptive_blf_control.runs.identification import Identification
-from adaptive_blf_control.runs.model_report import KINDS
+from adaptive_blf_control.runs.model_report import KINDS, parameter_note
 
 __all__ = ['identification_page']
 
 GOOD, FAIR = 0.1, 0.3  # of the torque of the worst joint: what its residual may be
+HARDLY = 0.01  # of the largest torque: a joint with less says nothing of the model
 
 
 def identification_page(result: Identification) -> str:
@@ -70,8 +71,8 @@ def _verdict(result: Identification) -> Iterator[str]:
     figures = result.figures
     tested, torque = (np.array(figures[name], dtype=float)
                       for name in ('test_rmse', 'test_torque_rms'))
-    share = float(np.max(tested / np.maximum(torque, 1e-12))) if figures['test_samples'] else (
-        math.nan)
+    shares = np.where(torque > HARDLY * np.max(torque), tested / np.maximum(torque, 1e-12), 0.0)
+    share = float(np.max(shares)) if figures['test_samples'] else math.nan
     kind, head = (('', 'Not tested') if math.isnan(share) else ('good', 'Good') if share < GOOD
                   else ('', 'Fair') if share < FAIR else ('bad', 'Poor'))
     words = list(figures.get('confidence', {}).values())
@@ -80,8 +81,11 @@ def _verdict(result: Identification) -> Iterator[str]:
         f'{figures["columns"]} parameters, rank {figures["history_rank"]}'
         + (f', condition {figures["condition"]:.3g}.' if figures.get('condition') else '.')]
     if not math.isnan(share):
-        sentences.append(f'In the worst joint the model leaves {share:.1%} of the torque '
-                         'unexplained.')
+        sentences.append(f'In the worst joint, {figures["joints"][int(np.argmax(shares))]}, θ̂ '
+                         f'leaves {share:.1%} of the torque unexplained.')
+        idle = [joint for joint, part in zip(figures['joints'], shares, strict=True) if not part]
+        if idle:
+            sentences.append(f'Hardly any torque, too little to judge by: {", ".join(idle)}.')
     if words:
         sentences.append(f'{words.count("determined")} parameters are determined, '
                          f'{words.count("weakly")} weakly, {words.count("not")} not.')
@@ -94,13 +98,17 @@ def _joints(result: Identification) -> str:
     figures = result.figures
     model = figures.get('consistent', {}).get('test_rmse', [None] * result.arm.n)
     covered = figures.get('test_coverage', [None] * result.arm.n)
-    rows = [(joint, _number(torque), _number(learned), _number(tested), _number(possible),
-             _number(batch), _number(inside, '.1%')) for
+    rows = [(joint, *(_number(each, '.4f') for each in (torque, learned, tested)),
+             _number(tested / torque if torque else None, '.1%'), _number(possible, '.4f'),
+             _number(batch, '.4f'), _number(inside, '.1%')) for
             joint, torque, learned, tested, possible, batch, inside in zip(
                 figures['joints'], figures['test_torque_rms'], figures['train_rmse'],
                 figures['test_rmse'], model, figures['batch_test_rmse'], covered)]
-    return _table(('joint', 'RMS torque [N·m]', 'RMSE learned', 'RMSE tested',
-                   'consistent model', 'batch least squares', 'inside 95 % interval'), rows)
+    return ('<p class="note">RMS of the filtered torque in the test, and of what is left of it '
+            '[N·m]: by θ̂ in the span it was learned from and in the test, then in the test by the '
+            'consistent model and by least squares over all samples.</p>'
+            + _table(('joint', 'torque', 'θ̂, learned', 'θ̂, tested', 'of torque',
+                      'consistent model', 'batch least squares', 'inside 95 % interval'), rows))
 
 
 def _warnings(result: Identification) -> str:
@@ -125,10 +133,15 @@ def _parameters(result: Identification) -> Iterator[str]:
         f'{escape(", ".join(motion["parameters"]))}</li>'
         for motion in figures.get('helpful_motions', []))
     yield '<h2 id="parameters">Parameters</h2>'
+    note = parameter_note(figures['theta_hat'])
     yield ('<p class="note">With standard deviations; what the log does not show has none. The '
-           'consistent model is the nearest to θ̂ that a robot can be.</p><div class="card">'
+           'consistent model is the nearest to θ̂ that a robot can be. Also determined is what is '
+           'so small that all of its interval makes less torque than the residual.'
+           + (f' Names: {escape(note)}.' if note else '')
+           + '</p><div class="card">'
            + (f'<p>Motions that would tell more:</p><ul>{helpful}</ul>' if helpful else '')
-           + _table(('parameter', 'θ̂', '± std', 'consistent', 'determined'), rows) + '</div>')
+           + _table(('parameter', 'θ̂', '± std', 'consistent model', 'determined?'), rows)
+           + '</div>')
 
 
 def _checks(result: Identification) -> Iterator[str]:

@@ -33,12 +33,14 @@ def identification_sections(result: Identification) -> list[Section]:
                         _torque(prediction, i, joint) for i, joint in enumerate(joints)),
                     columns),
             Section('residuals', 'Residuals', 'Measured less predicted torque, and the 95 % '
-                    'interval. It should look like noise that stays inside.', tuple(
-                        _residual(prediction, i, joint) for i, joint in enumerate(joints)),
+                    'interval. It should look like noise that stays inside. While the arm '
+                    'rests it need not: dry friction then takes any value up to its size.',
+                    tuple(_residual(prediction, i, joint) for i, joint in enumerate(joints)),
                     columns),
             Section('friction', 'Residuals against velocity', 'Mean and standard deviation over '
                     f'{BINS} bins. A step at zero is dry friction that is not learned, a slope '
-                    'viscous friction, a bow friction that grows otherwise.', tuple(
+                    'viscous friction, a bow friction that grows otherwise; a peak at zero alone '
+                    'is rest.', tuple(
                         _against(prediction, lagged[1], i, joint, 'velocity [rad/s]', 'friction')
                         for i, joint in enumerate(joints)), columns),
             Section('gravity', 'Residuals against position', 'The same over the position: a '
@@ -129,15 +131,16 @@ def _determined(result: Identification) -> list[Section]:
             'singular_values', 'While learning', 'singular value', tuple(
                 Curve(growth.t, growth.singular[:, k], name, BAG_COLOURS[k], 0, step=True)
                 for k, name in enumerate(names)), log_y=True))
-        panels.append(Panel('rank', 'Rank', 'rank', (
-            Curve(growth.t, growth.rank, f'of {result.arm.m}', BAG_COLOURS[0], 0, step=True),)))
+        panels.append(Panel('rank', f'Rank, of {result.arm.m} parameters', 'rank', (
+            Curve(growth.t, growth.rank, '', BAG_COLOURS[0], 0, step=True, legend=False),)))
     if stack.count:
         size = np.sqrt(np.maximum(np.diag(stack.gram), 1e-300))
         values = np.linalg.eigvalsh(stack.gram / np.outer(size, size))[::-1]
         panels.append(Panel(
             'directions', 'At the end', 'singular value', (
                 Curve(np.arange(1.0, values.size + 1.0), np.sqrt(np.maximum(values, 1e-16)),
-                      'direction', BAG_COLOURS[0], 0),), 'direction', log_y=True, time=False))
+                      '', BAG_COLOURS[0], 0, legend=False),),
+            'number of the direction', log_y=True, time=False))
     if not panels:
         return []
     return [Section('history', 'What the motion shows', 'Singular values of the recorded '

@@ -61,6 +61,8 @@ def _draw(axes: Any, panel: Panel) -> None:
     axes.set_axisbelow(True)
     axes.margins(x=0.0)
     _, labels = axes.get_legend_handles_labels()
+    if not labels:
+        return
     many = len(labels) > LEGEND_ROWS
     place: dict[str, Any] = {'loc': 'lower right'} if panel.zoom else {}  # the inset is above
     if many or panel.filters:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 import math
 from typing import Any
 
@@ -21,11 +22,17 @@ from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.runs.log_pass import LogPass, Prediction
 from adaptive_blf_control.runs.model_check import positive_postures, POSTURES
 
-__all__ = ['KINDS', 'model_figures', 'model_lines', 'parameter_table']
+__all__ = ['KINDS', 'model_figures', 'model_lines', 'parameter_note', 'parameter_table']
 
 _CONDITION = 1e4  # a direction is shown ten thousand times less than another: rank in name only
 KINDS = {'range': 'slowly through its range', 'speeds': 'at several speeds',
           'reversals': 'with quick reversals'}
+_MEANINGS = (
+    ('.', 'mx, my, mz [kg·m] and Ixx .. Izz [kg·m²] are sums over a link and others on which the '
+     'torque depends, not values of that link alone'),
+    ('Ia_', 'Ia rotor inertia [kg·m²]'), ('fv_', 'fv viscous friction [N·m·s/rad]'),
+    ('fc_', 'fc Coulomb friction [N·m]'), ('f0_', 'f0 constant torque [N·m]'),
+    ('fs_', 'fs friction that grows with √|q̇| [N·m·√(s/rad)]'))
 
 
 def model_figures(identifier: Identifier, result: LogPass, consistent: ConsistentModel | None,
@@ -124,6 +131,13 @@ def _confidence_lines(figures: dict[str, Any]) -> list[str]:
     return lines
 
 
+def parameter_note(names: Iterable[str]) -> str:
+    """Return what the names of an arm's parameters stand for, with units of revolute joints."""
+    found = list(names)
+    return '; '.join(text for mark, text in _MEANINGS if any(
+        mark in name if mark == '.' else name.startswith(mark) for name in found))
+
+
 def parameter_table(figures: dict[str, Any]) -> str:
     """Return every parameter with its standard deviation and what the data say about it.
 
@@ -140,4 +154,5 @@ def parameter_table(figures: dict[str, Any]) -> str:
                      + (f'{std:>12.2g}' if std is not None else f'{"-":>12}')
                      + (f'{model[name]:>12.4g}' if model else f'{"-":>12}')
                      + f'  {figures["confidence"][name]}')
-    return '\n'.join(lines)
+    note = parameter_note(figures['theta_hat'])
+    return '\n'.join([*([note, ''] if note else []), *lines])

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import dataclasses
 import json
 from pathlib import Path
 import re
@@ -21,6 +22,7 @@ from adaptive_blf_control.report.identification_page import identification_page
 from adaptive_blf_control.report.identification_panels import identification_sections
 from adaptive_blf_control.report.png import write_png
 from adaptive_blf_control.runs.identification import Identification, identify
+from adaptive_blf_control.runs.model_report import parameter_table
 from adaptive_blf_control.tools.report import main as report
 from planar_arm import planar_urdf
 
@@ -66,11 +68,41 @@ def test_every_plot_is_drawn_and_no_text_of_the_robot_is_run(page: Path, browse:
 def test_the_table_has_the_figures(page: Path, result: Identification) -> None:
     html = page.read_text(encoding='utf-8')
     for value in result.figures['test_rmse']:
-        assert f'<td>{value:.4g}</td>' in html
+        assert f'<td>{value:.4f}</td>' in html
     stored = re.search(r'<script type="application/json" id="figures">(.*?)</script>', html, re.S)
     assert stored is not None
     assert json.loads(stored[1])['test_rmse'] == result.figures['test_rmse']
     assert JOINTS[1] not in html
+
+
+def test_a_joint_with_hardly_any_torque_does_not_make_the_model_a_poor_one(
+        result: Identification) -> None:
+    torque, tested = list(result.figures['test_torque_rms']), list(result.figures['test_rmse'])
+    torque[1], tested[1] = 0.009 * torque[0], 0.03 * torque[0]
+    figures = {**result.figures, 'test_torque_rms': torque, 'test_rmse': tested}
+    html = identification_page(dataclasses.replace(result, figures=figures))
+    assert f'In the worst joint, {JOINTS[0]}, θ̂ leaves' in html
+    assert 'Hardly any torque, too little to judge by: &lt;/script' in html
+    assert '<td>333.3%</td>' in html
+    assert 'badge">Poor' not in html
+
+
+def test_parameters_have_units_and_the_word_for_what_they_are(page: Path, result: Identification,
+                                                              ) -> None:
+    html = page.read_text(encoding='utf-8')
+    table = parameter_table(result.figures)
+    for text in ('Ixx .. Izz [kg·m²] are sums over a link and others', 'Ia rotor inertia [kg·m²]',
+                 'fv viscous friction [N·m·s/rad]'):
+        assert text in html
+        assert text in table
+    assert 'fc Coulomb' not in table
+
+
+def test_a_single_curve_has_no_legend(result: Identification) -> None:
+    panels = {panel.key: panel for section in identification_sections(result)
+              for panel in section.panels}
+    assert panels['rank'].title == f'Rank, of {result.arm.m} parameters'
+    assert not any(curve.legend for key in ('rank', 'directions') for curve in panels[key].curves)
 
 
 def test_friction_that_is_not_learned_is_a_step_over_the_velocity(result: Identification) -> None:
@@ -96,7 +128,9 @@ def test_the_history_grows_to_full_rank(result: Identification) -> None:
 
 def test_pictures_have_the_names_of_the_panels(result: Identification, tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
-    files = write_png(tmp_path, identification_sections(result)[:1])
+    sections = identification_sections(result)
+    assert len(write_png(tmp_path / 'history', sections[-1:])) == 3  # two have no legend
+    files = write_png(tmp_path, sections[:1])
     assert [file.name for file in files] == [
         'torque_shoulder.png', 'torque___script___--_script_.png']
     assert all(file.stat().st_size > 5000 for file in files)
