@@ -110,7 +110,8 @@ class MeasuredLog:
             if name not in names:
                 raise UnknownParameter(name, value, names)
         joints = changes.get('joints', self.joints)
-        if (not isinstance(joints, (list, tuple)) or not all(isinstance(name, str) for name in joints)
+        if (not isinstance(joints, (list, tuple))
+                or not all(isinstance(name, str) for name in joints)
                 or not 0 < len(set(joints)) == len(tuple(joints))):
             raise ParameterError('joints', joints, 'different names, one for each joint')
         changes['joints'] = joints = tuple(joints)
