@@ -29,6 +29,7 @@ from adaptive_blf_control.bench import (
     rates,
     robots,
     startup,
+    step_pairs,
 )
 from adaptive_blf_control.bench.c_reference import against_c, compiler
 from adaptive_blf_control.bench.read_back import mujoco_errors
@@ -108,6 +109,10 @@ def _steps(options: argparse.Namespace) -> None:
         print(f'\n{scenario}: what a node computes for a sample, message in to messages out.\n')
         data = load_yaml(options.config / f'{scenario}.yaml')
         print(identifier_steps.table(node_steps.times_of(data, NODE_DURATION)), flush=True)
+
+
+def _step_pairs(options: argparse.Namespace) -> None:
+    step_pairs.print_pairs(options.config)
 
 
 def _run_json(arguments: list[str]) -> dict[str, Any]:
@@ -203,7 +208,8 @@ class Part(NamedTuple):
         title: Heading of what it prints.
         run: Measures and prints.
         add_options: Adds options of its own to the command; None where it has none.
-        by_name_only: Whether it runs only where it is named, as it takes hours.
+        by_name_only: Whether it runs only where it is named, as it takes hours or the history of
+            the repository.
     """
 
     title: str
@@ -215,6 +221,8 @@ class Part(NamedTuple):
 PARTS = {
     'scenarios': Part('Closed loop offline (`simulate`)', _scenarios),
     'steps': Part('Steps of identifier and controller', _steps),
+    'step_pairs': Part('Steps of the nodes beside those of d8177d4', _step_pairs,
+                       by_name_only=True),
     'against_c': Part('Against C (`two_link`, one thread)', _against_c),
     'startup': Part('Start-up, warm', startup.run, startup.add_options),
     'processes': Part('Four processes, real time (`demo`)', _processes),
@@ -236,7 +244,7 @@ def main(args: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='bench', description=__doc__)
     parser.add_argument('parts', nargs='*',
                         help=f'one or more of {", ".join(PARTS)}; default: all but robots, which '
-                        'takes hours')
+                        'takes hours, and step_pairs, which takes the history of the repository')
     parser.add_argument('--config', type=Path, default=Path('config'), metavar='DIR',
                         help='folder of the scenarios')
     parser.add_argument('--logs', type=Path, metavar='DIR',

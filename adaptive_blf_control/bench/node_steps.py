@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
+from adaptive_blf_control.control.state_gate import StateGate
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
@@ -33,12 +34,13 @@ class _ControllerStep:
         self._reader, self._torque = JointStateReader(arm.joints), Float64MultiArrayCodec(arm.n)
         self._codecs = ControllerCodecs(arm.joints, arm.parameters,
                                         loop.controller.constraints.names)
-        self._monitors = MonitorStream(self._codecs)
+        self._monitors, self._gate = MonitorStream(self._codecs), StateGate(arm.joints)
 
     def answer(self, data: bytes, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return torque and adaptation term, (n,) and (m,), after encoding what is published."""
         controller = self._controller
         stamp, q, qd, torque = self._reader.read(data)
+        self._gate.not_finite(q, qd)
         answered = controller.answer(stamp * 1e-9, q, qd, theta, torque)
         self._torque.encode(answered.torque)
         self._codecs.adaptation_term(stamp, answered)
