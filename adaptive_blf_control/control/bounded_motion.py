@@ -51,6 +51,10 @@ class BoundedMotion(Guided, instead={
         self._path_time = 0.0
         self._judged: Answered | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a deep copy or a pickle takes: all but the last answer and its margins."""
+        return {**self.__dict__, '_judged': None}
+
     def _use(self, tuned: TunedParts, sets: MotionSets) -> None:
         """Take what follows from the settings, and the sets that were checked with it."""
         self._tuned, self._bounds, joints = tuned, sets.bounds, self.arm.joints
