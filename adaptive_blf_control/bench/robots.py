@@ -226,11 +226,23 @@ def run(options: argparse.Namespace) -> None:
         for arm_name in options.arm or ARMS:
             cases = [Case(name, arm_name, seed, seconds or CONDITIONS[name].seconds,
                           options.suspicion) for seed in range(options.seeds)]
-            try:
-                runs = [_recorded(case, options.results) for case in cases]
-                print(_row(CONDITIONS[name].name, arm_name, runs), flush=True)
-            except BlfError as error:
-                print(f'| {CONDITIONS[name].name} | {arm_name} | refused: {error} |', flush=True)
+            print(_row_of(CONDITIONS[name].name, arm_name, cases, options.results), flush=True)
+
+
+def _row_of(condition: str, arm_name: str, cases: list[Case], results: Path | None) -> str:
+    """Return the row of some runs; those that ended with an error are counted in its last word."""
+    runs, errors = [], []
+    for case in cases:
+        try:
+            runs.append(_recorded(case, results))
+        except BlfError as error:
+            errors.append(str(error))
+    if not runs:
+        return f'| {condition} | {arm_name} | refused: {errors[0]} |'
+    if errors:
+        text = f'{len(errors)} of {len(cases)} ended: {errors[0]}'
+        runs[0] = runs[0]._replace(word='; '.join(filter(None, (runs[0].word, text))))
+    return _row(condition, arm_name, runs)
 
 
 def _recorded(case: Case, results: Path | None) -> Run:
