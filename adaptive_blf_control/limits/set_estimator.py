@@ -96,10 +96,15 @@ class SetEstimator:
         return others != before
 
     def _doubts(self, identifier: Any) -> bool:
-        """Return whether the identifier found a contradiction since the last look."""
+        """Return whether the pairs are not to be believed now.
+
+        The identifier found a contradiction since the last look, looks for its reason, or puts
+        artificial noise into them (Remark 3), of which no bound is known.
+        """
         before = self._found
         found = self._found = dict(getattr(identifier, 'found', {}))
         if found.get('loads', 0) > before.get('loads', 0):
             self._useless = True
         return bool((before and found != before)
-                    or getattr(identifier, 'response', 'quiet') != 'quiet')
+                    or getattr(identifier, 'response', 'quiet') != 'quiet'
+                    or getattr(identifier, 'artificial_noise', False))

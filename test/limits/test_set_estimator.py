@@ -120,6 +120,12 @@ def test_what_contradicts_the_prior_is_counted_and_nothing_is_believed_until_it_
     assert looked(estimator, identifier, begin=2.0) < 0.9
 
 
+def test_pairs_with_artificial_noise_say_nothing(estimator):
+    identifier = Recorded()
+    identifier.artificial_noise = True
+    assert looked(estimator, identifier) == 1.0
+
+
 def test_an_identifier_of_ones_own_needs_a_stack_only(estimator):
     recorded = Recorded()
     alone = SimpleNamespace(stack=recorded.stack, random=recorded.random)
