@@ -20,7 +20,7 @@ __all__ = ['Answered', 'AnsweredOutput']
 
 
 class Answered(Protocol):
-    """What is sent of an answer; whoever keeps an array beyond the next sample copies it.
+    """What is sent of an answer; a caller that keeps an array beyond the next sample copies it.
 
     Attributes:
         t: Time since the start of the motion that it was answered at [s].
