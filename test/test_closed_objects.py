@@ -42,7 +42,11 @@ def loop():
     (controller, 'constraints', r'retune\(constraints='),
     (lambda: door.Identifier(ARM), 'arm', 'make another Identifier'),
     (loop, 'arm', 'make another ClosedLoop'),
-    (lambda: ARM.dynamics(ARM.nominal), 'arm', 'make another CompiledDynamics')])
+    (lambda: ARM.dynamics(ARM.nominal), 'arm', 'make another CompiledDynamics'),
+    (lambda: door.Identifier(ARM).stack, 'size', r'retune\(history='),
+    (lambda: door.Identifier(ARM).stack, 'rank', 'make another HistoryStack'),
+    (lambda: controller().constraints, 'parts', r'Controller\(\.\.\., constraints='),
+    (lambda: loop().plant, 'settings', r'retune\(settings\.replace\(payload=')])
 def test_what_an_object_was_made_of_cannot_be_set(subject, name, hint):
     made = subject()
     before = getattr(made, name)
@@ -55,7 +59,11 @@ def test_what_an_object_was_made_of_cannot_be_set(subject, name, hint):
     (door.TwoLinkArm, 'theta_star', r'did you mean nominal\?'),
     (controller, 'torque_limits', r'did you mean settings\.torque_limit\?'),
     (lambda: door.Identifier(ARM), 'learning_rate', r'did you mean settings\.gamma\?'),
-    (loop, 'periods', r'did you mean period\?')])
+    (loop, 'periods', r'did you mean period\?'),
+    (lambda: door.Identifier(ARM).stack, 'siz', r'did you mean size\?'),
+    (lambda: controller().constraints, 'safety', 'the controller has it'),
+    (lambda: loop().plant, 'payload', 'settings has what it was made with'),
+    (lambda: loop().plant, 'torques', r'did you mean torque\?')])
 def test_a_name_that_an_object_does_not_have_cannot_be_set_either(subject, name, hint):
     with pytest.raises(AttributeError, match=f"no attribute '{name}': {hint}"):
         setattr(subject(), name, 1.0)

@@ -28,6 +28,7 @@ import numpy as np
 from adaptive_blf_control.arrays import record
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.errors import ParameterError, SetViolation
+from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.parameters.plugin import to_be_written
 
 __all__ = ['Bounded', 'Constraint', 'Constraints', 'MarginName', 'MotionState', 'Violation']
@@ -164,7 +165,9 @@ class Violation(NamedTuple):
         return self.upper if self.value >= self.upper else self.lower
 
 
-class Constraints:
+class Constraints(Guided, instead={
+        **dict.fromkeys(('parts =', 'names ='), 'Controller(..., constraints=[...]) takes them'),
+        **dict.fromkeys(('safety', 'performance'), 'the controller has it, with its bounds')}):
     """All constraints of a motion, in the order of their importance.
 
     Attributes:

@@ -30,11 +30,15 @@ from adaptive_blf_control.identification.stack_arrays import (
     THRESHOLD,
     with_slots,
 )
+from adaptive_blf_control.parameters.guided import Guided
 
 __all__ = ['HistoryStack']
 
 
-class HistoryStack:
+class HistoryStack(Guided, instead={
+        **dict.fromkeys(('size =', 'epsilon =', 'minimum_growth ='),
+                        'retune(history={...}) of its identifier changes it'),
+        'pairs =': 'it is filled by what the identifier is given'}):
     """P pairs chosen for a large σ_min(H Hᵀ); rank and σ_min are known at every moment.
 
     Arrays are views of :attr:`pairs`, to be read; the next :meth:`offer` changes them in place.
@@ -103,7 +107,7 @@ class HistoryStack:
         self._check(size, self.epsilon, self.minimum_growth)
         if size != self.size:
             if size > len(self.pairs.regressors):
-                self.pairs = with_slots(self.pairs, size)
+                vars(self)['pairs'] = with_slots(self.pairs, size)
             self.pairs.counters[SIZE] = size
             if self.full:
                 measure_pairs(self._handle)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable, TYPE_CHECKING
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.integrator import CompiledDynamics
 from adaptive_blf_control.control.law import limited
 from adaptive_blf_control.errors import ParameterError
+from adaptive_blf_control.parameters.guided import Guided
 from adaptive_blf_control.parameters.settings import changed_names
 from adaptive_blf_control.simulation.actuators import ActuatorArrays, idle_actuators
 from adaptive_blf_control.simulation.delay_line import delayed, new_delay_line
@@ -114,10 +115,11 @@ _INSTEAD = {
     **dict.fromkeys(('theta', 'theta_star', 'theta_true', 'true_theta', 'parameters', 'nominal',
                      'true_parameters'), 'truth() has (t, theta) over time'),
     **dict.fromkeys(('payload', 'true_friction', 'initial_position'),
-                    'settings has what it was made with')}
+                    'settings has what it was made with'),
+    'settings =': 'retune(settings.replace(payload=2.0)) changes them'}
 
 
-class SimulatedArm:
+class SimulatedArm(Guided, instead=_INSTEAD):
     """State (3) of the true arm, advanced with RK4 under the torque last applied.
 
     Attributes:
@@ -129,6 +131,9 @@ class SimulatedArm:
         epochs: The true arm over time, the first from t = 0 on.
         sensor: How the state is measured.
     """
+
+    _settable = ('q', 'qd', 't', 'torque', 'epochs', 'sensor', 'torque_limit')
+    settings: PlantSettings
 
     def __init__(self, settings: PlantSettings, arm: Arm,
                  sensor: Sensor | type[Sensor] | None = None) -> None:
@@ -143,7 +148,7 @@ class SimulatedArm:
             ParameterError: a value does not fit the arm, or the sensor cannot be made.
             ArmError: the arm cannot be simulated with its true parameters.
         """
-        self.settings = settings = settings.resolved(joints=arm.n)
+        settings = settings.resolved(joints=arm.n)
         self._arm, self._given_sensor = arm, sensor
         self.epochs, self._epoch = true_epochs(settings, arm), 0
         self.sensor = made_sensor(settings.sensors, arm, sensor)
@@ -152,12 +157,6 @@ class SimulatedArm:
         self.torque = self._commanded = np.zeros(arm.n)
         self._idle, self._unpushed = idle_actuators(arm.n), Links(arm).pushed(())
         self._take(settings)
-
-    if not TYPE_CHECKING:
-        def __getattr__(self, name: str) -> Any:
-            """Raise AttributeError for what is not there, with the one that is meant."""
-            hint = f': {_INSTEAD[name]}' if name in _INSTEAD else ''
-            raise AttributeError(f'{type(self).__name__} has no attribute {name!r}{hint}')
 
     def __repr__(self) -> str:
         """Name the arm and the time."""
@@ -170,7 +169,7 @@ class SimulatedArm:
 
     def _take(self, settings: PlantSettings) -> None:
         """Take limit and dead time; what was commanded last is under way for that long."""
-        self.settings = settings
+        vars(self)['settings'] = settings  # refused where a program sets it, see `Guided`
         self.torque_limit = settings.torque_limit.copy()  # the limit is compiled for such
         self._line = new_delay_line(max(settings.dead_time, 1), self._commanded)
 
