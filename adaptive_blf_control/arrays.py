@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
+import re
 from typing import Any, TypeVar
 
 import numpy as np
@@ -13,12 +14,13 @@ from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['are_vectors', 'by_name', 'check_unmasked', 'checked_array', 'checked_count',
            'checked_finite', 'checked_number', 'checked_theta', 'checked_vectors', 'dimensions',
-           'joint_places', 'record', 'same_values']
+           'joint_places', 'labels_of', 'record', 'same_values']
 
 Record = TypeVar('Record', bound=type)
 
 _FLOAT64 = np.dtype(np.float64)  # not the same object as that of an array numba returns
 _NUMBERS = 'biuf'  # kinds of dtype; no text, no complex numbers, no objects
+_NUMBERED = re.compile(r'(\D*)(\d+)')
 _LISTED = 12  # names that a message lists
 
 
@@ -38,7 +40,7 @@ def checked_array(name: str, value: Any, shape: tuple[int, ...],
 
     Raises:
         ParameterError: the value holds no real numbers, has another shape or masked elements, or
-            names that are those of ``each`` in part.
+            names that are neither those of ``each`` nor numbers.
     """
     if (type(value) is np.ndarray and value.shape == shape and value.dtype == _FLOAT64
             and value.flags.carray):
@@ -85,30 +87,48 @@ def check_unmasked(name: str, value: Any) -> None:
                              'there, and samples with NaN are left out of a log')
 
 
-def _labels_of(value: Any) -> list[str] | None:
-    """Return the names along the last axis of a pandas Series or a data frame, else None."""
+def labels_of(value: Any) -> list[str] | None:
+    """Return the names along the last axis of a pandas Series or a data frame, else None.
+
+    Of names on several levels those of the level on which all differ.
+    """
     labels = getattr(value, 'columns', None)
     labels = getattr(value, 'index', None) if labels is None else labels
     if labels is None or callable(labels):  # the index of a list is a method
         return None
     names = list(labels)
+    if names and all(isinstance(each, tuple) for each in names):
+        levels = [level for level in zip(*names) if len(set(level)) == len(names)]
+        names = list(levels[-1]) if levels else []
     return names if names and all(isinstance(each, str) for each in names) else None
 
 
 def by_name(value: Any) -> Any:
     """Return a pandas Series with names as a mapping, any other value itself."""
-    labels = _labels_of(value)
+    labels = labels_of(value)
     return value if labels is None else dict(zip(labels, np.asarray(value).tolist()))
 
 
 def _in_order(name: str, value: Any, given: np.ndarray, each: Sequence[str]) -> np.ndarray:
-    """Return what is given in the order of ``each`` where the value itself has these names."""
-    labels = _labels_of(value) if each else None
-    if labels is None or not set(labels) & set(each) or given.shape[-1:] != (len(labels),):
+    """Return what is given in the order of ``each`` where the value itself has names.
+
+    Names that only number the elements, such as q2 and q1, are put in the order of the numbers.
+    """
+    labels = labels_of(value) if each else None
+    if labels is None or given.shape[-1:] != (len(labels),):
         return given
-    if sorted(labels) != sorted(each):
+    if sorted(labels) == sorted(each):
+        return np.asarray(given[..., [labels.index(one) for one in each]])
+    if set(labels) & set(each):
         raise ParameterError(name, labels, f'one value for each of {", ".join(each)}')
-    return np.asarray(given[..., [labels.index(one) for one in each]])
+    if len(labels) != len(each):
+        return given
+    numbers = [_NUMBERED.fullmatch(label) for label in labels]
+    if not all(numbers) or len({found[2] for found in numbers if found}) != len(labels) or len(
+            {found[1] for found in numbers if found}) != 1:
+        raise ParameterError(name, labels, f'the names {", ".join(each)}; to_numpy() of it is an '
+                             'array without names, whose order is taken')
+    return np.asarray(given[..., np.argsort([int(found[2]) for found in numbers if found])])
 
 
 def checked_theta(name: str, value: Any, parameters: Sequence[str]) -> np.ndarray:

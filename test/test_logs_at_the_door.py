@@ -201,3 +201,63 @@ def test_a_log_takes_other_rows_and_names_where_all_of_them_fit():
     half = WHOLE.replace(joints=['a', 'b'], breaks=(3,)).replace(**rows)
     assert (half.joints, half.breaks, len(half)) == (('a', 'b'), (), 500)
     np.testing.assert_array_equal(WHOLE.replace(q=Q.tolist()).q, Q)
+
+
+class Frame:
+    """A table with names of its columns, as a data frame of pandas has them."""
+
+    def __init__(self, values, columns):
+        """Take both."""
+        self.values, self.columns = np.asarray(values), list(columns)
+        self.ndim, self.shape = 2, self.values.shape
+
+    def __array__(self, dtype=None, copy=None):
+        """Return the numbers."""
+        return np.array(self.values, dtype)
+
+    def __getitem__(self, name):
+        """Return a column."""
+        return self.values[:, self.columns.index(name)]
+
+    def __len__(self):
+        """Return the number of rows."""
+        return len(self.values)
+
+
+LEVELS = [('arm', joint) for joint in ARM.joints[::-1]]
+
+
+@pytest.mark.parametrize('columns', [ARM.joints[::-1], ('q2', 'q1'), LEVELS])
+def test_names_of_the_columns_of_one_array_are_heeded(columns):
+    turned = {name: Frame(LOG[name][:, ::-1], columns) for name in ('q', 'qd', 'tau')}
+    mixed = {**LOG, 'q': turned['q']}
+    for log in ({'t': T, **turned}, mixed):
+        read = door.read_log(log, joints=ARM.joints)
+        for name in ('q', 'qd', 'tau'):
+            np.testing.assert_array_equal(getattr(read, name), LOG[name])
+    expected = door.Identifier(ARM).learn(LOG)
+    np.testing.assert_array_equal(door.Identifier(ARM).learn({'t': T, **turned}), expected)
+    known = door.Identifier(ARM, initial_estimate=ARM.nominal)
+    np.testing.assert_array_equal(known.predict(turned['q'], QD, Q), known.predict(Q, QD, Q))
+
+
+@pytest.mark.parametrize('columns', [('a', 'b'), ('q1_deg', 'q2_deg'), ('joint1', 'b')])
+def test_names_of_columns_that_are_none_of_the_joints_are_refused(columns):
+    other = Frame(Q, columns)
+    with pytest.raises(door.LogError, match=f'{columns[1]}'):
+        door.read_log({**LOG, 'q': other}, joints=ARM.joints)
+    with pytest.raises(door.ParameterError, match=f"'q' is .*{columns[1]}.*joint1, joint2"):
+        door.Identifier(ARM).predict(other, QD, Q)
+
+
+def test_columns_on_two_levels_and_with_a_unit_in_their_names_are_columns_of_a_table():
+    kinds = {'q': Q, 'qd': QD, 'tau': Q}
+    names = [(kind, joint) for kind in kinds for joint in ARM.joints]
+    table = Frame(np.column_stack([T, *kinds.values()]), [('t', ''), *names])
+    assert door.read_log(table).joints == ARM.joints
+    degrees = {'t': T, **{f'{kind}{k + 1}{unit}': factor * kinds[kind][:, k] for kind, unit, factor
+                          in (('q', '_deg', 180.0 / np.pi), ('qd', '_deg_s', 180.0 / np.pi),
+                              ('tau', '', 1.0)) for k in range(2)}}
+    read = door.read_log(degrees)
+    np.testing.assert_allclose(read.q, Q)
+    np.testing.assert_allclose(read.qd, QD)

@@ -21,7 +21,8 @@ from adaptive_blf_control.time_units import epoch_unit, period_unit, UNITS
 
 __all__ = ['csv_log', 'raw_log']
 
-_DEGREES = re.compile(r'.*[\[(<]\s*(?:°|deg(?:rees?)?)\s*(?:/\s*s\w*)?\s*[\])>]\s*', re.IGNORECASE)
+_DEGREES = re.compile(r'.*[\[(<]\s*(?:°|deg(?:rees?)?)\s*(?:/\s*s\w*)?\s*[\])>]\s*'
+                      r'|.*_deg(?:rees?)?(?:_?(?:per_?)?s(?:ec)?)?(?:_.*)?', re.IGNORECASE)
 _SHOWN = 12  # names of columns in a message
 _FIRST = 2000  # rows that tell the unit of the time
 

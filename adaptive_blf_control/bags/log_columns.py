@@ -37,7 +37,7 @@ _SPELLINGS = tuple((re.compile(form), plain) for form, plain in (
     (r'[_. ](?:meas(?:ured)?|actual|act|msr)$', ''), (r'/(?:value|data)$', ''),
     (r'/(?:states?|actual|measured|feedback|data)(?=/)', ''), ('[qθ]\u0307', 'qd'),
     (r'(?<![a-z])(?:q|theta|θ)_?(\d+)_?d(?:ot)?$', r'qd\1'),
-    (r'_(?:rad(?:_?(?:per_?)?s(?:ec)?)?|n_?m)(?=_|$)', '')))
+    (r'_(?:(?:rad|deg(?:rees?)?)(?:_?(?:per_?)?s(?:ec)?)?|n_?m)(?=_|$)', '')))
 _INNER = re.compile(r'.*[\[({<]\s*([^\[\](){}<>]+?)\s*[\])}>]')
 # What was asked for, not what was measured.
 _NOT_MEASURED = re.compile(r'(?:^|[/._ :-])(?:target|desired|des|reference|ref|command(?:ed)?|cmd|'

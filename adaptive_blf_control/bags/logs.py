@@ -13,7 +13,7 @@ import zipfile
 
 import numpy as np
 
-from adaptive_blf_control.arrays import checked_array, dimensions
+from adaptive_blf_control.arrays import checked_array, dimensions, labels_of
 from adaptive_blf_control.bags.bag_log import bag_log
 from adaptive_blf_control.bags.csv_log import csv_log
 from adaptive_blf_control.bags.log_clock import log_clock
@@ -255,11 +255,29 @@ def _of_arrays(source: str, arrays: Mapping[str, Any], joints: Sequence[str] | N
         t = checked_array('t', arrays['t'], (-1,))
         one = dimensions(arrays['q']) == 1  # a column for the only joint
         q = checked_array('q', arrays['q'], (len(t), 1 if one else -1))
-        rest = [checked_array(name, arrays[name], q.shape) for name in needed[2:]]
-        names = _stored_names(arrays.get('joints'), q.shape[1])
+        names = _stored_names(arrays.get('joints'), q.shape[1]) or _names_of_columns(arrays['q'])
+        columns_of_all = names or joints or ()
+        q, *rest = [checked_array(name, arrays[name], q.shape,
+                                  columns_of_all if len(columns_of_all) == q.shape[1] else
+                                  _column_names(source, q.shape[1], None)) for name in needed[1:]]
     except ParameterError as exc:
         raise LogError(f'{source}: {exc}') from exc
     return RawLog(names, t, 1.0, np.hstack([q, *rest]), q.shape[1], velocity, 0, (), None)
+
+
+def _names_of_columns(q: Any) -> tuple[str, ...] | None:
+    """Return the names of joints that the columns of a data frame have; None for numbers.
+
+    Raises:
+        ParameterError: the names say that the values are in degrees.
+    """
+    labels = labels_of(q) if dimensions(q) == 2 else None
+    if labels is None or all(each[-1:].isdecimal() for each in labels):
+        return None
+    if any(re.search(r'_deg(?:rees?)?$', each, re.IGNORECASE) for each in labels):
+        raise ParameterError('q', labels, 'radians, of numpy.deg2rad(q); or one data frame with '
+                             'all columns, of which those whose names end so are converted')
+    return tuple(labels) if len(set(labels)) == len(labels) else None
 
 
 def _stored_names(stored: Any, n: int) -> tuple[str, ...] | None:

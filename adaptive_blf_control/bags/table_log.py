@@ -40,7 +40,8 @@ def columns_of(source: Any) -> Mapping[str, Any] | None:
     names = getattr(source, 'columns', None)
     if names is None or isinstance(source, type) or not hasattr(source, '__getitem__'):
         return None
-    found = {str(name): np.asanyarray(source[name]) for name in names}
+    found = {'_'.join(map(str, name)) if isinstance(name, tuple) else str(name):
+             np.asanyarray(source[name]) for name in names}
     index = getattr(source, 'index', None)  # where pandas has what was made the index
     name = getattr(index, 'name', None)
     return found if name is None else {str(name): np.asarray(index), **found}

@@ -274,6 +274,8 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
             if value is None:
                 raise without_argument(Identifier.learn, name)
         check_order(t)
+        q, qd, tau = (checked_array(name, value, (len(t), self.arm.n), self.arm.joints)
+                      for name, value in (('q', q), ('qd', qd), ('tau', tau)))
         unused, beyond = self.restarts + sum(self.dropped.values()), self.at_limit
         for _ in self.learn_in_blocks(t, q, qd, tau):
             pass
@@ -286,8 +288,7 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
             raise ParameterError('q', f'up to {largest:.4g}', 'positions in rad: no sample is '
                                  'within the limits of the arm; are they in degrees? '
                                  'np.deg2rad(q) and np.deg2rad(qd) are radians')
-        self._learned = LearnedLog(self.arm, self.settings, t, *(
-            np.reshape(each, (len(t), self.arm.n)) for each in (q, qd, tau)))
+        self._learned = LearnedLog(self.arm, self.settings, t, q, qd, tau)
         if self._learned.refused:
             warnings.warn('the log that was learned from cannot be right: '
                           + '; '.join(self._learned.refused), stacklevel=3)

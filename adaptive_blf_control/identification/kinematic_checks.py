@@ -104,7 +104,8 @@ def _velocity_finding(name: str, stepped: np.ndarray, integrated: np.ndarray,
                        _state_filter())
     if not 0.8 < slope < 1.25:
         unit = next((f', as in {unit}' for factor, unit in (
-            (180.0 / math.pi, 'degrees per second'), (60.0 / (2.0 * math.pi), 'rpm'))
+            (180.0 / math.pi, 'degrees per second'), (60.0 / (2.0 * math.pi), 'rpm'),
+            (math.pi / 180.0, 'rad per second while the position is in degrees'))
             if 0.9 < slope / factor < 1.1), '')
         return Finding('velocity', name, REFUSED, slope, f'the velocity is {slope:.3g} times the '
                        f'derivative of the position{unit}', _state_filter())
