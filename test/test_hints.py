@@ -379,3 +379,18 @@ def test_one_topic_of_a_bag_is_named_with_or_without_its_slash(bag):
 def test_the_history_shows_what_it_holds():
     identifier = door.Identifier(ARM)
     assert repr(identifier.stack) == '<HistoryStack: 0 of 20 pairs, rank 0, sigma_min 0>'
+
+
+@pytest.mark.parametrize(('name', 'route'), [
+    ('true_parameters', r'simulate\(arm, true_parameters='),
+    ('payload', r'simulate\(arm, payload='),
+    ('obstacles', "safety_filter='limits'"), ('SafetyFilter', "safety_filter='limits'")])
+def test_the_door_leads_to_what_a_plant_and_a_safety_filter_take(name, route):
+    with pytest.raises(AttributeError, match=route):
+        getattr(door, name)
+
+
+def test_help_of_a_controller_and_of_simulate_names_safety_filter_and_payload():
+    assert "safety_filter='limits'" in door.Controller.__doc__
+    assert '``payload=2.0``' in door.simulate.__doc__
+    assert '``true_parameters=[...]``' in door.simulate.__doc__

@@ -76,6 +76,9 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         'set_reference': 'retune(t, q, reference=...) changes it'}):
     """Equation (38) (or (34), when θ* is passed as θ̂) inside the sets (7) and (8).
 
+    ``safety_filter='limits'`` and ``limits={...}`` keep limits of joints and velocities and a
+    distance to obstacles, for every θ of a set: a safety filter behind the law, docs/limits.md.
+
     Holds the torque commanded last, so one object belongs to one motion at a time; :meth:`begin`
     begins another one.
 

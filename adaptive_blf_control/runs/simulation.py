@@ -261,7 +261,8 @@ def simulate(scenario: Scenario, duration: float | None = None, *,
         bag: Folder that the run is written to as a bag, which must not exist.
         changes: Parameters of ``controller``, ``identifier`` and ``arm_driver``, by name or as
             YAML nests them: ``controller={'k2': [30.0, 5.0]}`` and ``**{'controller.k2': 5.0}``;
-            without a node's name for every node that knows them.
+            without a node's name for every node that knows them. ``payload=2.0`` and
+            ``true_parameters=[...]`` make the driven arm another one than the one that is known.
 
     Returns:
         The run as arrays over N samples, with what was learned. ``print`` shows the figures.

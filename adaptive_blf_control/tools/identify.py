@@ -154,15 +154,17 @@ def _identify(options: argparse.Namespace) -> dict[str, Any]:
         print(f'identify: {finding.level}: {finding}', file=sys.stderr)
     figures = {**result.figures, 'output': str(output)}
     snapshot = result.identifier.snapshot()
+    # What cannot be had is said before anything is written.
+    model = None if options.model_out is None else result.consistent
+    exported = None if options.urdf_out is None else result.urdf()
     write_output('--output', output, lambda path: write_estimate(path, snapshot, std=result.std))
-    if options.model_out is not None:
-        model = result.consistent
+    if model is not None:
         consistent = snapshot._replace(theta=model.theta)
         write_output('--model-out', options.model_out,
                      lambda path: write_estimate(path, consistent, std=model.std))
         figures['model_output'] = str(options.model_out)
-    if options.urdf_out is not None:
-        figures |= _write_urdf(result.urdf(), options.urdf_out)
+    if exported is not None:
+        figures |= _write_urdf(exported, options.urdf_out)
     _write_pages(result, options)
     return figures
 

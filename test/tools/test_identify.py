@@ -309,6 +309,18 @@ def test_nothing_is_overwritten_without_being_told_to(capsys, tmp_path, files):
         assert path.read_text() == 'kept'
 
 
+@pytest.mark.parametrize('option', ['--urdf-out', '--model-out'])
+def test_nothing_is_written_where_one_of_the_files_cannot_be_made(capsys, tmp_path, motion,
+                                                                  option):
+    log, theta = write_csv(tmp_path / 'log.csv', motion), tmp_path / 'theta.yaml'
+    config = tmp_path / 'config.yaml'
+    config.write_text('arm: two_link\nfilter: {time_constant: 0.05, settle: 2.0}\n')
+    assert 'no consistent model' in complaint(capsys, [
+        str(log), '--config', str(config), '--output', str(theta), option,
+        str(tmp_path / 'made.urdf')])
+    assert not theta.exists()
+
+
 def test_two_options_never_name_the_same_file(capsys, tmp_path, files):
     same = str(tmp_path / 'other' / '..' / 'theta.yaml')
     (tmp_path / 'other').mkdir()
