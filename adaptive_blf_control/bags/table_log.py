@@ -40,11 +40,16 @@ def columns_of(source: Any) -> Mapping[str, Any] | None:
     names = getattr(source, 'columns', None)
     if names is None or isinstance(source, type) or not hasattr(source, '__getitem__'):
         return None
-    found = {'_'.join(map(str, name)) if isinstance(name, tuple) else str(name):
-             np.asanyarray(source[name]) for name in names}
+    found = {_flat(name): np.asanyarray(source[name]) for name in names}
     index = getattr(source, 'index', None)  # where pandas has what was made the index
     name = getattr(index, 'name', None)
     return found if name is None else {str(name): np.asarray(index), **found}
+
+
+def _flat(name: Any) -> str:
+    """Return the name of a column, of one on several levels in one word: ``q_joint1``."""
+    levels = name if isinstance(name, tuple) else (name,)
+    return '_'.join(str(level) for level in levels if level != '')
 
 
 def is_table(columns: Mapping[str, Any]) -> bool:
