@@ -187,6 +187,15 @@ def test_a_joint_without_limits_that_turns_twice_may_be_in_degrees(position, fou
     assert all('turns: degrees?' in text for _, _, text in told_of)
 
 
+@pytest.mark.parametrize(('size', 'level', 'end'), [
+    (1.0, REFUSED, 'while the joint moves'), (0.0, WARNING, 'in the whole log')])
+def test_a_constant_effort_is_refused_only_where_the_joint_moves(size, level, end):
+    log = with_elbow(moving(), 'tau', 0.0)
+    (joint, found, text), = told(effort_findings, with_elbow(log, 'q', size * log.q[:, 1]), ARM)
+    assert (joint, found) == ('elbow', level)
+    assert text.endswith(end)
+
+
 @pytest.mark.parametrize(('effort', 'level'), [(260.0, None), (280.0, WARNING), (-280.0, WARNING)])
 def test_an_effort_beyond_three_times_the_limit_is_another_unit(effort, level):
     log = moving()

@@ -173,6 +173,8 @@ def test_a_rate_that_the_filters_cannot_use_says_what_would_help(sound, arm):
     finding = next(each for each in check_log(slow, arm, SETTINGS) if each.check == 'rate')
     assert (finding.level, finding.value) == (REFUSED, pytest.approx(10.0))
     assert finding.hint == "filter={'gap': 0.3} filter={'time_constant': 0.3}"
+    turned = slow.replace(qd=-slow.qd)  # with so few rows only the rate is judged
+    assert [each.check for each in check_log(turned, arm, SETTINGS)] == ['rate']
 
 
 def test_jitter_is_told(sound, arm):
