@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
 import threading
 from typing import Any
@@ -291,9 +292,9 @@ def test_a_signal_ends_both_with_zero_torque_and_the_estimate(
 
 LEARNS = {'safety_filter': 'limits', 'limits.learn': True, 'limits.velocity': [20.0, 20.0],
           'limits.prior.mass_error': 0.3, 'limits.prior.friction': [8.0, 2.0],
-          'limits.prior.unexplained': [50.0]}
+          'limits.prior.unexplained': [0.5]}
 SURE = {'parameter_set.period': 0.02, 'parameter_set.prior.mass_error': 0.3,
-        'parameter_set.prior.friction': [8.0, 2.0], 'parameter_set.prior.unexplained': [50.0]}
+        'parameter_set.prior.friction': [8.0, 2.0], 'parameter_set.prior.unexplained': [0.5]}
 
 
 def test_a_filter_that_learns_gets_the_intervals_of_the_identifier_in_memory(
@@ -301,12 +302,14 @@ def test_a_filter_that_learns_gets_the_intervals_of_the_identifier_in_memory(
     arm = arm(identifier=SURE, **LEARNS)
     arm.begin()
     controller, identifier = arm.both.nodes
-    for k in range(60):
+    moved = itertools.count()
+
+    def narrowed() -> bool:
+        k = next(moved)
         arm.step((0.001 * k, 0.002 * k), (0.2, 0.4))
-    wait_until(lambda: identifier.last_ns == arm.stamp_ns, what='the last state learned')
-    arm.step((0.06, 0.12), (0.2, 0.4))
-    model = controller.motion.controller.safety_filter.model
-    assert model.part < 1.0
+        return controller.motion.controller.safety_filter.model.part < 1.0
+
+    wait_until(narrowed, what='intervals that are narrower than the prior')
     assert identifier.parameter_set.estimator.falsified == 0
     assert controller.count_subscribers('identifier/parameter_set') == 0
     assert arm.end() == 0
