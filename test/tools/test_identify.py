@@ -314,7 +314,8 @@ def test_nothing_is_written_where_one_of_the_files_cannot_be_made(capsys, tmp_pa
                                                                   option):
     log, theta = write_csv(tmp_path / 'log.csv', motion), tmp_path / 'theta.yaml'
     config = tmp_path / 'config.yaml'
-    config.write_text('arm: two_link\nfilter: {time_constant: 0.05, settle: 2.0}\n')
+    config.write_text('/**/identifier:\n  ros__parameters: {arm: two_link, filter: '
+                      '{time_constant: 0.05, settle: 2.0}}\n')
     assert 'no consistent model' in complaint(capsys, [
         str(log), '--config', str(config), '--output', str(theta), option,
         str(tmp_path / 'made.urdf')])
