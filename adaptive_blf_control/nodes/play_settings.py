@@ -38,7 +38,7 @@ class PlaySettings:
     def __post_init__(self) -> None:
         """Refuse what cannot be played."""
         if not 0.0 < self.rate < 1e6:
-            raise ParameterError('--rate', self.rate, 'a number above 0')
+            raise ParameterError('--rate', self.rate, 'a number above 0 and below 1e6')
         if not 0.0 <= self.clock <= 1e5:
             raise ParameterError('--clock', self.clock, '0 to 100000 Hz')
         if not 0.0 <= self.wait < 1e6:

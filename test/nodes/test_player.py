@@ -217,6 +217,8 @@ def test_what_cannot_be_played_is_said(graph, tmp_path: Path) -> None:
     for settings in ({'rate': 0.0}, {'rate': float('nan')}, {'clock': -1.0}, {'wait': -1.0}):
         with pytest.raises(ParameterError, match=next(iter(settings))):
             PlaySettings(**settings)
+    with pytest.raises(ParameterError, match='above 0 and below 1e6'):
+        PlaySettings(rate=1e6)
 
 
 def _foreign(path: Path, encoding: str, schema: str, data: bytes) -> Path:
