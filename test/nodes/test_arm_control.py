@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
+from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.messages.cdr import decode_float64_array, decode_joint_state
 from adaptive_blf_control.messages.command import read_command
@@ -76,18 +77,18 @@ class _Arm:
         graph._threads.append((self.both.stop, self.thread))
         self.thread.start()
 
-    def step(self, q=(0.0, 0.0), qd=(0.0, 0.0)) -> np.ndarray:
+    def step(self, q=(0.0, 0.0), qd=(0.0, 0.0), effort=(0.1, 0.1)) -> np.ndarray:
         """Publish a state 5 ms after the last one and return the torque that answers it."""
         before = len(self.heard[COMMANDS])
-        self.publish(q, qd)
+        self.publish(q, qd, effort)
         self._wait_until(lambda: len(self.heard[COMMANDS]) > before, what='an answer')
         return decode_float64_array(self.heard[COMMANDS][-1][0])
 
-    def publish(self, q=(0.0, 0.0), qd=(0.0, 0.0)) -> None:
+    def publish(self, q=(0.0, 0.0), qd=(0.0, 0.0), effort=(0.1, 0.1)) -> None:
         """Publish a state 5 ms after the last one."""
         self.stamp_ns += 5_000_000
         message = JointState(name=['joint1', 'joint2'], position=[float(x) for x in q],
-                             velocity=[float(x) for x in qd], effort=[0.1, 0.1])
+                             velocity=[float(x) for x in qd], effort=[float(x) for x in effort])
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.stamp_ns, 10**9)
         self._states.publish(message)
 
@@ -292,21 +293,23 @@ def test_a_signal_ends_both_with_zero_torque_and_the_estimate(
 
 LEARNS = {'safety_filter': 'limits', 'limits.learn': True, 'limits.velocity': [20.0, 20.0],
           'limits.prior.mass_error': 0.3, 'limits.prior.friction': [8.0, 2.0],
-          'limits.prior.unexplained': [0.5]}
+          'limits.prior.unexplained': [1.0]}
 SURE = {'parameter_set.period': 0.02, 'parameter_set.prior.mass_error': 0.3,
-        'parameter_set.prior.friction': [8.0, 2.0], 'parameter_set.prior.unexplained': [0.5]}
+        'parameter_set.prior.friction': [8.0, 2.0], 'parameter_set.prior.unexplained': [1.0]}
 
 
 def test_a_filter_that_learns_gets_the_intervals_of_the_identifier_in_memory(
         arm, wait_until) -> None:
-    arm = arm(identifier=SURE, **LEARNS)
+    arm, two_link = arm(identifier=SURE, **LEARNS), TwoLinkArm()
     arm.begin()
     controller, identifier = arm.both.nodes
-    moved = itertools.count()
+    moved, size = itertools.count(1), np.array([0.05, 0.1])
 
     def narrowed() -> bool:
-        k = next(moved)
-        arm.step((0.001 * k, 0.002 * k), (0.2, 0.4))
+        phase = 8.0 * 0.005 * next(moved)
+        q, qd, qdd = size * (1.0 - np.cos(phase)), 8.0 * size * np.sin(phase), (
+            64.0 * size * np.cos(phase))
+        arm.step(q, qd, two_link.X(q, qd, qd, qdd) @ two_link.nominal)
         return controller.motion.controller.safety_filter.model.part < 1.0
 
     wait_until(narrowed, what='intervals that are narrower than the prior')
