@@ -46,7 +46,7 @@ class OddTimes:
             self._set_back = before, t
         elif t - before > SLOWEST and self._leap is None:
             self._leap = before, t
-            warnings.warn(next(self.notes()), stacklevel=4)  # where `update` is called
+            warnings.warn(next(self.notes()), stacklevel=5)  # where `update` is called
         return t
 
     def notes(self) -> Iterator[str]:
