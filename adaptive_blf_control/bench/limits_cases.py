@@ -182,16 +182,19 @@ def _scene_cases(config: Path, numbers: tuple[int, ...]) -> Iterator[Case]:
         def scene(seed: int, changes: Mapping[str, Any] = changes) -> Mapping[str, Any]:
             return {**random_scene(config, seed), **changes}
 
-        yield Case('random scenes', 'Panda', law, scene, seeds=numbers)
-        if changes is not NO_FILTER:
-            yield Case('random scenes' + LEARNED, 'Panda', law, scene, seeds=numbers, learns=True)
+        ways = (False,) if changes is NO_FILTER else (False, True)
+        for learns in ways:
+            yield Case(f'random scenes{LEARNED if learns else ""}', 'Panda', law, scene,
+                       seeds=numbers, learns=learns)
         for slowest, fastest in SPEEDS:
             def moving(seed: int, slowest: float = slowest,
                        fastest: float = fastest) -> MovingSphere:
                 return moving_sphere(config, seed, slowest, fastest)
 
-            yield Case(f'random scenes, a sphere comes at {slowest:g} to {fastest:g} m/s',
-                       'Panda', law, scene, seeds=numbers, moving=moving)
+            for learns in ways:
+                yield Case(f'random scenes, a sphere comes at {slowest:g} to {fastest:g} m/s'
+                           f'{LEARNED if learns else ""}', 'Panda', law, scene, seeds=numbers,
+                           moving=moving, learns=learns)
 
 
 def data_of(config: Path, case: Case) -> dict[str, Any]:
