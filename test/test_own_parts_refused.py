@@ -139,7 +139,7 @@ def test_what_cannot_be_used_is_told_what_is_meant(call, message):
 
 
 def test_samples_that_are_not_finite_are_not_laid_at_the_door_of_the_law():
-    with pytest.raises(door.ParameterError, match=r"'t' is .*no sample could be used"):
+    with pytest.raises(door.ParameterError, match=r"'q' is .*in none of its 500 rows are all"):
         door.Identifier(ARM).learn(T, np.nan * Q, Q, Q)
 
 

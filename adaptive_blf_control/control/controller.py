@@ -350,6 +350,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
             q, qd, torque = checked_vectors(self.arm.joints, q=q, qd=qd, torque=torque)
         theta = checked_array('theta', theta, self._m, self.arm.parameters)
         answered = self._judged = self.answer(t, q, qd, theta, torque)
+        self._odd_times.warn()
         return answered.output
 
     def answer(self, t: float, q: np.ndarray, qd: np.ndarray, theta: np.ndarray,

@@ -22,6 +22,7 @@ class OddTimes:
         """Begin without a sample."""
         self._set_back: tuple[float, float] | None = None
         self._leap: tuple[float, float] | None = None
+        self._warned = False
 
     def answered(self, t: float, last: np.ndarray) -> float:
         """Return the time to answer at.
@@ -46,8 +47,13 @@ class OddTimes:
             self._set_back = before, t
         elif t - before > SLOWEST and self._leap is None:
             self._leap = before, t
-            warnings.warn(next(self.notes()), stacklevel=5)  # where `update` is called
         return t
+
+    def warn(self) -> None:
+        """Warn once of a leap, where ``Controller.update`` is called; a node has its own words."""
+        if self._leap is not None and not self._warned:
+            self._warned = True
+            warnings.warn(next(self.notes()), stacklevel=4)
 
     def notes(self) -> Iterator[str]:
         """Yield what was odd, in sentences."""

@@ -46,11 +46,13 @@ def test_parameters_of_different_units_are_compared_fairly():
     assert undetermined(np.diag([1.0, 1e-8]), 'ab') == ()
 
 
-@pytest.mark.parametrize('t', [1e3 * T, T[::-1], 0.0 * T])
-def test_a_log_of_which_no_sample_can_be_used_is_refused(t):
+@pytest.mark.parametrize(('t', 'reason'), [
+    (1e3 * T, 'no sample could be used'), (0.0 * T, 'no sample could be used'),
+    (T[::-1], 'not in the order of time')])
+def test_a_log_of_which_no_sample_can_be_used_is_refused(t, reason):
     identifier = Identifier(TwoLinkArm())
     zeros = np.zeros((T.size, 2))
-    with pytest.raises(ParameterError, match='no sample could be used'):
+    with pytest.raises(ParameterError, match=reason):
         identifier.learn(t, zeros, zeros, zeros)
 
 

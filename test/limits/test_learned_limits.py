@@ -123,3 +123,12 @@ def test_a_governor_takes_a_model_for_its_filter_and_its_pace(data):
     assert isinstance(governor, Governor)
     assert governor._parts.model is known.model.handle  # what it keeps is not public
     assert governor.pace._known is known.model.known
+
+
+def test_the_scenario_beside_obstacles_learns_with_one_parameter(repository, panda):
+    loop = build_closed_loop(apply_changes(
+        load_yaml(repository / 'config' / 'panda_obstacles.yaml'),
+        {'controller.limits.learn': True}))
+    assert loop.arm.joints == panda.joints
+    loop.run(1.0)
+    assert loop.controller.safety_filter.model.part < 0.9
