@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import adaptive_blf_control as blf
 from adaptive_blf_control.bench import limits
 from adaptive_blf_control.bench.limits import row, runs_of
-from adaptive_blf_control.bench.limits_cases import Case
-from adaptive_blf_control.bench.limits_runs import RunFigures, Timed
+from adaptive_blf_control.bench.limits_cases import Case, cases
+from adaptive_blf_control.bench.limits_runs import loop_of, RunFigures, Timed
 from adaptive_blf_control.bench.limits_scenes import moving_sphere, MovingSphere
 from adaptive_blf_control.control.safety_filter import FilterSample
 
@@ -96,3 +98,27 @@ def test_runs_that_were_kept_are_not_run_again(tmp_path, monkeypatch):
     assert ran[2:] == [(8.0, 3)]
     list(runs_of(case, tmp_path, 4.0, kept))
     assert ran[3:] == [(4.0, 1), (4.0, 2)]
+
+
+def test_a_load_that_is_put_on_makes_the_intervals_wrong_for_less_than_a_tenth_of_a_second(
+        repository, panda):
+    config, put_on = repository / 'config', 1.5
+    heavy = next(case for case in cases(config, (0,), 1) if case.name.endswith(
+        '30 % and 3 kg, which it carries, no delay, held for 1 ms, short stops, learned'))
+    late = {'arm_driver.payload': 0.0, 'arm_driver.schedule.time': [put_on],
+            'arm_driver.schedule.parameter': ['payload'], 'arm_driver.schedule.value': [2.0]}
+    changes = {**heavy.changes(0), **late}
+    loop = loop_of(replace(heavy, changes=lambda seed: changes, speed=1.0), config, 0)
+    wrong, widths = [], {}
+    for sample in loop.samples(3.5):
+        known = loop.controller.safety_filter.model.known
+        payload = next(cause for cause in known.causes if cause.name == 'payload')
+        true = 2.0 if sample.t >= put_on else 0.0
+        if abs(true - payload.middle) > payload.half * (1.0 + 1e-9):
+            wrong.append(sample.t)
+        widths[round(sample.t, 3)] = 2.0 * payload.half
+    assert widths[put_on] < 1.0  # of 3 kg: it is sure that there is none
+    assert wrong
+    assert put_on <= wrong[0] <= wrong[-1] < put_on + 0.1
+    assert widths[3.5] < 2.0  # and learns anew
+    assert loop.arm.joints == panda.joints
