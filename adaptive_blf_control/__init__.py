@@ -147,15 +147,16 @@ _INSTEAD = {
     'load': 'load_arm(urdf), read_log(file), read_bag(folder); simulate(file) takes a parameter '
             'file, Identifier(arm, initial_estimate=file) a saved estimate',
     **dict.fromkeys(('payload', 'load_mass', 'PayloadEstimator'),
-                    'simulate(arm, payload=2.0) drives an arm that carries 2 kg; the load of a '
+                    'simulate(arm, payload=2.0) drives an arm of a URDF that carries 2 kg; the '
+                    'load of a '
                     'measured robot is estimated by `python -m adaptive_blf_control identify '
                     '--payload`'),
     **dict.fromkeys(('limits', 'obstacles', 'safety_filter', 'SafetyFilter', 'cbf', 'CBF'),
                     "Controller(arm, safety_filter='limits', limits={...}) keeps joint limits, "
                     'velocities and a distance to obstacles'),
     **dict.fromkeys(('true_parameters', 'theta_true', 'theta_star', 'ground_truth'),
-                    'simulate(arm, true_parameters=[...]) drives another arm than the one that '
-                    'is known; its plant.truth() has them'),
+                    "simulate(arm, true_model='given', true_parameters=[...]) drives another arm "
+                    'than the one that is known; its plant.truth() has them'),
     'settings': 'IdentifierSettings and ControllerSettings',
     **dict.fromkeys(('load_config', 'load_yaml', 'read_yaml', 'load_params', 'read_config'),
                     'simulate(file) takes a parameter file, and its result has the controller '

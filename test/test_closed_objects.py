@@ -33,7 +33,7 @@ def loop():
 
 
 @pytest.mark.parametrize(('subject', 'name', 'hint'), [
-    (door.TwoLinkArm, 'nominal', r'simulate\(arm, true_parameters='),
+    (door.TwoLinkArm, 'nominal', r'simulate\(arm, true_model=.given., true_parameters='),
     (door.ThreeLinkArm, 'payload_direction', 'true_parameters='),
     (door.TwoLinkArm, 'joints', 'named where the arm is made'),
     (door.TwoLinkArm, 'parameters', 'make another TwoLinkArm'),

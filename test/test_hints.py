@@ -382,7 +382,7 @@ def test_the_history_shows_what_it_holds():
 
 
 @pytest.mark.parametrize(('name', 'route'), [
-    ('true_parameters', r'simulate\(arm, true_parameters='),
+    ('true_parameters', r'simulate\(arm, true_model=.given., true_parameters='),
     ('payload', r'simulate\(arm, payload='),
     ('obstacles', "safety_filter='limits'"), ('SafetyFilter', "safety_filter='limits'")])
 def test_the_door_leads_to_what_a_plant_and_a_safety_filter_take(name, route):
@@ -394,3 +394,11 @@ def test_help_of_a_controller_and_of_simulate_names_safety_filter_and_payload():
     assert "safety_filter='limits'" in door.Controller.__doc__
     assert '``payload=2.0``' in door.simulate.__doc__
     assert '``true_parameters=[...]``' in door.simulate.__doc__
+
+
+def test_the_way_that_help_shows_to_another_true_arm_is_one():
+    with pytest.raises(AttributeError, match="true_model='given', true_parameters="):
+        _ = door.true_parameters
+    theta = [3.0, 0.2, 0.25, 5.0, 1.0]
+    run = door.simulate(door.TwoLinkArm(), 0.01, true_model='given', true_parameters=theta)
+    assert run.plant.truth()[0][1].tolist() == theta

@@ -212,8 +212,8 @@ class Arm(Protocol, metaclass=_ArmType):
 
 class ClosedArm(Arm, instead={
         **dict.fromkeys(('nominal =', 'payload_direction ='),
-                        'simulate(arm, true_parameters=[...]) moves with another theta, '
-                        'Identifier(arm, initial_estimate=[...]) begins with one'),
+                        "simulate(arm, true_model='given', true_parameters=[...]) moves with "
+                        'another theta, Identifier(arm, initial_estimate=[...]) begins with one'),
         'joints =': 'they are named where the arm is made'}):
     """Base of the arms of this package: what they are made of cannot be set, nor written to.
 

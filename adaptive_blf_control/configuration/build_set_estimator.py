@@ -9,7 +9,7 @@ from adaptive_blf_control.configuration.node_settings import (
     IdentifierNodeSettings,
 )
 from adaptive_blf_control.errors import ParameterError
-from adaptive_blf_control.limits.prior import prior_of
+from adaptive_blf_control.limits.prior import stated_prior
 from adaptive_blf_control.limits.set_estimator import SetEstimator
 
 __all__ = ['build_set_estimator', 'check_learns']
@@ -24,9 +24,7 @@ def build_set_estimator(settings: IdentifierNodeSettings, arm: Arm) -> SetEstima
     given = settings.parameter_set.resolved(joints=arm.n)
     if given.period == 0.0:
         return None
-    prior = prior_of(arm, mass_error=given.prior.mass_error, payload=given.prior.payload,
-                     friction=given.prior.friction)
-    return SetEstimator(prior, given.prior.unexplained, given.period)
+    return SetEstimator(stated_prior(arm, given.prior), given.prior.unexplained, given.period)
 
 
 def check_learns(controller: ControllerNodeSettings,

@@ -9,9 +9,10 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.control.limit_settings import PriorSettings
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['Cause', 'inertia_range', 'Prior', 'prior_of']
+__all__ = ['Cause', 'inertia_range', 'Prior', 'prior_of', 'stated_prior']
 
 
 class Cause(NamedTuple):
@@ -122,6 +123,12 @@ def prior_of(arm: Arm, *, mass_error: float = 0.3, payload: float = 0.0,
                              'something that may be wrong: a mass, a payload or friction')
     return Prior(centre, np.column_stack([column for _, column in kept]),
                  tuple(cause for cause, _ in kept))
+
+
+def stated_prior(arm: Arm, stated: PriorSettings) -> Prior:
+    """Return the prior of an arm that parameters state; see `prior_of`."""
+    return prior_of(arm, mass_error=stated.mass_error, payload=stated.payload,
+                    friction=stated.friction)
 
 
 def inertia_range(arm: Arm, *, mass_error: float = 0.3,

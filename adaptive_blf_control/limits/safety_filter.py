@@ -79,9 +79,7 @@ class LimitsFilter:
         self._worst: tuple[np.ndarray, tuple[float, ...]] | None = None
         self._moving = MovingObstacles(0.0, np.inf)
         self._shown: Scene | None = None
-        given = settings.limits.prior
-        self.model = SetModel(arm, given.mass_error, given.payload, given.friction,
-                              given.unexplained)
+        self.model = SetModel(arm, settings.limits.prior)
         self._heard: float | None = None  # when the model was narrowed; None: it is the prior
         self._ahead = Prediction(arm.n, settings.loop.delay)
         self._take(settings)

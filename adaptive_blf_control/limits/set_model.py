@@ -11,16 +11,19 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arms.mass_and_bias import model_of
 from adaptive_blf_control.arms.regressors import arrays_of
 from adaptive_blf_control.compiled import handle
+from adaptive_blf_control.control.limit_settings import PriorSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.limits.acceleration_error import Model
 from adaptive_blf_control.limits.cause_intervals import CauseBounds
-from adaptive_blf_control.limits.prior import inertia_range, prior_of
+from adaptive_blf_control.limits.prior import inertia_range, stated_prior
 
 __all__ = ['SetModel']
 
 WORTH = 0.1
 """Part of the mean half width that an interval has to lose for the model to be made again, which
 takes longer than a sample of the filter."""
+ROUNDING = 1e-9
+"""Of z: an end that comes back from a message as middle and half width is not the same."""
 
 
 class SetModel:
@@ -32,18 +35,17 @@ class SetModel:
         handle: Of the `Model` with that set.
     """
 
-    def __init__(self, arm: Arm, mass_error: float, payload: float, friction: np.ndarray,
-                 unexplained: np.ndarray) -> None:
-        """Begin with the prior; see `prior_of` for the arguments.
+    def __init__(self, arm: Arm, stated: PriorSettings) -> None:
+        """Begin with the prior that is stated, with arrays of full length.
 
         Raises:
             ParameterError: a value cannot be used.
             ArmError: the arm has no arrays, or no inertia with a θ of the prior.
         """
-        self.prior = prior_of(arm, mass_error=mass_error, payload=payload, friction=friction)
+        self.prior = stated_prior(arm, stated)
         self._arm = arm
-        self._ends = inertia_range(arm, mass_error=mass_error, payload=payload)
-        self._unexplained = unexplained.copy()
+        self._ends = inertia_range(arm, mass_error=stated.mass_error, payload=stated.payload)
+        self._unexplained = stated.unexplained.copy()
         self._whole = self  # the model of the prior
         count = self.prior.generators.shape[1]
         self._take(-np.ones(count), np.ones(count))
@@ -77,8 +79,11 @@ class SetModel:
         if bounds is None:
             return self._whole
         least, most = self._within(bounds)
+        if least.max() == -1.0 and most.min() == 1.0:
+            return self._whole
         before = self._box[1] - self._box[0]
-        wider = bool((least < self._box[0]).any() or (most > self._box[1]).any())
+        wider = bool((least < self._box[0] - ROUNDING).any()
+                     or (most > self._box[1] + ROUNDING).any())
         if not wider and (before - (most - least)).max() < WORTH * before.mean():
             return self
         other = object.__new__(SetModel)

@@ -8,12 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.errors import BagError
 from adaptive_blf_control.identification.change_monitor import ExternalTorque
 from adaptive_blf_control.identification.payload import PayloadEstimate
 from adaptive_blf_control.identification.republish import HistoryPublication
+from adaptive_blf_control.limits.cause_intervals import CauseBounds
 from adaptive_blf_control.messages.cdr import encode_float64, encode_int32
 from adaptive_blf_control.messages.inertia import InertiaCodec
 from adaptive_blf_control.messages.joint_state import JointStateCodec
+from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.topics import (
     EXCITATION,
     EXTERNAL_TORQUE,
@@ -24,7 +27,8 @@ from adaptive_blf_control.messages.topics import (
     THETA_HAT,
 )
 
-__all__ = ['EstimateStream', 'HistoryFigures', 'ParameterSetCodec', 'PayloadStream', 'bound_names']
+__all__ = ['BoundsReader', 'EstimateStream', 'HistoryFigures', 'ParameterSetCodec',
+           'PayloadStream']
 
 _ROWS = [0, 1, 3, 2, 4, 5]  # of the inertia as the message has it: ixx, ixy, ixz, iyy, iyz, izz
 
@@ -101,9 +105,35 @@ class PayloadStream:
                 for topic, body in ((PAYLOAD, estimate.load), (PAYLOAD_STD, estimate.std))}
 
 
-def bound_names(causes: Sequence[str]) -> list[str]:
-    """Return the names under which a named vector has the bounds of causes."""
+def _bound_names(causes: Sequence[str]) -> list[str]:
+    """Return the names under which the message of a set has the bounds of causes."""
     return [f'prior.{cause}' for cause in causes]
+
+
+class BoundsReader:
+    """Decoder of what the message of a set, see `ParameterSetCodec`, says of the causes."""
+
+    def __init__(self, causes: Sequence[str]) -> None:
+        """Take the names of those that are looked for."""
+        self._causes = tuple(causes)
+        self._reader = JointStateReader(_bound_names(causes))
+
+    @property
+    def source(self) -> bytes:
+        """frame_id of the message read last: what it says of its publisher."""
+        return self._reader.source
+
+    def read(self, data: bytes) -> CauseBounds:
+        """Return the bounds of all causes.
+
+        Raises:
+            BagError: one is missing, or its numbers are no interval.
+        """
+        _, middle, half, _ = self._reader.read(data)
+        if not (np.isfinite(middle).all() and np.isfinite(half).all() and (half >= 0.0).all()):
+            raise BagError(f'intervals of {", ".join(self._causes)}: expected finite numbers, '
+                           'half widths >= 0')
+        return CauseBounds(self._causes, middle - half, middle + half)
 
 
 class ParameterSetCodec:
@@ -115,7 +145,7 @@ class ParameterSetCodec:
         The ``frame_id`` is the ``label`` of who sends it.
         """
         self._codec = JointStateCodec(
-            [*parameters, 'size', 'falsified', *bound_names(causes)], label,
+            [*parameters, 'size', 'falsified', *_bound_names(causes)], label,
             fields=('position', 'velocity'))
 
     def encode(self, stamp: int, centre: np.ndarray, half_widths: np.ndarray, size: float,

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.configuration.build_set_estimator import check_learns
 from adaptive_blf_control.configuration.node_settings import ControllerNodeSettings
@@ -12,9 +10,8 @@ from adaptive_blf_control.control.motion import Motion
 from adaptive_blf_control.control.source_gate import SourceGate
 from adaptive_blf_control.errors import BagError, ParameterError
 from adaptive_blf_control.limits.cause_intervals import CauseBounds
-from adaptive_blf_control.limits.prior import prior_of
-from adaptive_blf_control.messages.identifier_codecs import bound_names
-from adaptive_blf_control.messages.joint_state_reader import JointStateReader
+from adaptive_blf_control.limits.prior import stated_prior
+from adaptive_blf_control.messages.identifier_codecs import BoundsReader
 from adaptive_blf_control.messages.topics import PARAMETER_SET
 from adaptive_blf_control.nodes.handover import emptied, Handover
 from adaptive_blf_control.runtime.data_node import DataNode
@@ -48,11 +45,9 @@ class SetInput:
                 'controller.limits.learn', True, 'false in lockstep, unless controller and '
                 'identifier are one process (arm_control): nobody waits for identifier/parameter_'
                 'set, so that no run would be like another')
-        given = settings.limits.prior.resolved(joints=arm.n)
-        self._names = tuple(cause.name for cause in prior_of(
-            arm, mass_error=given.mass_error, payload=given.payload,
-            friction=given.friction).causes) if self.wanted else ()
-        self._reader = JointStateReader(bound_names(self._names))
+        causes = stated_prior(arm, settings.limits.prior.resolved(joints=arm.n)
+                              ).causes if self.wanted else ()
+        self._reader = BoundsReader([cause.name for cause in causes])
         self.heard = HeardTopic(node, PARAMETER_SET, SourceGate('parameter set'),
                                 lambda: node.settings.limits.learn_timeout)
 
@@ -60,7 +55,7 @@ class SetInput:
         """Take the bounds of a message; one that cannot be used is dropped."""
         faults = self._node.faults
         try:
-            _, middle, half, _ = self._reader.read(data)
+            bounds = self._reader.read(data)
         except BagError as error:
             faults.drop('unusable parameter set', f'{error}; controller.limits.prior and '
                         'identifier.parameter_set.prior have to have the same causes')
@@ -69,10 +64,7 @@ class SetInput:
         if second is not None:
             faults.refuse(second)
             return False
-        if not (np.isfinite(middle).all() and np.isfinite(half).all() and (half >= 0.0).all()):
-            faults.drop('unusable parameter set', 'expected finite numbers, half widths >= 0')
-            return False
-        return self._narrow(CauseBounds(self._names, middle - half, middle + half))
+        return self._narrow(bounds)
 
     def take_over(self) -> None:
         """Take the bounds that the identifier of this process has left, if any."""

@@ -13,17 +13,10 @@ from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.limits.cause_intervals import CauseIntervals
 from adaptive_blf_control.limits.prior import prior_of
+from recorded_pairs import recorded_pairs
 
 ARM = TwoLinkArm()
 DELTA = np.array([0.3, 0.1])
-
-
-def pairs(random: np.random.Generator, arm, theta: np.ndarray, count: int, delta: np.ndarray,
-          scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return regressors along random motions, and torques wrong by ``delta`` at most."""
-    regressors = np.array([arm.X(*scale * random.normal(size=(4, arm.n))) for _ in range(count)])
-    wrong = random.choice([-1.0, 0.0, 1.0], (count, arm.n)) * delta
-    return regressors, regressors @ theta + wrong
 
 
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 40), error=st.floats(0.01, 2.0),
@@ -37,8 +30,8 @@ def test_the_true_causes_are_in_their_intervals_whatever_was_recorded(seed, coun
     z = np.sign(z) if corner else z
     known = CauseIntervals(prior, DELTA)
     for _ in range(3):  # what was found stays, though the pairs are others
-        assert known.update(*pairs(random, ARM, prior.centre + prior.generators @ z, count, DELTA,
-                                   scale))
+        assert known.update(*recorded_pairs(
+            random, ARM, prior.centre + prior.generators @ z, count, DELTA, scale))
         assert (known.least - 1e-7 <= z).all()
         assert (z <= known.most + 1e-7).all()
 
@@ -60,7 +53,7 @@ def _exact(known: CauseIntervals, regressors: np.ndarray,
 def test_the_intervals_are_nearly_those_of_the_linear_program():
     random = np.random.default_rng(4)
     known = CauseIntervals(prior_of(ARM, mass_error=0.3), DELTA)
-    given_pairs = pairs(random, ARM, ARM.nominal, 30, 0.5 * DELTA)
+    given_pairs = recorded_pairs(random, ARM, ARM.nominal, 30, 0.5 * DELTA)
     for _ in range(10):
         known.update(*given_pairs)
     least, most = _exact(known, *given_pairs)
@@ -77,7 +70,7 @@ def test_a_load_is_found_in_its_unit(panda: UrdfArm):
     theta = panda.nominal + 2.0 * panda.payload_direction + friction
     known = CauseIntervals(prior, np.full(7, 0.1))
     for _ in range(2 * len(prior.causes)):
-        assert known.update(*pairs(random, panda, theta, 60, np.full(7, 0.1), 0.5))
+        assert known.update(*recorded_pairs(random, panda, theta, 60, np.full(7, 0.1), 0.5))
     bounds = known.bounds()
     load, viscous = bounds.names.index('payload'), bounds.names.index('fv_panda_joint2')
     assert bounds.least[load] <= 2.0 <= bounds.most[load] < bounds.least[load] + 0.5
@@ -88,9 +81,9 @@ def test_a_load_is_found_in_its_unit(panda: UrdfArm):
 def test_pairs_that_contradict_the_prior_give_it_back():
     random = np.random.default_rng(6)
     known = CauseIntervals(prior_of(ARM, mass_error=0.1), DELTA)
-    assert known.update(*pairs(random, ARM, ARM.nominal, 30, DELTA))
+    assert known.update(*recorded_pairs(random, ARM, ARM.nominal, 30, DELTA))
     assert (known.most - known.least).min() < 1.0
-    assert not known.update(*pairs(random, ARM, 2.0 * ARM.nominal, 30, DELTA))
+    assert not known.update(*recorded_pairs(random, ARM, 2.0 * ARM.nominal, 30, DELTA))
     assert_allclose([known.least, known.most], [[-1.0] * 5, [1.0] * 5])
 
 

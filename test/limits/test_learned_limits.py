@@ -72,7 +72,8 @@ def test_intervals_that_exclude_the_prior_leave_the_prior_and_are_named(data):
     known, wrong = loop.controller.safety_filter, _whole()
     assert known.model.part < 1.0
     wrong.least[3] = wrong.most[3] = 9.0
-    with pytest.raises(ParameterError, match=r'fv_joint1|fd1|p4|f'):
+    with pytest.raises(ParameterError, match=rf'{wrong.names[3]} of identifier/parameter_set.* is '
+                                             r'\[9\.0, 9\.0\].*0 to 8'):
         known.narrow(wrong)
     assert known.model.part == 1.0
 
@@ -95,7 +96,6 @@ def test_a_pace_looks_at_all_points_again_after_a_few_samples(data):
     loop = build_closed_loop(data)
     arm, reference = loop.arm, loop.controller.reference
     model = loop.controller.safety_filter.model
-    count = len(model.prior.causes)
     whole = _whole()
     part = whole._replace(least=whole.least + 0.4 * (whole.most - whole.least))
     narrow = model.narrowed(part).known
@@ -104,6 +104,7 @@ def test_a_pace_looks_at_all_points_again_after_a_few_samples(data):
     for pace in paces:
         pace.advance(0.0, reference, 0.0)
     before = copy.copy(paces[0])
+    # What a pace knows of the points ahead is not public.
     assert not np.allclose(paces[0]._points, paces[1]._points)
     paces[0].narrow(narrow)
     for k in range(1, 12):
@@ -112,7 +113,6 @@ def test_a_pace_looks_at_all_points_again_after_a_few_samples(data):
     assert len(paces[0]._points) == AHEAD + 1
     np.testing.assert_array_equal(paces[0]._points, paces[1]._points)
     assert not np.array_equal(before._points, paces[0]._points)
-    assert count == 5
 
 
 def test_a_governor_takes_a_model_for_its_filter_and_its_pace(data):

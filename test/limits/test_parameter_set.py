@@ -11,17 +11,10 @@ from adaptive_blf_control.arms.two_link import TwoLinkArm
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.limits.parameter_set import ParameterSet
 from adaptive_blf_control.limits.prior import Prior, prior_of
+from recorded_pairs import recorded_pairs
 
 ARM = TwoLinkArm()
 DELTA = np.array([0.3, 0.1])
-
-
-def pairs(random: np.random.Generator, theta: np.ndarray, count: int,
-          scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return regressors along random motions, and torques wrong by no more than DELTA."""
-    regressors = np.array([ARM.X(*scale * random.normal(size=(4, 2))) for _ in range(count)])
-    wrong = random.choice([-1.0, 0.0, 1.0], (count, 2)) * DELTA * random.uniform(0, 1, (count, 2))
-    return regressors, regressors @ theta + wrong
 
 
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 60), error=st.floats(0.01, 2.0),
@@ -35,7 +28,7 @@ def test_the_true_parameters_are_in_the_set_whatever_was_recorded(seed, count, e
     theta = prior.centre + prior.generators @ (np.sign(z) if corner else z)
     learned = ParameterSet(prior, DELTA)
     assert learned.contains(theta)
-    assert learned.update(*pairs(random, theta, count, scale))
+    assert learned.update(*recorded_pairs(random, ARM, theta, count, DELTA, scale))
     assert learned.contains(theta)
     rows = random.normal(size=(20, ARM.m))
     reach = np.abs(rows @ (theta - learned.centre))
@@ -45,7 +38,7 @@ def test_the_true_parameters_are_in_the_set_whatever_was_recorded(seed, count, e
 def test_the_support_is_reached_by_a_point_of_the_ellipsoid():
     random = np.random.default_rng(2)
     learned = ParameterSet(prior_of(ARM), DELTA)
-    learned.update(*pairs(random, ARM.nominal, 200))
+    learned.update(*recorded_pairs(random, ARM, ARM.nominal, 200, DELTA))
     row = random.normal(size=(1, ARM.m))
     direction = learned.root @ (learned.root.T @ row[0])
     furthest = direction / np.linalg.norm(learned.root.T @ row[0])
@@ -58,7 +51,7 @@ def test_data_make_the_set_smaller_and_an_empty_history_gives_the_prior_back():
     random = np.random.default_rng(3)
     learned = ParameterSet(prior_of(ARM, mass_error=1.0), DELTA)
     before = learned.size
-    learned.update(*pairs(random, ARM.nominal, 300, 3.0))
+    learned.update(*recorded_pairs(random, ARM, ARM.nominal, 300, DELTA, 3.0))
     assert learned.size < 0.1 * before
     assert learned.update(np.empty((0, 2, ARM.m)), np.empty((0, 2)))
     assert learned.size == before
@@ -68,14 +61,14 @@ def test_data_make_the_set_smaller_and_an_empty_history_gives_the_prior_back():
 def test_data_of_an_arm_that_the_prior_excludes_are_noticed():
     random = np.random.default_rng(4)
     learned = ParameterSet(prior_of(ARM, mass_error=0.1), DELTA)
-    assert not learned.update(*pairs(random, 2.0 * ARM.nominal, 300, 3.0))
+    assert not learned.update(*recorded_pairs(random, ARM, 2.0 * ARM.nominal, 300, DELTA, 3.0))
     np.testing.assert_array_equal(learned.centre, learned.prior.centre)
 
 
 def test_data_worse_than_their_bound_are_noticed():
     random = np.random.default_rng(5)
     learned = ParameterSet(prior_of(ARM), DELTA)
-    regressors, torques = pairs(random, ARM.nominal, 300)
+    regressors, torques = recorded_pairs(random, ARM, ARM.nominal, 300, DELTA)
     assert not learned.update(regressors, torques + 3.0 * DELTA * random.choice([-1, 1], (300, 2)))
 
 

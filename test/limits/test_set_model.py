@@ -9,6 +9,7 @@ import pytest
 
 from adaptive_blf_control.arms.mass_and_bias import mass, mass_and_bias, model_of
 from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.control.limit_settings import PriorSettings
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.limits.acceleration_error import (
     acceleration_error,
@@ -19,12 +20,16 @@ from adaptive_blf_control.limits.cause_intervals import CauseBounds
 from adaptive_blf_control.limits.set_model import SetModel
 from adaptive_blf_control.linear_algebra import inverse
 
-FRICTION, UNEXPLAINED = np.full(7, 2.0), np.full(7, 0.1)
+
+def model_with(arm: UrdfArm, mass_error: float, payload: float, friction: float) -> SetModel:
+    """Return the model of a prior."""
+    return SetModel(arm, PriorSettings(mass_error=mass_error, payload=payload, friction=[friction],
+                                       unexplained=[0.1]).resolved(joints=arm.n))
 
 
 @pytest.fixture(name='whole')
 def _whole(panda: UrdfArm) -> SetModel:
-    return SetModel(panda, 0.3, 3.0, FRICTION, UNEXPLAINED)
+    return model_with(panda, 0.3, 3.0, 2.0)
 
 
 def bounds_of(model: SetModel, least: np.ndarray, most: np.ndarray) -> CauseBounds:
@@ -85,6 +90,7 @@ def test_nothing_known_is_the_model_of_the_prior_again(whole):
     narrow = whole.narrowed(bounds_of(whole, np.full(count, -0.2), np.full(count, 0.2)))
     assert narrow is not whole
     assert narrow.narrowed(None) is whole
+    assert narrow.narrowed(bounds_of(whole, -np.ones(count), np.ones(count))) is whole
     assert whole.part == 1.0
 
 
@@ -92,19 +98,21 @@ def test_bounds_that_are_hardly_narrower_change_nothing_and_wider_ones_do(whole)
     count = len(whole.prior.causes)
     narrow = whole.narrowed(bounds_of(whole, np.full(count, -0.2), np.full(count, 0.2)))
     assert narrow.narrowed(bounds_of(whole, np.full(count, -0.2), np.full(count, 0.199))) is narrow
+    rounded = np.full(count, 0.2) + 1e-15  # as an end comes back from a message
+    assert narrow.narrowed(bounds_of(whole, np.full(count, -0.2), rounded)) is narrow
     wider = narrow.narrowed(bounds_of(whole, np.full(count, -0.2), np.full(count, 0.201)))
     assert wider is not narrow
     assert_allclose(wider.known.generators, 0.2005 * whole.prior.generators)
 
 
 def test_a_wider_prior_of_the_identifier_leaves_the_own_one(panda, whole):
-    other = SetModel(panda, 0.6, 6.0, 2.0 * FRICTION, UNEXPLAINED)
+    other = model_with(panda, 0.6, 6.0, 4.0)
     count = len(whole.prior.causes)
     assert whole.narrowed(bounds_of(other, -np.ones(count), np.ones(count))) is whole
 
 
 def test_bounds_without_a_cause_are_refused_by_its_name(panda, whole):
-    other = SetModel(panda, 0.3, 0.0, FRICTION, UNEXPLAINED)
+    other = model_with(panda, 0.3, 0.0, 2.0)
     count = len(other.prior.causes)
     with pytest.raises(ParameterError, match=r'payload.*identifier\.parameter_set\.prior'):
         whole.narrowed(bounds_of(other, -np.ones(count), np.ones(count)))
