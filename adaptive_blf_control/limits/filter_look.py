@@ -49,14 +49,16 @@ class Scene(NamedTuple):
         chain: Kinematics of the arm.
         spheres: On its links.
         obstacles: In the base's frame.
-        pairs: Which may come close: a sphere, and an obstacle or −1 less another sphere,
-            shape (p, 2).
+        pairs: Which may come close and stand still: a sphere, and an obstacle or −1 less another
+            sphere, shape (p, 2).
+        coming: Which may come close because the obstacle moves, likewise, shape (m, 2).
     """
 
     chain: Chain
     spheres: LinkSpheres
     obstacles: Obstacles
     pairs: np.ndarray
+    coming: np.ndarray
 
 
 class FilterParts(NamedTuple):
@@ -66,6 +68,7 @@ class FilterParts(NamedTuple):
         model: Handle of the arm with the set of its parameters, see `Model`.
         scene: Handle of spheres and obstacles, see `Scene`.
         limits: Of the joints.
+        lead: T of `evasion` [s].
         exact: Whether an acceleration is exactly what it is told to be, as that of a reference.
         given: Matrices in place of the model's where it is.
     """
@@ -73,6 +76,7 @@ class FilterParts(NamedTuple):
     model: Any
     scene: Any
     limits: JointLimits
+    lead: float
     exact: bool
     given: Posture
 

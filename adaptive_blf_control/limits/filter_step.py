@@ -7,6 +7,7 @@ In the acceleration a of the model, M_c a + h_c = τ, and with e the bound of |a
     a̲ + e ≤ a ≤ a̅ − e     velocity, and position that braking keeps inside (`viability`)
     b(a) ≥ b₀ − γ max(b₀ − β, 0)   b what the stop after a leaves free (`stop_path`), linearised,
                            and b₀ what the stop that is left does
+    c a ≥ d                away from what moves (`evasion`), always soft
     τ̲ ≤ M_c a + h_c ≤ τ̅    the torque box, always
 
 What is wanted passes bit for bit where it keeps every row by itself. Where there is no such a, the
@@ -23,6 +24,7 @@ import numpy as np
 
 from adaptive_blf_control.compiled import borrowed, Handle, jit
 from adaptive_blf_control.limits.acceleration_error import Posture
+from adaptive_blf_control.limits.evasion import Evasion, evasion_of, gives_way, no_evasion
 from adaptive_blf_control.limits.filter_look import (
     clear,
     FilterParts,
@@ -134,9 +136,10 @@ def filter_step(parts: Handle, at: Moment, torque: np.ndarray, left: Stop,
                                        limits.braking, at.period)
     within = np.minimum(np.maximum(wanted, lower), upper)
     error = left_free(filter_, posture, at, within, room)
-    near, free = _smallest(room.now), _smallest(room.found)
+    evasion = evasion_of(filter_.scene.value, at.q, at.qd, wanted, filter_.lead)
+    near, free = min(_smallest(room.now), evasion.clearance), _smallest(room.found)
     idle = (passes(wanted, lower, upper, error)
-            and passes(torque, at.least, at.most, np.zeros(n)))
+            and passes(torque, at.least, at.most, np.zeros(n)) and gives_way(evasion, wanted))
     left = stop_after(left, elapsed)
     braked = Braked(within, error, left)
     if pairs and (not idle or free < NEEDED):
@@ -148,13 +151,14 @@ def filter_step(parts: Handle, at: Moment, torque: np.ndarray, left: Stop,
         reserve = reserve_of(posture, limits.braking, error, at.least, at.most)
         return Report(torque.copy(), IDLE, wanted, error, reserve, near, free,
                       Stop(at.q.copy(), at.qd.copy(), wanted))
-    answer = _chosen(filter_, posture, at, wanted, lower, upper, error, within, braked, room)
-    return _commanded(posture, limits.braking, at, answer, room)
+    answer = _chosen(filter_, posture, at, wanted, lower, upper, error, within, braked, room,
+                     evasion)
+    return _commanded(posture, limits.braking, at, answer, room, near)
 
 
 @jit
 def _commanded(posture: Posture, braking: np.ndarray, at: Moment, answer: Answer,
-               room: Room) -> Report:
+               room: Room, near: float) -> Report:
     """Return the torque of an answer, within the box whatever the answer is."""
     given, kind, stop = product(posture.inertia, answer.a) + posture.bias, answer.kind, answer.stop
     if not np.isfinite(given).all():  # from what is not a number; then no torque but what must be
@@ -162,13 +166,13 @@ def _commanded(posture: Posture, braking: np.ndarray, at: Moment, answer: Answer
     given = np.minimum(np.maximum(given, at.least), at.most)
     return Report(given, kind, answer.a, answer.error,
                   reserve_of(posture, braking, answer.error, at.least, at.most),
-                  _smallest(room.now), _smallest(room.found), stop)
+                  near, _smallest(room.found), stop)
 
 
 @jit
 def _chosen(parts: FilterParts, posture: Posture, at: Moment, wanted: np.ndarray,
             lower: np.ndarray, upper: np.ndarray, error: np.ndarray, a: np.ndarray,
-            braked: Braked, room: Room) -> Answer:
+            braked: Braked, room: Room, evasion: Evasion) -> Answer:
     """Return the acceleration nearest to the wanted one after which a stop is free.
 
     Args:
@@ -182,11 +186,13 @@ def _chosen(parts: FilterParts, posture: Posture, at: Moment, wanted: np.ndarray
         a: Where the rows of obstacles are linearised first, shape (n,) [rad/s²].
         braked: The stop that is left.
         room: At ``a``.
+        evasion: What keeps away from what moves.
     """
     kind, certain, free, first = ACTIVE, False, False, a
     for k in range(ROUNDS):
         low, high = narrowed(lower, upper, error)
-        a, kind = solved(posture, wanted, low, high, at.least, at.most, a, room, NEAREST)
+        a, kind = solved(posture, wanted, low, high, at.least, at.most, a, room, NEAREST,
+                         evasion)
         if k == 0:
             first = a
         needed = left_free(parts, posture, at, a, room)
@@ -252,7 +258,7 @@ def _backed_off(parts: FilterParts, posture: Posture, at: Moment, a: np.ndarray,
     if not passes(product(posture.inertia, brake) + posture.bias, at.least, at.most,
                   np.zeros(brake.size)):
         brake, solution = solved(posture, brake, brake - SLACK, brake + SLACK, at.least, at.most,
-                                 brake, room, 0)
+                                 brake, room, 0, no_evasion(brake.size))
     for part in PARTS:
         tried = brake + part * (a - brake)
         needed = left_free(parts, posture, at, tried, room)
@@ -294,11 +300,13 @@ def _uses_its_part(found: np.ndarray, before: np.ndarray) -> bool:
 @jit
 def _rows(inertia: np.ndarray, bias: np.ndarray, lower: np.ndarray, upper: np.ndarray,
           least: np.ndarray, most: np.ndarray, a: np.ndarray, found: np.ndarray,
-          before: np.ndarray, gradients: np.ndarray, nearest: int,
+          before: np.ndarray, gradients: np.ndarray, nearest: int, evasion: Evasion,
           ) -> tuple[np.ndarray, np.ndarray]:
-    """Return C and b of C a ≥ b: torque box, joints, and the obstacles that a stop is nearest."""
+    """Return C and b of C a ≥ b: torque box, joints, obstacles nearest to a stop, evasion."""
     n, pairs = bias.size, min(nearest, found.size)
-    rows, bounds = np.zeros((4 * n + pairs, n)), np.empty(4 * n + pairs)
+    used = 4 * n + pairs
+    rows, bounds = np.zeros((used + evasion.bounds.size, n)), np.empty(used + evasion.bounds.size)
+    rows[used:], bounds[used:] = evasion.rows, evasion.bounds
     for i in range(n):
         rows[2 * n + i, i], rows[3 * n + i, i] = 1.0, -1.0
         bounds[2 * n + i], bounds[3 * n + i] = lower[i], -upper[i]
@@ -339,8 +347,8 @@ def _obstacle_row(a: np.ndarray, found: np.ndarray, before: np.ndarray, gradient
 @jit
 def solved(posture: Posture, wanted: np.ndarray, lower: np.ndarray, upper: np.ndarray,
            least: np.ndarray, most: np.ndarray, a: np.ndarray, room: Room,
-           nearest: int) -> tuple[np.ndarray, int]:
-    """Return the solution with all rows hard, else with the torque box hard and the rest soft.
+           nearest: int, evasion: Evasion) -> tuple[np.ndarray, int]:
+    """Return the solution with all rows but evasion hard, else with the torque box alone.
 
     Args:
         posture: Matrices of the model.
@@ -352,19 +360,20 @@ def solved(posture: Posture, wanted: np.ndarray, lower: np.ndarray, upper: np.nd
         a: Where the rows of obstacles are linearised, shape (n,) [rad/s²].
         room: At ``a``.
         nearest: Number of rows of obstacles.
+        evasion: Rows that are soft in any case.
     """
     n, compliance = wanted.size, posture.compliance
     rows, bounds = _rows(posture.inertia, posture.bias, lower, upper, least, most, a, room.found,
-                         room.before, room.gradients, nearest)
+                         room.before, room.gradients, nearest, evasion)
     softness, multipliers = np.zeros(bounds.size), np.empty(bounds.size)
-    answer = wanted
+    answer, hard = wanted, bounds.size - evasion.bounds.size
     for kind in (ACTIVE, SOFTENED):
-        answer, steps = solve(compliance, wanted, rows, bounds, softness, multipliers)
-        if steps >= 0 and kind == ACTIVE:
-            return answer, ACTIVE
-        for r in range(2 * n, bounds.size):
+        for r in range(hard if kind == ACTIVE else 2 * n, bounds.size):
             softness[r] = 0.0
             for i in range(n):
                 for j in range(n):
                     softness[r] += SOFT * rows[r, i] * compliance[i, j] * rows[r, j]
+        answer, steps = solve(compliance, wanted, rows, bounds, softness, multipliers)
+        if steps >= 0 and kind == ACTIVE:
+            return answer, ACTIVE
     return answer, SOFTENED

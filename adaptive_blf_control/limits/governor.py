@@ -3,10 +3,9 @@
 
 Where there are obstacles the reference is a motion (y, ẏ) of its own that is drawn to the path by
 ÿ = ÿ_p + k_d (ẏ_p − ẏ) + k_p (y_p − y), nearest to which its acceleration is chosen as the filter
-does it: within the safety set less the performance set, the velocities and the stops before
-obstacles. Its acceleration is what it is told, so that nothing is uncertain in it. To obstacles
-that move it gives way instead (`evasion`). Where e1 comes near its bound it slows down as the path
-does.
+does it: within the safety set less the performance set, the velocities, the stops before
+obstacles and out of the way of what moves. Its acceleration is what it is told, so that nothing is
+uncertain in it. Where e1 comes near its bound it slows down as the path does.
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ from adaptive_blf_control.control.reference import full_range, Reference, Refere
 from adaptive_blf_control.control.safety_filter import Governed
 from adaptive_blf_control.control.sets import Bounds, TOLERANCE
 from adaptive_blf_control.limits.acceleration_error import Posture
-from adaptive_blf_control.limits.evasion import evading, without_moving
 from adaptive_blf_control.limits.filter_look import FilterParts, Moment, Scene, Stop, stop_after
 from adaptive_blf_control.limits.filter_step import filter_step
 from adaptive_blf_control.limits.pace import NEAR, NEARER, Pace, slowed
 from adaptive_blf_control.limits.prior import Prior
 
-__all__ = ['Deflection', 'Governor', 'SPEED_PART']
+__all__ = ['Deflection', 'Governor', 'LEAD', 'SPEED_PART']
 
 STIFFNESS, DAMPING = 100.0, 20.0  # k_p [1/s²], k_d [1/s]
 HARDEST = 4.0  # how far its acceleration may be from the path's, in units of the braking
 FAR, FARTHER = 0.3, 0.6  # distances from the path between which it waits [rad]
 COMING = 1.0  # velocity towards the path from which on it waits for all it may [rad/s]
+LEAD = 0.4  # by which it gives way to what comes before the filter does [s]
 LEAST = 0.6  # of its rate that the path keeps while it waits
 LONGEST_SAMPLE = 0.1  # a longer time between two samples is a jump of the clock [s]
 LONGEST_STEP = 0.02  # of the deflection, which is a spring of 10 rad/s with a damper [s]
@@ -58,12 +57,11 @@ class Deflection:
         self._hardest = HARDEST * parts.limits.braking
         self.position, self.velocity = begin.position.copy(), begin.velocity.copy()
         self._stop = self._now()
-        self.look(parts.scene, None)
+        self.look(parts.scene)
 
-    def look(self, scene: Handle, coming: Handle | None) -> None:
+    def look(self, scene: Handle) -> None:
         """Take another scene, see `Governor.look`."""
         self._parts = handle(self._exact._replace(scene=scene))
-        self._comes, self._coming = coming is not None, coming or scene
 
     def awaited(self, path: ReferencePoint) -> float:
         """Return how much the path is to wait for it, from 0 to 1.
@@ -88,8 +86,8 @@ class Deflection:
         steps = max(math.ceil(dt / LONGEST_STEP), 1)
         for _ in range(steps):
             self.position, self.velocity, acceleration, self._stop = _drawn(
-                self._parts, self._coming, self._comes, path, part, self._hardest, self._period,
-                dt / steps, self._now(), self._stop)
+                self._parts, path, part, self._hardest, self._period, dt / steps, self._now(),
+                self._stop)
         return ReferencePoint(self.position, self.velocity, acceleration)
 
     def _now(self) -> Stop:
@@ -97,8 +95,8 @@ class Deflection:
 
 
 @jit
-def _drawn(parts: Handle, coming: Handle, comes: bool, path: ReferencePoint, part: float,
-           hardest: np.ndarray, period: float, dt: float, now: Stop, left: Stop,
+def _drawn(parts: Handle, path: ReferencePoint, part: float, hardest: np.ndarray, period: float,
+           dt: float, now: Stop, left: Stop,
            ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Stop]:
     """Draw a reference to its path for one step.
 
@@ -107,8 +105,6 @@ def _drawn(parts: Handle, coming: Handle, comes: bool, path: ReferencePoint, par
 
     Args:
         parts: Handle of what the reference has to keep, see `FilterParts`.
-        coming: Handle of the scene with what moves in it, see `evading`.
-        comes: Whether anything does.
         path: Where the path is after the step.
         part: See `Deflection.advance`.
         hardest: How far the acceleration may be from the path's, shape (n,) [rad/s²].
@@ -129,8 +125,6 @@ def _drawn(parts: Handle, coming: Handle, comes: bool, path: ReferencePoint, par
         least[j] = min(path.acceleration[j], 0.0) - hardest[j]
         most[j] = max(path.acceleration[j], 0.0) + hardest[j]
         wanted[j] = min(max(pull, least[j]), most[j])
-    if comes:
-        wanted = evading(coming, y, yd, wanted, least, most)
     report = filter_step(parts, Moment(y, yd, least, most, max(period, dt)), wanted, left, 0.0)
     a = report.acceleration
     return y + dt * (yd + 0.5 * dt * a), yd + dt * a, a, stop_after(report.stop, dt)
@@ -158,21 +152,14 @@ class Governor:
         self._last: _Last | None = None
         self._off = 0.0
         self.waits = False
-        self._coming: Handle | None = None
         self._of: Reference | None = None
         self._beyond = False
 
     def look(self, scene: Scene) -> None:
-        """Take another scene.
-
-        The reference stops before what stands still, and gives way to what moves (`evading`): a
-        stop leaves an arm that an obstacle comes to no way but to stand.
-        """
-        still = without_moving(scene)
-        self._parts = self._parts._replace(scene=handle(still))
-        self._coming = handle(scene) if len(still.pairs) < len(scene.pairs) else None
+        """Take another scene."""
+        self._parts = self._parts._replace(scene=handle(scene))
         if self._deflection is not None:
-            self._deflection.look(self._parts.scene, self._coming)
+            self._deflection.look(self._parts.scene)
 
     def narrow(self, model: Handle, known: Prior) -> None:
         """Take another set of θ: the `Model` with it, and the set."""
@@ -207,11 +194,11 @@ class Governor:
         pace.advance(t, reference, max(nearness, NEAR + (NEARER - NEAR) * wait))
         path = _paced(reference.at(pace.time), pace)
         point = path
-        if (self._deflection is not None or len(self._parts.scene.value.pairs)
-                or self._coming is not None or self._leaves(reference)):
+        scene: Scene = self._parts.scene.value
+        if (self._deflection is not None or len(scene.pairs) or len(scene.coming)
+                or self._leaves(reference)):
             if self._deflection is None:
                 self._deflection = Deflection(self._parts, self._period, path)
-                self._deflection.look(self._parts.scene, self._coming)
             if dt > 0.0:
                 point = self._deflection.advance(dt, path, slowed(nearness))
         self._off = float(np.abs(point.position - path.position).max())

@@ -48,5 +48,8 @@ class ClearanceConstraint:
 
     def bounded(self, state: MotionState) -> Bounded:
         """Return the distance, at most `FARTHEST`, bounded from below by zero."""
-        least = min(least_clearance(*self.scene, np.ascontiguousarray(state.q)), FARTHEST)
+        scene = self.scene
+        pairs = np.concatenate([scene.pairs, scene.coming])
+        least = min(FARTHEST, least_clearance(scene.chain, scene.spheres, scene.obstacles, pairs,
+                                              np.ascontiguousarray(state.q)))
         return Bounded(np.array([least]), np.zeros(1), np.full(1, np.inf))

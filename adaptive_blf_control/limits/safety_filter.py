@@ -25,7 +25,7 @@ from adaptive_blf_control.limits.filter_look import (
     Stop,
 )
 from adaptive_blf_control.limits.filter_step import filter_step, IDLE, Report, SOFTENED
-from adaptive_blf_control.limits.governor import Governor, SPEED_PART
+from adaptive_blf_control.limits.governor import Governor, LEAD, SPEED_PART
 from adaptive_blf_control.limits.limit_constraints import (
     ClearanceConstraint,
     FARTHEST,
@@ -103,7 +103,7 @@ class LimitsFilter:
             self.constraints = (*self.constraints, self._near)
         self._period = limits.period or 1.0 / settings.loop.rate
         self._learns, self._believed = limits.learn, limits.learn_timeout
-        self._parts = handle(FilterParts(self.model.handle, handle(scene), self.limits, False,
+        self._parts = handle(FilterParts(self.model.handle, handle(scene), self.limits, 0.0, False,
                                          no_posture(self._arm.n)))
         self.governor: Governor | None = None
         if limits.govern:
@@ -118,7 +118,8 @@ class LimitsFilter:
         return Governor(
             Pace(self._arm, self.model.known, self.limits.speed, settings.torque_limit,
                  slowly=settings.limits.braking_rule == 'short_stops'),
-            self._parts.value._replace(scene=handle(self._wider(scene)), limits=narrow),
+            self._parts.value._replace(scene=handle(self._wider(scene)), limits=narrow,
+                                       lead=LEAD),
             self._period)
 
     def _wider(self, scene: Scene) -> Scene:

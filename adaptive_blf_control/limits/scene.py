@@ -67,7 +67,8 @@ def scene_of(arm: Arm, settings: LimitSettings) -> Scene:
         if obstacles.radius.size:
             raise ParameterError('controller.limits.obstacles', settings.obstacles.values(),
                                  f'an arm from a URDF: {type(arm).__name__} has no geometry')
-        return Scene(_no_chain(arm.n), none, obstacles, np.zeros((0, 2), dtype=np.int64))
+        no_pairs = np.zeros((0, 2), dtype=np.int64)
+        return Scene(_no_chain(arm.n), none, obstacles, no_pairs, no_pairs)
     name, value = 'controller.limits.link_spheres', settings.link_spheres
     spheres = (given_spheres(name, value, chain, arm.n) if rows_of(name, value, 5)
                else link_spheres_along(chain, settings.link_radius))
@@ -99,8 +100,9 @@ def scene_with(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles,
     """Return spheres with obstacles, each pair of which may come close, and pairs of spheres."""
     count, most = spheres.body.size, obstacles.radius.size
     pairs = np.stack(np.meshgrid(np.arange(count), np.arange(most), indexing='ij'), axis=-1)
-    return Scene(chain, spheres, obstacles, np.concatenate(
-        [pairs.reshape(-1, 2).astype(np.int64), own]))
+    flat = pairs.reshape(-1, 2).astype(np.int64)
+    moves = np.isin(flat[:, 1], np.flatnonzero(obstacles.velocity.any(axis=1)))
+    return Scene(chain, spheres, obstacles, np.concatenate([flat[~moves], own]), flat[moves])
 
 
 def own_pairs(chain: Chain, spheres: LinkSpheres) -> np.ndarray:

@@ -19,8 +19,8 @@ at B, d is not below either of
 
     d_A + s u_Aᵀ Δp,   d_B − (1 − s) u_Bᵀ Δp,
 
-less 4 s (1 − s) D + R. An obstacle that moves counts with its velocity: Δp is relative to it. Two
-spheres of links are a point, the difference of their centres, before a sphere that stands still.
+less 4 s (1 − s) D + R. Two spheres of links are a point, the difference of their centres, before a
+sphere that stands still. What moves is not looked at here: an arm gives way to it (`evasion`).
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def least_clearance(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles, pa
     centres, least = sphere_centres(chain, spheres, q), np.inf
     point, normal = np.empty(3), np.empty(3)
     for p in range(pairs.shape[0]):
-        least = min(least, _apart(spheres, obstacles, pairs[p, 0], pairs[p, 1], 0.0, centres,
-                                  point, normal))
+        least = min(least, _apart(spheres, obstacles, pairs[p, 0], pairs[p, 1], centres, point,
+                                  normal))
     return least
 
 
@@ -77,7 +77,7 @@ def stop_clearances(chain: Chain, spheres: LinkSpheres, obstacles: Obstacles, pa
     near = np.zeros(pairs.shape[0], dtype=np.bool_)
     _motion(chain, spheres, q, used, centres[0], jacobians[0])
     _reaches(chain, spheres, path, jacobians[0], lever, reach)
-    _find_near(spheres, obstacles, pairs, path, centres[0], reach, found, now, near, used)
+    _find_near(spheres, obstacles, pairs, centres[0], reach, found, now, near, used)
     gradients[:] = 0.0
     if not near.any():
         return
@@ -121,7 +121,7 @@ def _reaches(chain: Chain, spheres: LinkSpheres, path: StopPath, jacobian: np.nd
 
 
 @jit
-def _find_near(spheres: LinkSpheres, obstacles: Obstacles, pairs: np.ndarray, path: StopPath,
+def _find_near(spheres: LinkSpheres, obstacles: Obstacles, pairs: np.ndarray,
                centres: np.ndarray, reach: np.ndarray, found: np.ndarray, now: np.ndarray,
                near: np.ndarray, used: np.ndarray) -> None:
     """Tell the pairs whose pieces have to be looked at from those that stay far apart.
@@ -130,7 +130,6 @@ def _find_near(spheres: LinkSpheres, obstacles: Obstacles, pairs: np.ndarray, pa
         spheres: k of them.
         obstacles: l of them.
         pairs: See `stop_clearances`.
-        path: See `stop_path`.
         centres: Of the spheres now, shape (k, 3) [m].
         reach: See `_reaches`.
         found: Least clearance where they stay apart, else infinite, shape (p,) [m]; written.
@@ -138,19 +137,14 @@ def _find_near(spheres: LinkSpheres, obstacles: Obstacles, pairs: np.ndarray, pa
         near: Whether a pair does not, shape (p,); written.
         used: Whether a sphere is in such a pair, shape (k,); written.
     """
-    point, normal, last = np.empty(3), np.empty(3), path.time.size - 1
+    point, normal = np.empty(3), np.empty(3)
     used[:] = False
     for p in range(pairs.shape[0]):
         s, k = pairs[p, 0], pairs[p, 1]
-        now[p] = _apart(spheres, obstacles, s, k, 0.0, centres, point, normal)
+        now[p] = _apart(spheres, obstacles, s, k, centres, point, normal)
         found[p] = now[p] - reach[s]
         if k < 0:
             found[p] -= reach[-1 - k]
-        else:
-            speed = 0.0
-            for r in range(3):
-                speed += obstacles.velocity[k, r] * obstacles.velocity[k, r]
-            found[p] -= math.sqrt(speed) * path.time[last]
         near[p] = found[p] < FAR
         if near[p]:
             found[p] = np.inf
@@ -218,9 +212,8 @@ def _find_on_piece(spheres: LinkSpheres, obstacles: Obstacles, pairs: np.ndarray
         if not near[p]:
             continue
         s, k = pairs[p, 0], pairs[p, 1]
-        first = _apart(spheres, obstacles, s, k, path.time[piece], centres[a], point, normal[0])
-        second = _apart(spheres, obstacles, s, k, path.time[piece + 1], centres[b], later,
-                        normal[1])
+        first = _apart(spheres, obstacles, s, k, centres[a], point, normal[0])
+        second = _apart(spheres, obstacles, s, k, centres[b], later, normal[1])
         bow, off = bows[s], offsets[s]
         if k < 0:
             bow, off = bow + bows[-1 - k], off + offsets[-1 - k]
@@ -291,12 +284,12 @@ def _sagging(start: float, change: float, bow: float) -> tuple[float, float]:
 
 
 @jit
-def _apart(spheres: LinkSpheres, obstacles: Obstacles, s: int, k: int, time: float,
-           centres: np.ndarray, point: np.ndarray, normal: np.ndarray) -> float:
+def _apart(spheres: LinkSpheres, obstacles: Obstacles, s: int, k: int, centres: np.ndarray,
+           point: np.ndarray, normal: np.ndarray) -> float:
     """Return the clearance of a pair; write the point before it, and the steepest ascent."""
     if k >= 0:
         for r in range(3):
-            point[r] = centres[s, r] - time * obstacles.velocity[k, r]
+            point[r] = centres[s, r]
         return distance(obstacles, k, point, normal) - spheres.radius[s]
     square = 0.0
     for r in range(3):

@@ -17,9 +17,9 @@ from adaptive_blf_control.control.safety_filter import FilterSample
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.control.settings import ControllerSettings
 from adaptive_blf_control.errors import ParameterError, SetViolation
-from adaptive_blf_control.limits.filter_step import IDLE, SOFTENED
+from adaptive_blf_control.limits.filter_step import ACTIVE, IDLE, SOFTENED
 from adaptive_blf_control.limits.limit_constraints import ClearanceConstraint
-from adaptive_blf_control.limits.link_spheres import LinkSpheres
+from adaptive_blf_control.limits.link_spheres import LinkSpheres, sphere_centres
 from adaptive_blf_control.limits.obstacles import sphere
 from adaptive_blf_control.limits.safety_filter import LimitsFilter
 from adaptive_blf_control.limits.scene import own_pairs, scene_of
@@ -183,6 +183,8 @@ def test_an_obstacle_that_comes_is_kept_away_from_and_a_silence_stops_the_path()
         controller.update(0.002 * k, np.zeros(3), np.zeros(3), arm.nominal)
     assert filter_.report.clearance < min(before, 0.25)
     assert filter_.constraints[1].scene.obstacles.velocity[-1].tolist() == [-1.0, 0.0, 0.0]
+    assert filter_.constraints[1].bounded(_state(np.zeros(3))).margin().min() == (
+        filter_.report.clearance)
     assert filter_.complaint == ''
     for k in range(3, 400):  # nothing is heard for longer than half a second
         controller.update(0.002 * k, np.zeros(3), np.zeros(3), arm.nominal)
@@ -192,6 +194,69 @@ def test_an_obstacle_that_comes_is_kept_away_from_and_a_silence_stops_the_path()
     controller.update(0.8, np.zeros(3), np.zeros(3), arm.nominal)
     assert filter_.complaint == ''
     assert filter_.report.clearance == before
+
+
+def overrun(govern, ball, velocity, duration, rests=False, **obstacles):
+    """Let a sphere come at an arm that is to hold its posture; return what was near.
+
+    Returns:
+        The least distance from the sphere and from what stands [m], and the largest |e1| [rad].
+    """
+    arm, settings, _ = made(**obstacles)
+    settings = settings.replace(limits={'govern': govern})
+    controller = Controller(arm, settings, k1=100.0, k2=[6.0, 6.0, 3.0], start=np.zeros(3))
+    filter_, truth = controller.safety_filter, arm.dynamics(1.05 * arm.nominal)
+    still, spheres = scene_of(arm, settings.limits), scene_of(arm, settings.limits).spheres
+    q, qd, least, error = np.zeros(3), np.zeros(3), np.full(2, np.inf), 0.0
+    for k in range(round(duration / 0.002)):
+        t, place = 0.002 * k, np.array(ball) + 0.002 * k * np.array(velocity)
+        output = controller.update(t, q, qd, arm.nominal)
+        if k % 10 == 1:
+            filter_.see({'ball': sphere(place.tolist(), 0.08)}, frozenset())
+        error = max(error, np.abs(output.e1).max())
+        torque = np.clip(arm.X(q, 0.0 * q, 0.0 * q, 0.0 * q) @ arm.nominal - 8.0 * qd,
+                         -LIMIT, LIMIT) if rests else output.torque
+        if rests:  # an arm that is told to stand, by whatever law
+            torque = filter_.filtered(FilterSample(t + 0.001, q, qd, torque, -LIMIT, LIMIT))
+        q, qd = truth.advance(q, qd, torque, 0.002)
+        centres = sphere_centres(still.chain, spheres, q)
+        apart = np.linalg.norm(centres - place, axis=1) - spheres.radius - 0.08
+        least = np.minimum(least, [apart.min(), ClearanceConstraint(still).bounded(
+            _state(q)).margin().min()])
+    return (*least, error)
+
+
+def test_reference_and_arm_give_way_to_a_sphere_that_comes():
+    from_side = ([0.5, -0.6, 0.4], [0.0, 0.3, 0.0], 2.5)
+    comes, _, error = overrun(True, *from_side, spheres=[5.0, 5.0, 5.0, 0.1])
+    assert 0.0 < comes < 0.15
+    assert error < 0.05
+
+
+def test_the_filter_alone_gives_way_to_a_sphere_that_comes():
+    from_side = ([0.5, -0.6, 0.4], [0.0, 0.3, 0.0], 2.5)
+    comes, _, _ = overrun(False, *from_side, rests=True, spheres=[5.0, 5.0, 5.0, 0.1])
+    assert 0.0 < comes < 0.05
+
+
+def test_between_a_table_and_a_sphere_that_comes_the_arm_gives_way_along_the_table():
+    table = {'half_spaces': [0.0, 0.0, 0.28, 0.0, 0.0, 1.0]}
+    comes, stands, error = overrun(True, [0.5, 0.03, 0.9], [0.0, 0.0, -0.2], 2.2, **table)
+    assert comes > 0.0
+    assert 0.0 < stands < 0.06
+    assert error < 0.05
+
+
+def test_between_two_that_come_nothing_else_gives_way():
+    _, _, filter_ = made(spheres=[])
+    state = FilterSample(0.0, np.zeros(3), np.zeros(3), np.zeros(3), -LIMIT, LIMIT)
+    for k in range(3):
+        filter_.filtered(state._replace(t=0.01 * k))
+        filter_.see({side: sphere([0.8, side * (0.25 - 0.01 * k), 0.4], 0.08)
+                     for side in (-1.0, 1.0)}, frozenset())
+    filter_.filtered(state._replace(t=0.03))
+    assert filter_.report.kind == ACTIVE
+    assert 0.0 < filter_.report.clearance < 0.1
 
 
 def test_what_is_watched_is_the_worst_since_the_last_call():

@@ -153,21 +153,6 @@ def test_two_spheres_of_links_count_as_they_come_together(chain):
     assert closest < 0.01
 
 
-def test_an_obstacle_that_moves_counts_where_it_will_be(chain):
-    spheres = link_spheres_along(chain, 0.08)
-    rolling = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    place = sphere_centres(chain, spheres, NONE)[-1] + [0.24, 0.0, 0.0]
-    still = found_on(chain, spheres, NONE, rolling, NONE,
-                     obstacles=joined([sphere(place, 0.1)]))[0]
-    coming = found_on(chain, spheres, NONE, rolling, NONE,
-                      obstacles=joined([sphere(place, 0.1, (-0.2, 0.0, 0.0))]))[0]
-    leaving = found_on(chain, spheres, NONE, rolling, NONE,
-                       obstacles=joined([sphere(place, 0.1, (0.2, 0.0, 0.0))]))[0]
-    # It moves for the quarter of a second that joint 1 takes to stand.
-    assert still[-1] - 0.06 < coming[-1] < still[-1] - 0.03
-    assert leaving[-1] >= still[-1] - 1e-3
-
-
 def off_the_line(path, t, postures, joint):
     """Return how far a joint is from the straight line of a piece, and how far it may be.
 
