@@ -92,6 +92,19 @@ def test_a_posture_that_leaves_little_torque_is_passed_with_a_rate_that_changes_
     assert pace.time > 4.0  # over the top and on
 
 
+def test_the_path_slows_down_in_time_where_its_rate_may_change_less_later_on():
+    """Past the top, where little torque is left to slow down with, the way turns sharply."""
+    arm, known = Pendulum(), Prior(np.ones(1), np.full((1, 1), 0.01))
+    pace = Pace(arm, known, np.full(1, 20.0), np.full(1, 1.35 / 0.85))
+    swing = SumOfSinusoids(np.full(1, 0.5 * np.pi), np.full((1, 1), 0.5), np.full((1, 1), 2.0),
+                           np.full((1, 1), -0.5 * np.pi))
+    for k, (point, _) in enumerate(followed(pace, swing, steps=5000)):
+        acceleration = pace.rate ** 2 * point.acceleration + pace.change * point.velocity
+        torque = np.abs(arm.X(point.position, 0.0, 0.0, acceleration))
+        assert k < 500 or (torque <= 1.35).all()
+    assert pace.time > 2.0
+
+
 def test_the_loop_slows_down_instead_of_leaving_a_set(repository):
     run = blf.simulate(repository / 'config' / 'two_link.yaml', 1.5, arm_driver={
         'initial_velocity': [0.0]}, controller={'safety_filter': 'limits', 'limits': {
