@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from adaptive_blf_control.bench import limits_picture
-from adaptive_blf_control.bench.limits_cases import Case, cases
+from adaptive_blf_control.bench.limits_cases import Case, cases, DURATION
 from adaptive_blf_control.bench.limits_runs import run_of, RunFigures
 from adaptive_blf_control.configuration.parameter_file import load_yaml
 
@@ -26,8 +26,8 @@ TITLES = ('arm, plant', 'case', 'law', 'runs',
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare ``--limits-*``."""
-    parser.add_argument('--limits-seconds', type=float, default=8.0, metavar='S',
-                        help='limits: length of a run [s] (default %(default)g)')
+    parser.add_argument('--limits-seconds', type=float, metavar='S',
+                        help='limits: length of a run [s] (default: 8, 10 of random scenes)')
     parser.add_argument('--limits-only', default='', metavar='TEXT',
                         help='limits: rows whose arm, plant or case contains it')
     parser.add_argument('--limits-seeds', type=int, default=5, metavar='N',
@@ -46,15 +46,16 @@ def run(options: argparse.Namespace) -> None:
     """Print the table, row by row, or draw the picture."""
     if options.limits_png is not None:
         least = limits_picture.draw(options.limits_png, load_yaml(
-            options.config / 'panda_obstacles.yaml'), options.limits_seconds)
+            options.config / 'panda_obstacles.yaml'), options.limits_seconds or DURATION)
         print(f'{options.limits_png}: closest {least[0]:.3f} m alone, {least[1]:.3f} m filtered')
         return
     print('| ' + ' | '.join(TITLES) + ' |\n' + '|---' * len(TITLES) + '|')
     seeds = tuple(range(options.limits_seeds))
     for case in cases(options.config, seeds, options.limits_scenes):
         if case.seeds and options.limits_only in _title(case):
-            print(row(case, list(runs_of(case, options.config, options.limits_seconds,
-                                         options.limits_runs))), flush=True)
+            duration = options.limits_seconds or case.duration
+            print(row(case, list(runs_of(case, options.config, duration, options.limits_runs))),
+                  flush=True)
 
 
 def _title(case: Case) -> str:

@@ -30,7 +30,7 @@ from adaptive_blf_control.tuning.node_values import node_settings_of
 from adaptive_blf_control.tuning.recipe import recipe
 from adaptive_blf_control.tuning.robot import Robot
 
-__all__ = ['Case', 'cases', 'data_of', 'NO_FILTER', 'with_learning']
+__all__ = ['Case', 'cases', 'data_of', 'DURATION', 'NO_FILTER', 'with_learning']
 
 _LIMITS = 'controller.limits'
 NO_FILTER = {'controller.safety_filter': 'none'}
@@ -44,6 +44,7 @@ _PUSHED = {'Panda': 'panda_link4', 'UR10': 'forearm_link'}
 _TABLE = {'Panda': 0.2, 'UR10': 0.0}
 _BOTH = 'governor and filter'
 LEARNED = ', learned'
+DURATION, OF_SCENES = 8.0, 10.0  # of a run [s]
 SPEEDS = ((0.05, 0.2), (0.2, 0.5))  # from which to which a sphere comes [m/s]
 
 
@@ -68,6 +69,7 @@ class Case:
         tight: Whether the safety set is no wider than reference and performance set need.
         learns: Whether the identifier narrows the prior.
         moving: What moves, for each seed.
+        duration: Of a run [s].
     """
 
     name: str
@@ -82,6 +84,7 @@ class Case:
     tight: bool = False
     learns: bool = False
     moving: Callable[[int], MovingSphere | None] = _nothing
+    duration: float = DURATION
 
 
 def cases(config: Path, seeds: tuple[int, ...], scenes: int) -> Iterator[Case]:
@@ -96,7 +99,10 @@ def cases(config: Path, seeds: tuple[int, ...], scenes: int) -> Iterator[Case]:
         return _wrong_masses(config, seed)
 
     for arm in _PUSHED:
-        yield from _arm_cases(arm, seeds)
+        for case in _arm_cases(arm, seeds):
+            yield case
+            if case.law == _BOTH:
+                yield replace(case, plant='mujoco')
     yield Case('masses 10 % off at random, sphere and table', 'Panda', _BOTH, wrong, seeds=seeds)
     yield from _delay_cases()
     yield from _scene_cases(config, tuple(range(scenes)))
@@ -126,8 +132,6 @@ def _arm_cases(arm: str, seeds: tuple[int, ...]) -> Iterator[Case]:
         yield Case(name, arm, _BOTH, _always(there), speed)
         if speed > 1.0:
             yield Case(name + LEARNED, arm, _BOTH, _always(there), speed, learns=True)
-        if speed < 3.0 and there is not _FREE:
-            yield Case(name, arm, _BOTH, _always(there), speed, 'mujoco')
     for error, payload in ((0.2, 1.0), (0.3, 3.0)):
         name = f'x 2, prior of {100 * error:.0f} % and {payload:g} kg, which it carries'
         yield from _with_rules(Case(name, arm, _BOTH, _always(_FREE, _heavy(error, payload)), 2.0,
@@ -185,7 +189,7 @@ def _scene_cases(config: Path, numbers: tuple[int, ...]) -> Iterator[Case]:
         ways = (False,) if changes is NO_FILTER else (False, True)
         for learns in ways:
             yield Case(f'random scenes{LEARNED if learns else ""}', 'Panda', law, scene,
-                       seeds=numbers, learns=learns)
+                       seeds=numbers, learns=learns, duration=OF_SCENES)
         for slowest, fastest in SPEEDS:
             def moving(seed: int, slowest: float = slowest,
                        fastest: float = fastest) -> MovingSphere:
@@ -194,7 +198,7 @@ def _scene_cases(config: Path, numbers: tuple[int, ...]) -> Iterator[Case]:
             for learns in ways:
                 yield Case(f'random scenes, a sphere comes at {slowest:g} to {fastest:g} m/s'
                            f'{LEARNED if learns else ""}', 'Panda', law, scene, seeds=numbers,
-                           moving=moving, learns=learns)
+                           moving=moving, learns=learns, duration=OF_SCENES)
 
 
 def data_of(config: Path, case: Case) -> dict[str, Any]:

@@ -15,6 +15,8 @@ from adaptive_blf_control.bench.limits_cases import Case, cases
 from adaptive_blf_control.bench.limits_runs import loop_of, RunFigures, Timed
 from adaptive_blf_control.bench.limits_scenes import moving_sphere, MovingSphere
 from adaptive_blf_control.control.safety_filter import FilterSample
+from adaptive_blf_control.limits.link_spheres import sphere_centres
+from adaptive_blf_control.limits.scene import scene_of
 
 
 def test_every_sample_of_filter_and_governor_is_timed():
@@ -39,6 +41,25 @@ def test_a_sphere_comes_at_the_speed_that_is_asked_for(repository):
         assert moving.velocity[2] == 0.0
         again = moving_sphere(config, 2, slowest, fastest)
         assert all(np.array_equal(one, other) for one, other in zip(moving, again))
+
+
+def test_the_sphere_of_seed_56_leaves_no_posture_of_the_upper_arm_clear(repository):
+    """Joints 1 and 2 alone move the first three spheres of the Panda."""
+    pytest.importorskip('pinocchio')
+    case = next(case for case in cases(repository / 'config', (56,), 1)
+                if 'comes at 0.05' in case.name and case.law != 'law alone')
+    loop = loop_of(case, repository / 'config', 56)
+    scene = scene_of(loop.arm, loop.controller.settings.limits)
+    assert (scene.spheres.body[:3] == 2).all()
+    moving, q = moving_sphere(repository / 'config', 56, 0.05, 0.2), np.zeros(7)
+    lower, upper = loop.controller.safety.lower, loop.controller.safety.upper
+    most = -np.inf
+    for q[0] in np.linspace(lower[0], upper[0], 121):
+        for q[1] in np.linspace(lower[1], upper[1], 61):
+            centres = sphere_centres(scene.chain, scene.spheres, q)[:3]
+            apart = np.linalg.norm(centres - moving.at(3.2), axis=1) - scene.spheres.radius[:3]
+            most = max(most, apart.min() - moving.radius)
+    assert -0.02 < most < -0.005
 
 
 def test_a_sphere_that_moves_is_shown_to_the_filter():
