@@ -35,7 +35,9 @@ __all__ = ['Case', 'cases', 'data_of', 'DURATION', 'NO_FILTER', 'with_learning']
 _LIMITS = 'controller.limits'
 NO_FILTER = {'controller.safety_filter': 'none'}
 _ALONE = {f'{_LIMITS}.govern': False}
-_FREE = {f'{_LIMITS}.obstacles.spheres': [0.0], f'{_LIMITS}.obstacles.half_spaces': [0.0]}
+_FREE = {f'{_LIMITS}.obstacles.spheres': [0.0], f'{_LIMITS}.obstacles.half_spaces': [0.0],
+         'arm_driver.mujoco.fixtures.spheres': [0.0],
+         'arm_driver.mujoco.fixtures.half_spaces': [0.0]}
 _PUSH = {'arm_driver.schedule.time': [3.0, 3.0, 3.0, 3.25, 3.25, 3.25],
          'arm_driver.schedule.value': [0.0, 25.0, 25.0, 0.0, 0.0, 0.0]}
 _RULES: Mapping[str, Mapping[str, Any]] = {

@@ -20,6 +20,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.messages.cdr import decode_float64_array
 from adaptive_blf_control.messages.joint_state import decode_joint_state
 from adaptive_blf_control.messages.topics import (
@@ -416,7 +417,7 @@ def test_shutdown_ends_the_process_with_status_0(processes, graph_of, wait_until
     assert 'Traceback' not in process.text
 
 
-COMPILED = '''
+WHAT_IS_COMPILED = '''
 import sys
 
 import rclpy
@@ -457,8 +458,9 @@ assert after == before, {k: (before.get(k), n) for k, n in after.items() if n !=
 
 
 def test_everything_is_compiled_before_the_first_state_is_answered() -> None:
-    pytest.importorskip('numba')
-    run = subprocess.run([sys.executable, '-c', COMPILED], capture_output=True, text=True,
+    if not COMPILED:
+        pytest.skip('laws run as plain numpy')
+    run = subprocess.run([sys.executable, '-c', WHAT_IS_COMPILED], capture_output=True, text=True,
                          timeout=PATIENCE)
     assert run.returncode == 0, run.stdout + run.stderr
 
