@@ -68,6 +68,9 @@ class ObstacleSettings(Settings, where='controller.limits.obstacles'):
         'base_link', 'Frame of the markers on controller/obstacles: that of the base of the arm.')
     speed: float = parameter(
         1.0, 'Largest velocity that an obstacle is taken to have.', 'm/s', 0.0, live=True)
+    least_speed: float = parameter(
+        0.02, 'Slower than this an obstacle on controller/obstacles counts as standing: what is '
+        'seen of things that stand moves a little.', 'm/s', 0.0, live=True)
     timeout: float = parameter(
         0.5, 'Without a message on controller/obstacles for this long the reference comes to '
         'rest, where such obstacles are known.', 's', 0.0, exclusive=True, live=True)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Obstacles that somebody else sees: where they are, how fast they move, and when that was.
 
-An obstacle is known by a key until it is taken away. Its velocity is that between the two last
-times it was seen, no larger than ``speed``; it does not turn. Where nothing was heard for
-``timeout`` the obstacles stay where they were seen last, at rest, and the reference is to wait.
+An obstacle is known by a key until it is taken away. Its velocity is the slope of the line through
+the places where it was seen within `WINDOW` (least squares), and none where that is slower than
+what stands may seem to be; it does not turn. Where nothing was heard for a timeout the obstacles
+stay where they were seen last, at rest, and the reference is to wait.
 """
 
 from __future__ import annotations
@@ -13,19 +14,23 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.control.limit_settings import ObstacleSettings
 from adaptive_blf_control.limits.obstacles import joined, Obstacles
 
 __all__ = ['MovingObstacles']
 
+WINDOW = 0.2
+"""How long a place where an obstacle was seen counts for its velocity [s]."""
 SHORTEST, LONGEST = 1e-3, 1.0
 """Times between two sights from which a velocity is taken [s]."""
 
 
 class _Sight(NamedTuple):
-    """An obstacle as it was seen at ``t`` [s]."""
+    """An obstacle as it was seen at ``t`` [s], with the places before, each (t, x, y, z)."""
 
     obstacle: Obstacles
     t: float
+    places: tuple[tuple[float, ...], ...]
 
 
 class MovingObstacles:
@@ -35,15 +40,15 @@ class MovingObstacles:
         heard: When the last message came [s]; None before the first.
     """
 
-    def __init__(self, speed: float, timeout: float) -> None:
-        """Take the largest velocity of an obstacle [m/s], and the timeout [s]."""
-        self._speed, self._timeout = speed, timeout
+    def __init__(self, settings: ObstacleSettings) -> None:
+        """Take the largest and the least velocity of an obstacle and the timeout."""
+        self._settings = settings
         self._seen: dict[Hashable, _Sight] = {}
         self.heard: float | None = None
 
-    def retuned(self, speed: float, timeout: float) -> MovingObstacles:
-        """Return what knows the same, with another largest velocity and timeout."""
-        other = MovingObstacles(speed, timeout)
+    def retuned(self, settings: ObstacleSettings) -> MovingObstacles:
+        """Return what knows the same, with other settings."""
+        other = MovingObstacles(settings)
         other._seen, other.heard = self._seen, self.heard
         return other
 
@@ -59,17 +64,23 @@ class MovingObstacles:
         before = self._seen
         kept = {} if gone is None else {
             key: sight for key, sight in before.items() if key not in gone}
-        self._seen = {**kept, **{key: _Sight(self._moving(before.get(key), obstacle, t), t)
+        self._seen = {**kept, **{key: self._sight(before.get(key), obstacle, t)
                                  for key, obstacle in seen.items()}}
         self.heard = t
 
-    def _moving(self, before: _Sight | None, obstacle: Obstacles, t: float) -> Obstacles:
+    def _sight(self, before: _Sight | None, obstacle: Obstacles, t: float) -> _Sight:
         """Return the obstacle with the velocity since it was seen before."""
+        place = (t, *obstacle.centre[0].tolist())
         if before is None or not SHORTEST <= t - before.t <= LONGEST:
-            return obstacle
-        velocity = (obstacle.centre - before.obstacle.centre) / (t - before.t)
+            return _Sight(obstacle, t, (place,))
+        last = before.places[-1:]
+        places = (*(each for each in before.places[:-1] if t - each[0] <= WINDOW), *last, place)
+        velocity = _slope(np.array(places))
         size = float(np.linalg.norm(velocity))
-        return obstacle._replace(velocity=velocity * min(1.0, self._speed / max(size, 1e-12)))
+        part = min(1.0, self._settings.speed / max(size, 1e-12))
+        if size < self._settings.least_speed:
+            part = 0.0
+        return _Sight(obstacle._replace(velocity=part * velocity[None]), t, places)
 
     def silent(self, t: float) -> bool:
         """Whether something is known but nothing was heard for too long at ``t`` [s].
@@ -77,7 +88,7 @@ class MovingObstacles:
         A clock that was set back says nothing of how long that is: it counts as too long.
         """
         return bool(self._seen) and self.heard is not None and (
-            abs(t - self.heard) > self._timeout)
+            abs(t - self.heard) > self._settings.timeout)
 
     def at(self, t: float) -> Obstacles:
         """Return where they are at ``t`` [s], carried on from where they were seen."""
@@ -87,3 +98,9 @@ class MovingObstacles:
         return joined([sight.obstacle._replace(
             centre=sight.obstacle.centre + (t - sight.t) * sight.obstacle.velocity)
             for sight in self._seen.values()])
+
+
+def _slope(places: np.ndarray) -> np.ndarray:
+    """Return the slope of the line through places, (N, 4) with t first → (3,) [m/s]."""
+    off = places - places.mean(axis=0)
+    return np.asarray(off[:, 0] @ off[:, 1:] / (off[:, 0] @ off[:, 0]))

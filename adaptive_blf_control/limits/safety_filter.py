@@ -77,7 +77,7 @@ class LimitsFilter:
         self.watched = (*(f'{joint}.reserve' for joint in arm.joints), 'clearance',
                         'stop_clearance', 'path_rate', 'path_off', 'kind')
         self._worst: tuple[np.ndarray, tuple[float, ...]] | None = None
-        self._moving = MovingObstacles(0.0, np.inf)
+        self._moving = MovingObstacles(settings.limits.obstacles)
         self._shown: Scene | None = None
         self.model = SetModel(arm, settings.limits.prior)
         self._heard: float | None = None  # when the model was narrowed; None: it is the prior
@@ -95,7 +95,7 @@ class LimitsFilter:
         scene = self._scene = scene_of(self._arm, limits)
         self._shown = None
         self._margin = limits.obstacles.margin
-        self._moving = self._moving.retuned(limits.obstacles.speed, limits.obstacles.timeout)
+        self._moving = self._moving.retuned(limits.obstacles)
         self.constraints: tuple[Constraint, ...] = (
             VelocityConstraint(self._arm.joints, self.limits.speed),)
         if scene.spheres.radius.size:

@@ -98,6 +98,7 @@ NEW: dict[str, dict[str, Any]] = {
         'limits.obstacles.boxes': [0.5, 0.0, 0.5, 0.1, 0.1, 0.1],
         'limits.obstacles.half_spaces': [0.0, 0.0, 0.1, 0.0, 0.0, 1.0],
         'limits.obstacles.speed': 0.5, 'limits.obstacles.timeout': 0.2,
+        'limits.obstacles.least_speed': 0.05,
         'limits.self_collision': True,
     },
     'recorder': {},
