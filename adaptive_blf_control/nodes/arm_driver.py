@@ -250,14 +250,22 @@ class ArmDriver(SteppedDriver):
             self.faults.report('no commands', (
                 f'no command for {settings.command_timeout:g} s: '
                 f'{settings.timeout_action} torque'), orderly=self.count_publishers(COMMANDS) == 0)
-        self.send_state(due_ns + self._offset_ns, effort.torque, effort.interval)
+        stamp_ns = due_ns + self._offset_ns
+        data = self._codec.encode(stamp_ns, *self.plant.measure(effort.torque, effort.interval))
+        # A process that was stopped meanwhile would send an old state as if it were new.
+        if time.monotonic_ns() - due_ns > settings.command_timeout * 1e9:
+            self.faults.drop('state that was held up', 'the next one is sent in its place')
+        else:
+            self._send(stamp_ns, data)
         self.sampled()
         return True
 
     def send_state(self, stamp_ns: int, effort: np.ndarray, interval: float) -> None:
         """Measure and publish; ``effort`` is the mean torque over the ``interval`` [s] before."""
+        self._send(stamp_ns, self._codec.encode(stamp_ns, *self.plant.measure(effort, interval)))
+
+    def _send(self, stamp_ns: int, data: bytes) -> None:
         self._stamp_ns = stamp_ns
-        data = self._codec.encode(stamp_ns, *self.plant.measure(effort, interval))
         self.round_trips.sent(stamp_ns, time.time_ns())
         self._states.publish(data)
 

@@ -11,6 +11,7 @@ import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -313,6 +314,27 @@ def test_a_command_after_a_stall_does_not_let_the_one_before_act_all_the_while(
     np.testing.assert_array_equal(_arrays(states[-1])[2], 0.0)
     assert 'no command for' in driver.faults.last
     np.testing.assert_allclose(_arrays(state_at(2020.0))[2], 0.7, rtol=1e-12)
+
+
+def test_a_state_that_was_held_up_before_it_could_be_sent_is_not_sent(
+        by_hand, monkeypatch) -> None:
+    driver, state_at, command_at, states = by_hand
+    state_at(0.0)
+    command_at(0.0, 10.0, -4.0)
+    first = state_at(10.0)
+    measure = driver.plant.measure
+
+    def stopped(*given: object) -> object:
+        arm_driver.time.now_ns += 150_000_000  # by SIGSTOP, say
+        return measure(*given)
+
+    with monkeypatch.context() as within:
+        within.setitem(vars(driver.plant), 'measure', stopped)
+        arm_driver.time.now_ns = 5_020_000_000
+        assert driver.catch_up(5_020_000_000)
+    assert driver.faults.drops == {'state that was held up': 1}
+    after = Time.from_msg(state_at(180.0).header.stamp) - Time.from_msg(first.header.stamp)
+    assert after.nanoseconds == 170_000_000
 
 
 def test_an_answer_to_a_state_older_than_command_timeout_is_refused(by_hand) -> None:
