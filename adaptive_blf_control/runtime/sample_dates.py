@@ -40,7 +40,8 @@ class SampleDates:
     """Dates messages without a stamp by the newest state that was published before them.
 
     The time of sending counts, not that of arrival: an answer may arrive at the recorder before
-    the state that it answers. So a message waits until a state sent later has arrived.
+    the state that it answers. So a message waits until a state sent later has arrived, however
+    long the first one takes: what a driver says of itself comes before it.
     """
 
     def __init__(self) -> None:
@@ -65,7 +66,8 @@ class SampleDates:
         newest = self._states[-1][0] if self._states else 0
         for _ in range(len(self._waiting)):
             sent, topic, type_name, data = self._waiting.popleft()
-            if now_ns is None or sent < newest or sent < now_ns - LONGEST_DELIVERY:
+            late = now_ns is None or (newest > 0 and sent < now_ns - LONGEST_DELIVERY)
+            if late or sent < newest:
                 yield Dated(topic, type_name, data, self._date(sent))
             else:
                 self._waiting.append((sent, topic, type_name, data))

@@ -39,6 +39,14 @@ def test_what_waits_is_dated_after_ten_seconds_and_at_the_end() -> None:
     assert [message.data for message in dates.take()] == [b'zero torque']
 
 
+def test_what_comes_before_the_first_state_waits_for_it_however_long_that_takes() -> None:
+    dates = SampleDates()
+    dates.add(500, 'robot_description', 'type', b'an arm')
+    assert list(dates.take(60 * 10**9)) == []
+    dates.state(61 * 10**9, 7)
+    assert [message.stamp_ns for message in dates.take(62 * 10**9)] == [7]
+
+
 def test_of_several_states_sent_before_a_message_the_newest_is_its_date() -> None:
     dates = SampleDates()
     for k in (1, 2, 3):
