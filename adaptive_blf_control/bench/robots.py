@@ -71,13 +71,14 @@ class Condition(NamedTuple):
 
 
 class Case(NamedTuple):
-    """A run: row, arm, seed, length [s] and suspicion; None: as ``configure`` has it."""
+    """A run: row, arm, seed, length [s], suspicion or None for the file's, part of the load."""
 
     condition: str
     arm: str
     seed: int
     seconds: float
     suspicion: float | None
+    load: float = 1.0
 
 
 class Run(NamedTuple):
@@ -203,6 +204,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help='robots: length of a run [s]; default: what answers the row')
     parser.add_argument('--suspicion', type=float, default=None, metavar='X',
                         help='robots: identifier.change.suspicion; default: as configure has it')
+    parser.add_argument('--load-part', type=float, default=1.0, metavar='X',
+                        help='robots: this part of the load of the rows with one (default 1)')
     parser.add_argument('--results', type=Path, default=None, metavar='FILE',
                         help='robots: append each run to this file, one JSON object a line, and '
                              'take over those that it has')
@@ -218,6 +221,8 @@ def run(options: argparse.Namespace) -> None:
     if options.seeds < 1 or not (seconds is None or seconds > 0.0):
         raise ParameterError('--seeds, --robot-seconds', (options.seeds, seconds),
                              'at least 1, and a time > 0 s')
+    if not 0.0 < options.load_part <= 2.0:
+        raise ParameterError('--load-part', options.load_part, 'a part > 0, at most 2')
     print('| condition | arm | runs | samples outside | of them away from a contact | first [s] | '
           'largest \\|e1\\| of its bound [%] | pred at the end [%] | events: noticed after [ms] | '
           'pred after them [%] | alarms before | found | x real time | |')
@@ -225,7 +230,8 @@ def run(options: argparse.Namespace) -> None:
     for name in options.condition or CONDITIONS:
         for arm_name in options.arm or ARMS:
             cases = [Case(name, arm_name, seed, seconds or CONDITIONS[name].seconds,
-                          options.suspicion) for seed in range(options.seeds)]
+                          options.suspicion, options.load_part)
+                     for seed in range(options.seeds)]
             print(_row_of(CONDITIONS[name].name, arm_name, cases, options.results), flush=True)
 
 
@@ -261,10 +267,10 @@ def _recorded(case: Case, results: Path | None) -> Run:
 
 
 def _run(case: Case) -> Run:
-    name, arm_name, seed, seconds, suspicion = case
+    name, arm_name, seed, seconds, suspicion, part = case
     condition = CONDITIONS[name]
     urdf, joints = ARMS[arm_name]
-    payload = LOADS[arm_name] if name.startswith('load') else 0.0
+    payload = part * LOADS[arm_name] if name.startswith('load') else 0.0
     robot = Robot(delay=0.005, payload=payload, **condition.stated)
     make = partial(arm_with_friction, f'package://{urdf}', joints,
                    coulomb_velocity=sliding_velocity(robot))
@@ -275,6 +281,8 @@ def _run(case: Case) -> Run:
         found = recipe(arm, replace(robot, torque_limit=tuple(found.torque_limit)))
     changes = {'arm_driver.plant': 'mujoco', 'arm_driver.sensors.seed': seed,
                **condition.plant(arm_name, found)}
+    if payload:
+        changes['arm_driver.schedule.value'] = [payload, 0.0]
     if suspicion is not None:
         changes['identifier.change.suspicion'] = suspicion
     if condition.start == 'off':
