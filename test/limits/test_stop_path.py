@@ -120,6 +120,20 @@ def test_no_posture_of_a_stop_is_nearer_than_the_bound(chain, speed):
     assert closest < 0.005  # no empty promise
 
 
+def test_the_way_of_a_link_that_turns_bulges_beyond_its_straight_line():
+    chain = Chain(np.eye(3, 4)[None].copy(), np.array([[0.0, 0.0, 1.0]]), np.zeros(1, dtype=bool),
+                  np.zeros(1, dtype=np.intp), np.arange(1), np.zeros(3))
+    spheres = LinkSpheres(np.array([1]), np.array([[0.8, 0.0, 0.0]]), np.full(1, 0.01))
+    still, braking = np.zeros(1), np.full(1, 2.0)
+    # It turns by 4 rad until it stands, and comes 5 mm near to each of these walls.
+    ways = [np.array([np.cos(x), np.sin(x), 0.0]) for x in np.linspace(0.0, 4.0, 81)]
+    walls = joined([half_space(0.815 * way, -way) for way in ways])
+    found, _, _ = found_on(chain, spheres, still, np.full(1, 4.0), -braking, still, walls,
+                           braking=braking)
+    assert found.max() <= 0.005 + 1e-9
+    assert found.min() > -0.4
+
+
 def test_the_gradient_is_that_of_the_bound(chain):
     random, spheres = np.random.default_rng(1), link_spheres_along(chain, 0.08)
     compared = 0
