@@ -23,7 +23,7 @@ __all__ = ['alone_with', 'cache_folder']
 
 PACKAGE = Path(__file__).parent
 # Where the compiled functions are.
-ROOMS = ('arms', 'control', 'identification', 'limits', 'simulation')
+ROOMS = ('arms', 'control', 'identification', 'limits', 'messages', 'simulation')
 # What checks, names and says things for Python callers; no compiled function has anything of it.
 NEVER_COMPILED = ('bounded_yaml', 'calls', 'errors', 'parameters', 'spelling', 'synonyms',
                   'time_units')

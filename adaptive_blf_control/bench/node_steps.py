@@ -19,7 +19,7 @@ from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.messages.controller_codecs import ControllerCodecs, MonitorStream
 from adaptive_blf_control.messages.identifier_codecs import EstimateStream, HistoryFigures
 from adaptive_blf_control.messages.joint_state import JointStateCodec
-from adaptive_blf_control.messages.joint_state_reader import JointStateReader
+from adaptive_blf_control.messages.usual_joint_state import UsualJointStateReader
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
 
 __all__ = ['CONTROLLER', 'IDENTIFIER', 'times_of']
@@ -31,7 +31,8 @@ DECIMATION = 10  # the default of ``monitor_decimation``
 class _ControllerStep:
     def __init__(self, loop: ClosedLoop) -> None:
         self._controller, arm = loop.controller, loop.arm
-        self._reader, self._torque = JointStateReader(arm.joints), Float64MultiArrayCodec(arm.n)
+        self._reader = UsualJointStateReader(arm.joints)
+        self._torque = Float64MultiArrayCodec(arm.n)
         self._codecs = ControllerCodecs(arm.joints, arm.parameters,
                                         loop.controller.constraints.names)
         self._monitors, self._gate = MonitorStream(self._codecs), StateGate(arm.joints)
@@ -52,14 +53,14 @@ class _ControllerStep:
 class _IdentifierStep:
     def __init__(self, identifier: Identifier) -> None:
         self._identifier, arm = identifier, identifier.arm
-        self._reader = JointStateReader(arm.joints)
+        self._reader = UsualJointStateReader(arm.joints)
         self._stream = EstimateStream(arm.parameters, arm.joints, DECIMATION)
 
     def answer(self, data: bytes, term: np.ndarray) -> np.ndarray:
         """Return θ̂, shape (m,), after encoding what is published."""
         identifier, stack = self._identifier, self._identifier.stack
         stamp, q, qd, tau = self._reader.read(data)
-        theta = identifier.update(stamp * 1e-9, q, qd, tau, term)
+        theta = identifier.take(stamp * 1e-9, q, qd, tau, term)
         self._stream.messages(stamp, theta, stack.insertions, lambda: HistoryFigures(
             stack.rank, stack.sigma_min, identifier.excitation),
             lambda: identifier.external_torque)
@@ -91,6 +92,6 @@ def _times(loop: ClosedLoop, samples: int) -> Iterator[tuple[float, float]]:
         between = time.thread_time_ns()
         estimate = identifier.answer(message, term)
         yield 1e-3 * (between - begin), 1e-3 * (time.thread_time_ns() - between)
-        theta, term = theta if loop.known is not None else estimate, following.copy()
+        theta, term = theta if loop.known is not None else estimate.copy(), following.copy()
         plant.apply(torque)
         plant.advance(loop.period)

@@ -236,9 +236,25 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
         term = self._no_term if adaptation_term is None else checked_array(
             'adaptation_term', adaptation_term, self._no_term.shape, self.arm.parameters)
         t, q, qd, tau = self._checked(t, q, qd, tau)
+        return self.take(t, q, qd, tau, term).copy()
+
+    def take(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
+             term: np.ndarray | None) -> np.ndarray:
+        """Take a sample as :meth:`update` does; θ̂ is in an array that the next one changes.
+
+        For a node, whose arrays are known to be right: nothing is checked.
+
+        Args:
+            t: Time of the sample [s].
+            q: Positions, shape (n,) [rad]; contiguous float64, as the other arrays.
+            qd: Velocities, shape (n,) [rad/s].
+            tau: Mean torque over the interval that ends at ``t``, shape (n,) [N·m].
+            term: Xᵀe2 held over that interval, shape (m,), None for zero.
+        """
         self._intervals.take(t, self._settings.filter.gap)
-        self._parts.take(t, q, qd, tau, term)
-        return self._present_theta()
+        self._parts.take(t, q, qd, tau, self._no_term if term is None else term)
+        theta: np.ndarray = self._parts.state.learner.theta
+        return theta
 
     @checked_call
     def learn(self, t: Any, q: Any = None, qd: Any = None, tau: Any = None) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from adaptive_blf_control.arms.regressors import ArmInPython, arrays_of
-from adaptive_blf_control.compiled import handle, uncompiled
+from adaptive_blf_control.compiled import entry_for, handle, uncompiled
 from adaptive_blf_control.identification.algorithm_1 import arrays_of_stack
 from adaptive_blf_control.identification.artificial_noise import NoisyHistory
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor, ResidualMonitor
@@ -74,6 +74,9 @@ class RunningParts:
         compiled: Whether the step is one compiled function.
     """
 
+    _made: Any  # what compiled functions get, and the machine code that takes a sample
+    _entry: Any
+
     def __init__(self, make: PartMaker, settings: IdentifierSettings) -> None:
         """Start without a sample and without a pair."""
         arm = make.arm
@@ -118,7 +121,7 @@ class RunningParts:
             self.arm, ArmInPython)
         self.compiled = observes and arrays is not None
         self._learns = arrays is not None
-        self._made: Any = None
+        self._made = self._entry = None
 
     def _limits(self) -> PositionLimits:
         settings = self._settings
@@ -141,7 +144,7 @@ class RunningParts:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy or a pickle takes: all but the handle, which it makes again."""
-        return {**self.__dict__, '_made': None}
+        return {**self.__dict__, '_made': None, '_entry': None}
 
     @property
     def _handle(self) -> Any:
@@ -170,10 +173,12 @@ class RunningParts:
 
     def take(self, t: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray,
              term: np.ndarray) -> None:
-        """Filter one sample and learn from it, see `identifier_step`."""
+        """Filter one sample and learn from it, see `identifier_step`; no type is looked at."""
         self._follow_stack()
         if self.compiled:
-            take_sample(self._handle, t, q, qd, tau, term)
+            if self._entry is None:
+                self._entry = entry_for(take_sample, self._handle, t, q, qd, tau, term)
+            self._entry(self._handle, t, q, qd, tau, term)
             return
         dt = self.observe(t, q, qd, tau)
         if dt > 0.0:

@@ -92,4 +92,4 @@ class Intervals:
                      'after which the filters restart: nothing is learned'
                      + (f'; {question(unit)}' if unit != 's' else
                         f"; retune(filter={{'gap': {3.0 * interval:.2g}}}) passes over it"))
-        warnings.warn(self.note, stacklevel=4)  # where `update` of an identifier is called
+        warnings.warn(self.note, stacklevel=5)  # where `update` of an identifier is called

@@ -13,6 +13,7 @@ from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.guarantee import Guarantee
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 from adaptive_blf_control.messages.topics import BARRIER, REFERENCE, RESERVE, TRACKING_ERROR
+from adaptive_blf_control.messages.usual_joint_state import StandingJointStateCodec
 
 __all__ = ['ControllerCodecs', 'MonitorStream', 'margin_names', 'guarantee_names']
 
@@ -39,10 +40,10 @@ class ControllerCodecs:
 
         The ``frame_id`` of the adaptation term is the ``label`` of who sends it.
         """
-        self._term = JointStateCodec(parameters, label, fields=('position',))
+        self._term = StandingJointStateCodec(parameters, label, fields=('position',))
         # y_d, its velocity, and its acceleration [rad/s²] in the third array, effort.
         self._reference = JointStateCodec(joints)
-        self._error = JointStateCodec(joints, fields=('position', 'velocity'))
+        self._error = StandingJointStateCodec(joints, fields=('position', 'velocity'))
         self._margins = JointStateCodec(margin_names(margins), fields=('position',))
         self._guarantee = JointStateCodec(guarantee_names(joints), fields=('position',))
 

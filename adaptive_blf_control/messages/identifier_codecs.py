@@ -26,6 +26,7 @@ from adaptive_blf_control.messages.topics import (
     PAYLOAD_STD,
     THETA_HAT,
 )
+from adaptive_blf_control.messages.usual_joint_state import StandingJointStateCodec
 
 __all__ = ['BoundsReader', 'EstimateStream', 'HistoryFigures', 'ParameterSetCodec',
            'PayloadStream']
@@ -55,7 +56,7 @@ class EstimateStream:
 
         The ``frame_id`` of an estimate is the ``label`` of who sends it.
         """
-        self._theta = JointStateCodec(parameters, label, fields=('position',))
+        self._theta = StandingJointStateCodec(parameters, label, fields=('position',))
         self._external = JointStateCodec([*joints, *(f'{joint}.bound' for joint in joints)],
                                          fields=('position',))
         self._history = HistoryPublication()

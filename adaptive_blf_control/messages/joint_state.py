@@ -96,11 +96,12 @@ class JointStateCodec:
         head += bytes(align(len(head), 4) - len(head)) + struct.pack('<I', len(self.names))
         for name in self.names:
             head += bytes(align(len(head), 4) - len(head)) + encode_string(name, 'joint name')
-        self._buffer, offsets = self._append_arrays(head)
-        self._lengths = tuple(0 if offset is None else len(self.names) for offset in offsets)
+        self._buffer, self._offsets = self._append_arrays(head)
+        self._lengths = tuple(0 if offset is None else len(self.names)
+                              for offset in self._offsets)
         self._views = [None if offset is None else
                        np.frombuffer(self._buffer, '<f8', len(self.names), offset)
-                       for offset in offsets]
+                       for offset in self._offsets]
 
     def _append_arrays(self, head: bytearray) -> tuple[bytearray, list[int | None]]:
         """Append counts and room for the numbers; return where each field's numbers start."""

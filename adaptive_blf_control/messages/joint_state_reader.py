@@ -18,7 +18,7 @@ from adaptive_blf_control.messages.joint_state import (
     refuse_duplicates,
 )
 
-__all__ = ['JointStateReader']
+__all__ = ['JointStateReader', 'Layout']
 
 _DOUBLE = np.dtype('<f8')
 _LITTLE_ENDIAN = b'\0\1'
@@ -27,7 +27,7 @@ _FRAME_OFFSET = HEADER_SIZE + STAMP.size
 _MAX_LAYOUTS = 8
 
 
-class _Layout(NamedTuple):
+class Layout(NamedTuple):
     """What the messages of one publisher have in common, where its arrays keep their lengths.
 
     A word is 8 bytes. From the first number on all numbers lie on words.
@@ -37,7 +37,7 @@ class _Layout(NamedTuple):
         end: Offset behind the message.
         head: Format of stamp and the three counts.
         counts: Those that the message has to have.
-        begin: Offset of the first number.
+        starts: Offsets of the first numbers of the arrays that are not empty.
         words: Number of words from the first number to the last.
         order: Where our numbers are among the words, shape (k, n) for k arrays that are not
             empty; None where the names are our joints in our order.
@@ -50,14 +50,21 @@ class _Layout(NamedTuple):
     end: int
     head: str
     counts: tuple[int, ...]
-    begin: int
+    starts: tuple[int, ...]
     words: int
     order: np.ndarray | None
     rows: tuple[slice | int | None, ...]
     frame: bytes
 
+    def places(self) -> np.ndarray:
+        """Return the offsets of our numbers, row by row, shape (3 n,); -1 for an empty array."""
+        ours = np.arange(self.words) if self.order is None else self.order
+        found = [None if row is None else self.starts[0] + 8 * ours[row] for row in self.rows]
+        n = next(each.size for each in found if each is not None)
+        return np.concatenate([np.full(n, -1) if each is None else each for each in found])
 
-def _layout(frame: bytes, key: bytes, counts: tuple[int, ...], order: np.ndarray) -> _Layout:
+
+def _layout(frame: bytes, key: bytes, counts: tuple[int, ...], order: np.ndarray) -> Layout:
     """Lay out messages with an array that is not empty.
 
     Args:
@@ -79,7 +86,7 @@ def _layout(frame: bytes, key: bytes, counts: tuple[int, ...], order: np.ndarray
     ours = order.tolist() == list(range(size))
     places = [slice(word, word + n) if ours else row for row, word in enumerate(words)]
     rows = iter(places)
-    return _Layout(key, end, head, counts, starts[0],
+    return Layout(key, end, head, counts, tuple(starts),
                    words[-1] + size, None if ours else np.add.outer(words, order),
                    tuple(next(rows) if count else None for count in counts), frame)
 
@@ -99,7 +106,7 @@ class JointStateReader:
         self.joints = tuple(joints)
         self.source = b''
         refuse_duplicates(self.joints, 'reader')
-        self._layouts: list[_Layout] = []
+        self._layouts: list[Layout] = []
         self._nothing = np.full(len(self.joints), np.nan)
 
     def read(self, data: bytes) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
@@ -121,13 +128,18 @@ class JointStateReader:
                 if (a, b, c) == layout.counts:
                     self.source = layout.frame
                     stamp = sec * NANOSECONDS + nanosec
-                    words = np.frombuffer(data, _DOUBLE, layout.words, layout.begin)
+                    words = np.frombuffer(data, _DOUBLE, layout.words, layout.starts[0])
                     rows = words.copy() if layout.order is None else words.take(layout.order)
                     a, b, c = layout.rows
                     return (stamp, self._nothing.copy() if a is None else rows[a],
                             self._nothing.copy() if b is None else rows[b],
                             self._nothing.copy() if c is None else rows[c])
         return self._read_slowly(data)  # it also finds out what is wrong
+
+    def _keep(self, layout: Layout, data: bytes) -> None:
+        """Keep the layout of a message."""
+        self._layouts.insert(0, layout)
+        del self._layouts[_MAX_LAYOUTS:]
 
     def _read_slowly(self, data: bytes) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         cursor = Cursor(data, 'JointState')
@@ -147,9 +159,7 @@ class JointStateReader:
                 raise BagError(f'JointState.{field} has {len(values)} values for {len(names)} '
                                'names: expected as many, or none')
         if cursor.order == '<' and self.joints and any(counts):
-            self._layouts.insert(0, _layout(frame, data[_FRAME_OFFSET:layout_end], tuple(counts),
-                                            order))
-            del self._layouts[_MAX_LAYOUTS:]
+            self._keep(_layout(frame, data[_FRAME_OFFSET:layout_end], tuple(counts), order), data)
         self.source = frame
         return stamp_ns, arrays[0], arrays[1], arrays[2]
 

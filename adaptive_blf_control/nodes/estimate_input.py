@@ -14,8 +14,8 @@ from adaptive_blf_control.configuration.node_settings import ControllerNodeSetti
 from adaptive_blf_control.control.estimate_gate import EstimateGate
 from adaptive_blf_control.control.source_gate import SourceGate
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.topics import THETA_HAT
+from adaptive_blf_control.messages.usual_joint_state import UsualJointStateReader
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.heard_topic import HeardTopic
 from adaptive_blf_control.runtime.status_report import Status
@@ -40,7 +40,7 @@ class EstimateInput:
                                  limit_of(node.settings, arm))
         self.wanted = False
         self._node = node
-        self._reader = JointStateReader(arm.parameters)
+        self._reader = UsualJointStateReader(arm.parameters)
         self.heard = HeardTopic(node, THETA_HAT, SourceGate('estimate'), lambda: OLD_ESTIMATE)
         self._received_at: float | None = None  # monotonic [s]
 

@@ -182,11 +182,11 @@ class IdentifierNode(DataNode[IdentifierNodeSettings]):
         if self._zero_ns is None:
             self._zero_ns = stamp  # seconds since 1970 as a double would cost 2e-7 s of precision
         t = (stamp - self._zero_ns) * 1e-9
-        theta = self.identifier.update(t, q, qd, tau, self.terms.held(stamp))
+        theta = self.identifier.take(t, q, qd, tau, self.terms.held(stamp))
         self.payload.observe(stamp, t, self.identifier)
         self.parameter_set.observe(stamp, t, self.identifier)
         if self.handover is not None:
-            self.handover.estimates.append((stamp, theta))
+            self.handover.estimates.append((stamp, theta.copy()))
             self._stream.estimate_decimation = handed_over_decimation(self)
         self._publish(stamp, theta)
         self.model.observe(stamp, t)

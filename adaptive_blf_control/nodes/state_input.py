@@ -12,9 +12,9 @@ import numpy as np
 from adaptive_blf_control.control.refusal import Refusal
 from adaptive_blf_control.control.source_gate import SourceGate
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.stamp import STAMP_LIMIT
 from adaptive_blf_control.messages.topics import JOINT_STATES
+from adaptive_blf_control.messages.usual_joint_state import UsualJointStateReader
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.heard_topic import HeardTopic
 from adaptive_blf_control.runtime.message_age import MessageAge
@@ -57,7 +57,7 @@ class StateInput:
         self.heard = HeardTopic(node, JOINT_STATES, SourceGate('joint state'), timeout,
                                 others_belong=True)
         self._node = node
-        self._reader = JointStateReader(joints)
+        self._reader = UsualJointStateReader(joints)
         self._timeout = timeout
         self._age = MessageAge()
 

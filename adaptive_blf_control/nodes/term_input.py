@@ -11,8 +11,8 @@ from adaptive_blf_control.compiled import all_finite
 from adaptive_blf_control.configuration.node_settings import IdentifierNodeSettings
 from adaptive_blf_control.control.source_gate import SourceGate
 from adaptive_blf_control.errors import BagError
-from adaptive_blf_control.messages.joint_state_reader import JointStateReader
 from adaptive_blf_control.messages.topics import ADAPTATION_TERM
+from adaptive_blf_control.messages.usual_joint_state import UsualJointStateReader
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.data_topics import QUEUE_DEPTH
 from adaptive_blf_control.runtime.heard_topic import HeardTopic
@@ -35,7 +35,7 @@ class TermInput:
         self.terms: deque[tuple[int, np.ndarray]] = deque(maxlen=QUEUE_DEPTH)
         self._node = node
         all_finite(np.zeros(len(parameters)))  # compile here, not between two samples
-        self._reader = JointStateReader(parameters)
+        self._reader = UsualJointStateReader(parameters)
         self.heard = HeardTopic(node, ADAPTATION_TERM, SourceGate('adaptation term'),
                                 lambda: node.settings.adaptation_term_timeout)
 

@@ -270,3 +270,19 @@ def test_a_huge_torque_beside_a_normal_motion_is_dropped_and_the_estimate_stays(
     result.update(t, q, qd, tau + 1e9)
     assert result.dropped == drops(**{'too large': 1})
     assert result.theta is theta
+
+
+def test_take_gives_the_estimate_of_update_in_an_array_that_the_next_sample_changes():
+    random = np.random.default_rng(3)
+    asked, taken = (Identifier(ARM, history={'size': 10}, filter={'settle': 0.0})
+                    for _ in range(2))
+    places = []
+    for k in range(30):
+        q, qd, tau = random.normal(size=(3, ARM.n))
+        term = random.normal(size=ARM.m)
+        theta = asked.update(1e-3 * k, q, qd, tau, term)
+        places.append(taken.take(1e-3 * k, q, qd, tau, term))
+        assert places[-1].tobytes() == theta.tobytes()
+    assert all(place is places[0] for place in places)
+    assert np.any(places[0])
+    assert taken.take(1.0, q, qd, tau, None).tobytes() == asked.update(1.0, q, qd, tau).tobytes()
