@@ -128,7 +128,12 @@ def test_a_run_begins_with_what_has_learned():
     (lambda: door.simulate(ARM, 0.01, limits={'obstacles': {'spheres': [[1.0, 0.0, 0.0, 0.1]]}}),
      'one flat list of doubles: x, y, z of the centre'),
     (lambda: door.simulate(ARM, 0.01, sensor={'noise': 1e-3}),
-     r"'encoder'; settings are given by name, torque_noise=0\.1, .*encoder_counts"),
+     r"'encoder'; settings are given by name, sensors={'torque_noise': 0\.1}, .*encoder_counts"),
+    (lambda: door.simulate('two_link', 0.01, arm_driver={'schedule': {}}),
+     r"'arm_driver.schedule' is {}: .*it is a group, expected its members by name"),
+    (lambda: door.simulate('two_link', 0.01, sensors={}), r"'sensors' is {}: .*it is a group"),
+    (lambda: door.simulate('two_link', 0.01, controller={'limts': {}}), 'mean controller.limits'),
+    (lambda: door.simulate('two_link', 0.01, nosuch={}), r"'nosuch' is {}: no such parameter"),
     (lambda: door.simulate(ARM, 0.01, position_noise=1e-3), 'mean arm_driver.sensors.encoder_co'),
     (lambda: door.simulate(ARM, 0.01, save='run'), r'did you mean bag'),
     (lambda: door.identify(LOG, ARM, regularization=1.0), r'did you mean initial_estimate\?'),
@@ -136,6 +141,11 @@ def test_a_run_begins_with_what_has_learned():
 def test_what_cannot_be_used_is_told_what_is_meant(call, message):
     with pytest.raises(door.ParameterError, match=message):
         call()
+
+
+def test_a_node_without_a_change_runs_as_it_is():
+    run = door.simulate('two_link', 0.01, controller={}, identifier={})
+    assert len(run.t) == 11
 
 
 def test_samples_that_are_not_finite_are_not_laid_at_the_door_of_the_law():

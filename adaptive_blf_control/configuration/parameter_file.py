@@ -124,13 +124,20 @@ def checked_sections(data: Any, name: str, source: object) -> dict[str, Any]:
     return dict(data)
 
 
-def flattened(mapping: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield what nested mappings and settings hold, each value with its dotted name."""
+def flattened(mapping: Mapping[str, Any], prefix: str = '', *,
+              empty: bool = False) -> Iterator[tuple[str, Any]]:
+    """Yield what nested mappings and settings hold, each value with its dotted name.
+
+    Args:
+        mapping: Values, mappings and settings by name.
+        prefix: What the names begin with.
+        empty: Whether a mapping without members is a value.
+    """
     for key, value in mapping.items():
         if isinstance(value, Settings):
             value = value.values()
-        if isinstance(value, Mapping):
-            yield from flattened(value, f'{prefix}{key}.')
+        if isinstance(value, Mapping) and (value or not empty):
+            yield from flattened(value, f'{prefix}{key}.', empty=empty)
         else:
             yield f'{prefix}{key}', value
 
@@ -242,9 +249,14 @@ def apply_changes(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[s
         changes: Values by ``[node.]name``, or nested as in YAML: scalars, integers and arrays
             are taken where a list of doubles is meant, settings where a group is meant, and
             ``(-1.0, 1.0)`` for ``lower`` and ``upper``.
+
+    Raises:
+        UnknownParameter: a group is given without members, which would change nothing.
     """
     changed = copy.deepcopy(dict(data))
-    for name, value in flattened(changes):
+    for name, value in flattened(changes, empty=True):
+        if name in TABLES and value == {}:
+            continue  # a node all of whose parameters stay
         bounds = bounds_of(value) or {}
         if bounds and all(_rows(f'{name}.{end}') for end in bounds):
             for end, bound in bounds.items():
@@ -256,6 +268,8 @@ def apply_changes(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[s
 
 def _change(name: str, value: Any) -> tuple[str, str, Any]:
     """Return the node (``**`` for every one), the parameter and the value that are meant."""
+    if isinstance(value, Mapping) and not value:
+        raise UnknownParameter(name, value, _all_names([]))
     rows = _rows(name)
     return *_place(name), plain(rows[0].kind, value) if rows else value
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a measured log against a model of the arm: gravity and unit of the effort.
+"""Checks of a measured log against a model of the arm: gravity, unit and order of the effort.
 
 All work on filtered pairs Y_f θ = τ_f of a few blocks of the log. θ is what least squares make of
 them for each joint on its own, so that another gain per joint does not disturb.
@@ -8,6 +8,7 @@ them for each joint on its own, so that another gain per joint does not disturb.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.spelling import option, setting
 
 __all__ = ['Observer', 'Pairs', 'filtered_pairs', 'gravity_findings', 'left_over',
-           'unit_findings']
+           'order_findings', 'unit_findings']
 
 ROWS = 1500  # pairs of each joint that least squares see
 EARLIEST, LATEST = 0.05, 0.15  # s, shifts of the effort that are tried
@@ -153,6 +154,35 @@ def unit_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Findi
             yield Finding('unit', name, WARNING, ratio, f'the effort is {ratio:.2g} times what '
                           'the masses of the URDF need: a current in A, or another unit?',
                           gain_of(name) + ' multiplies it by K N·m per unit')
+
+
+def order_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Finding]:
+    """Efforts of two joints that stand in each other's column.
+
+    Args:
+        pairs: Filtered pairs of the arm.
+        arm: The arm.
+        nominal: Filtered torque of the URDF without friction at these rows, (K, n) [N·m].
+    """
+    zero = int(np.flatnonzero(pairs.lags == 0)[0])
+    described, measured = (values - values.mean(axis=0) for values in (
+        nominal, pairs.torques[zero]))
+    sizes = np.linalg.norm(described, axis=0), np.linalg.norm(measured, axis=0)
+    loaded = np.flatnonzero((sizes[0] >= LEAST_TORQUE * np.sqrt(len(described)))
+                            & (sizes[1] > 0.0))
+    alike = (measured.T @ described) / np.maximum(np.outer(sizes[1], sizes[0]), 1e-300)
+    left = np.maximum(1.0 - alike ** 2, 1e-6)  # share of the measured variance
+    for one, other in combinations(loaded.tolist(), 2):
+        exchanged = left[one, other] * left[other, one]
+        as_given = left[one, one] * left[other, other]
+        if min(alike[one, other], alike[other, one]) > 0.8 and exchanged < 0.25 * as_given:
+            yield Finding(
+                'order', arm.joints[one], WARNING, float(exchanged / as_given),
+                f'the effort is like that of joint {arm.joints[other]!r} by the masses of the '
+                f'URDF, and the other way round (correlation {alike[one, other]:.2f} and '
+                f'{alike[other, one]:.2f}; with their own {alike[one, one]:.2f} and '
+                f'{alike[other, other]:.2f})',
+                f'columns {one + 1} and {other + 1} of the effort may be exchanged')
 
 
 def left_over(regressor: np.ndarray, torques: np.ndarray) -> np.ndarray:

@@ -23,8 +23,8 @@ class Finding(NamedTuple):
     """Something about a log that cannot be right, or may not be.
 
     Attributes:
-        check: Which check: velocity, position, motion, effort, effort kind, rate, delay, gravity
-            or unit.
+        check: Which check: velocity, position, motion, effort, effort kind, rate, delay, gravity,
+            order or unit.
         joint: The joint, or None where it concerns all.
         level: `REFUSED` or `WARNING`.
         value: The figure that tells, in the unit that ``text`` names.

@@ -16,6 +16,7 @@ from adaptive_blf_control.identification.dynamic_checks import (
     filtered_pairs,
     gravity_findings,
     Observer,
+    order_findings,
     Pairs,
     unit_findings,
 )
@@ -99,6 +100,7 @@ def _against_model(part: Excerpt, arm: Arm, settings: IdentifierSettings,
     if not described_masses or not hasattr(arm, 'base_count'):
         return
     whole = _described(pairs, arm)
+    yield from order_findings(pairs, arm, whole)
     yield from unit_findings(pairs, arm, whole)
     if weightless is not None:
         lighter = weightless()

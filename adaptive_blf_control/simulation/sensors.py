@@ -188,8 +188,8 @@ def made_sensor(settings: SensorSettings, arm: Arm,
     if isinstance(given, Mapping):
         names = ', '.join(row.name for row in SensorSettings.table())
         raise ParameterError('sensor', given, "a sensor, a class of sensors, or a name such as "
-                             "'encoder'; settings are given by name, torque_noise=0.1, or as "
-                             f"arm_driver={{'sensors': {{...}}}} with {names}")
+                             "'encoder'; settings are given by name, "
+                             f"sensors={{'torque_noise': 0.1}}, with {names}")
     if given is None and settings.model in _OURS:
         sensor = _OURS[settings.model](settings, arm)  # type: ignore[call-arg]
     else:

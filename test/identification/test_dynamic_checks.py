@@ -12,6 +12,7 @@ from adaptive_blf_control.identification.delay_check import delay_findings
 from adaptive_blf_control.identification.dynamic_checks import (
     gravity_findings,
     left_over,
+    order_findings,
     Pairs,
     unit_findings,
 )
@@ -166,6 +167,43 @@ def test_the_unit_of_an_effort_is_judged_where_it_resembles_what_the_masses_need
 def test_the_unit_is_not_judged_where_the_masses_need_next_to_nothing(size, count):
     assert len(list(unit_findings(simple(SWING), ONE, 0.1 * size * SWING[:, None]))) == 0
     assert len(list(unit_findings(simple(9.0 * SWING), ONE, size * SWING[:, None]))) == count
+
+
+def several(torques):
+    """Return pairs without lags and without a regressor, (K, n) torques."""
+    made = np.zeros((*torques.shape, 1))
+    return Pairs(made, torques[None], made, np.zeros(1, dtype=int), 0.01)
+
+
+def exchanged(own, other, *, described=1.0, sign=1.0, joints=3):
+    """Return what is said of joints that measure so much of their own load and of j1's or j0's."""
+    loads = described * np.column_stack([SWING, OTHER, THIRD])[:, :joints]
+    torques = own * loads + other * sign * loads[:, [1, 0, 2][:joints]]
+    return list(order_findings(several(5.0 + torques), ARM, 3.0 + loads))
+
+
+@pytest.mark.parametrize(('own', 'other', 'found'), [
+    (0.0, 1.0, True), (0.0, 0.1, True), (0.5, 1.0, True), (0.8, 1.0, False), (1.0, 0.0, False),
+    (1.0, 0.7, False)])
+def test_efforts_in_each_others_column_are_told_with_both_names(own, other, found):
+    findings = exchanged(own, other)
+    assert [each.joint for each in findings] == ['j0'] * found
+    for each in findings:
+        assert each.text.startswith("the effort is like that of joint 'j1'")
+        assert each.hint == 'columns 1 and 2 of the effort may be exchanged'
+
+
+@pytest.mark.parametrize(('described', 'sign'), [(0.4, 1.0), (1.0, -1.0)])
+def test_efforts_are_not_exchanged_where_the_masses_need_little_or_the_sign_differs(
+        described, sign):
+    assert len(exchanged(0.0, 1.0)) == 1
+    assert exchanged(0.0, 1.0, described=described, sign=sign) == []
+
+
+def test_loads_that_are_alike_are_not_taken_for_exchanged():
+    """Each effort is as near to the load of the other joint as to its own."""
+    loads = np.column_stack([SWING + 0.1 * OTHER, SWING + 0.1 * THIRD])
+    assert list(order_findings(several(np.column_stack([SWING, SWING])), ARM, loads)) == []
 
 
 @pytest.mark.parametrize(('weight', 'described', 'found'), [

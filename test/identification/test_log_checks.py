@@ -297,6 +297,17 @@ def test_a_measured_effort_of_the_opposite_sign_is_found(measured, robot):
 
 
 @pytest.mark.parametrize('robot', ['panda', 'ur10'])
+def test_measured_efforts_of_two_joints_that_are_exchanged_are_found(measured, robot):
+    def exchanged(log):
+        tau = log.tau.copy()
+        tau[:, [1, 2]] = log.tau[:, [2, 1]]
+        return log.replace(tau=tau)
+    found, = (each for each in measured(robot, exchanged) if each.check == 'order')
+    assert found.hint.startswith('columns 2 and 3')
+    assert not [each for each in measured(robot, lambda log: log) if each.check == 'order']
+
+
+@pytest.mark.parametrize('robot', ['panda', 'ur10'])
 def test_a_measured_effort_in_amperes_is_suspected(measured, robot):
     found = measured(robot, lambda log: log.replace(tau=log.tau / 13.0))
     assert 'unit' in {each.check for each in found}
