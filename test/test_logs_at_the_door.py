@@ -157,14 +157,19 @@ def test_what_identify_says_of_a_log_is_noted_by_learn():
     assert identifier.notes == ()
 
 
-def test_what_takes_a_model_is_noted_by_learn_as_well(recwarn):
+@pytest.fixture(scope='module')
+def two_rods():
+    """Return an arm of two rods from a URDF."""
     pytest.importorskip('pinocchio')
-    twice = PENDULUM.replace('</robot>', (
+    return door.load_arm(PENDULUM.replace('</robot>', (
         '<link name="tip"><inertial><mass value="2"/><origin xyz="0.3 0 0"/><inertia ixx="0.1" '
         'ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link><joint name="wrist" '
         'type="continuous"><parent link="rod"/><child link="tip"/><origin xyz="0 0 -0.4"/><axis '
-        'xyz="0 1 0"/></joint></robot>'))
-    arm = door.load_arm(twice)
+        'xyz="0 1 0"/></joint></robot>')))
+
+
+def test_what_takes_a_model_is_noted_by_learn_as_well(two_rods, recwarn):
+    arm = two_rods
     for sign in (1.0, -1.0):
         log = measured(arm)
         identifier = door.Identifier(arm, **SETTINGS)
@@ -174,6 +179,16 @@ def test_what_takes_a_model_is_noted_by_learn_as_well(recwarn):
         assert any('the effort has the sign opposite' in note for note in identifier.notes) == (
             sign < 0.0)
     assert not recwarn.list
+
+
+def test_efforts_that_are_exchanged_are_noted_by_learn_and_by_identify(two_rods):
+    log = measured(two_rods)
+    exchanged = {**log, 'tau': log['tau'][:, ::-1]}
+    identifier = door.Identifier(two_rods, **SETTINGS)
+    identifier.learn(exchanged)
+    findings = door.identify(exchanged, arm=two_rods, **SETTINGS).findings
+    for said in (identifier.notes, tuple(map(str, findings))):
+        assert any('columns 1 and 2 of the effort may be exchanged' in each for each in said)
 
 
 WHOLE = door.read_log(LOG)
