@@ -114,11 +114,23 @@ class RowStore:
         self._used = 0
 
     def table(self) -> np.ndarray:
-        """Return the rows, shape (N, width); no row can be added after that."""
+        """Return the rows, shape (N, width); once, the store is empty then."""
         if self._file is None:
-            return np.concatenate([*self._blocks, self._block[:self._used]])
+            return self._moved()
         self._spill()
         return _mapped(self._file, self._written, self._width)
+
+    def _moved(self) -> np.ndarray:
+        """Return the rows that are in memory, which at no time holds them twice."""
+        table, end = np.empty((len(self), self._width)), 0
+        self._blocks.append(self._block[:self._used])
+        self._blocks.reverse()
+        while self._blocks:
+            block = self._blocks.pop()  # leaves the memory with the next one
+            table[end:end + len(block)] = block
+            end += len(block)
+        self._used = 0
+        return table
 
 
 def keep_rows(table: np.ndarray, keep: np.ndarray) -> np.ndarray:

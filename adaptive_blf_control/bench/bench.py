@@ -24,6 +24,7 @@ from adaptive_blf_control.bench import (
     excitation_figures,
     identifier_steps,
     limits,
+    log_memory,
     node_steps,
     payload,
     rates,
@@ -236,6 +237,8 @@ PARTS = {
     'campaigns': Part('Campaigns', campaigns.run, campaigns.add_options),
     'rates': Part('Rate and latency', rates.run, rates.add_options),
     'limits': Part('The safety filter', limits.run, limits.add_options),
+    'log_memory': Part('Memory beside the size of a log', log_memory.run,
+                       log_memory.add_options, by_name_only=True),
 }
 
 
@@ -244,7 +247,8 @@ def main(args: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='bench', description=__doc__)
     parser.add_argument('parts', nargs='*',
                         help=f'one or more of {", ".join(PARTS)}; default: all but robots, which '
-                        'takes hours, and step_pairs, which takes the history of the repository')
+                        'takes hours, step_pairs, which takes the history of the repository, and '
+                        'log_memory, which takes much of the disk')
     parser.add_argument('--config', type=Path, default=Path('config'), metavar='DIR',
                         help='folder of the scenarios')
     parser.add_argument('--logs', type=Path, metavar='DIR',

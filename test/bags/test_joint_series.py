@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -99,6 +100,20 @@ def test_rows_come_back_from_memory_and_from_the_disk(limit):
     np.testing.assert_array_equal(table, rows)
     keep = rows[:, 0] % 7 != 0
     np.testing.assert_array_equal(keep_rows(table, keep), rows[keep])
+
+
+def test_a_store_keeps_no_copy_of_the_rows_of_its_table():
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        store, row = RowStore(20), np.arange(20.0)
+        for _ in range(25 * row_store.BLOCK_ROWS):  # 16 MB
+            store.append(row)
+        table = store.table()
+        held = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    assert table.nbytes <= held < 1.2 * table.nbytes
 
 
 def test_a_full_disk_is_a_bag_error(monkeypatch):
