@@ -30,10 +30,12 @@ from adaptive_blf_control.bench import (
     rates,
     robots,
     startup,
-    step_pairs,
 )
 from adaptive_blf_control.bench.c_reference import against_c, compiler
+from adaptive_blf_control.bench.commit_pairs import print_pairs
+from adaptive_blf_control.bench.loop_pairs import LOOP_PAIRS
 from adaptive_blf_control.bench.read_back import mujoco_errors
+from adaptive_blf_control.bench.step_pairs import STEP_PAIRS
 from adaptive_blf_control.compilation_notice import announce_compilation
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
@@ -113,7 +115,11 @@ def _steps(options: argparse.Namespace) -> None:
 
 
 def _step_pairs(options: argparse.Namespace) -> None:
-    step_pairs.print_pairs(options.config)
+    print_pairs(STEP_PAIRS, options.config)
+
+
+def _loop_pairs(options: argparse.Namespace) -> None:
+    print_pairs(LOOP_PAIRS, options.config)
 
 
 def _run_json(arguments: list[str]) -> dict[str, Any]:
@@ -224,6 +230,8 @@ PARTS = {
     'steps': Part('Steps of identifier and controller', _steps),
     'step_pairs': Part('Steps of the nodes beside those of d8177d4', _step_pairs,
                        by_name_only=True),
+    'loop_pairs': Part('Closed loop offline beside that of d8177d4', _loop_pairs,
+                       by_name_only=True),
     'against_c': Part('Against C (`two_link`, one thread)', _against_c),
     'startup': Part('Start-up, warm', startup.run, startup.add_options),
     'processes': Part('Four processes, real time (`demo`)', _processes),
@@ -247,8 +255,8 @@ def main(args: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='bench', description=__doc__)
     parser.add_argument('parts', nargs='*',
                         help=f'one or more of {", ".join(PARTS)}; default: all but robots, which '
-                        'takes hours, step_pairs, which takes the history of the repository, and '
-                        'log_memory, which takes much of the disk')
+                        'takes hours, step_pairs and loop_pairs, which take the history of the '
+                        'repository, and log_memory, which takes much of the disk')
     parser.add_argument('--config', type=Path, default=Path('config'), metavar='DIR',
                         help='folder of the scenarios')
     parser.add_argument('--logs', type=Path, metavar='DIR',
