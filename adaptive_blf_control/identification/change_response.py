@@ -323,7 +323,22 @@ def retreat(response: ResponseArrays, monitor: ResidualArrays, history: Pairs,
 @by_type
 def judged(monitor: ChangeMonitor, response: ResponseArrays, history: History, theta: np.ndarray,
            dt: float, regressor: np.ndarray, torque: np.ndarray, settled: bool) -> int:
-    """Return what may be done with a pair, see `respond`; a foreign monitor knows two answers."""
+    """Return what may be done with a pair, see `respond`.
+
+    A foreign monitor says only whether the arm has changed. A contact that is known of is heeded
+    beside it, until the filters have forgotten it.
+    """
+    if response.contact:
+        if response.counts[STATE] != HELD:
+            _enter(response, HELD)
+        response.clock[SINCE] = 0.0
+        return KEEP
+    if response.counts[STATE] == HELD:
+        response.clock[SINCE] += dt
+        if response.clock[SINCE] < response.settling:
+            return KEEP
+        response.counts[CONTACTS] += 1
+        _enter(response, QUIET)
     return FORGET if settled and contradicted(monitor, dt, regressor, torque, history) else LEARN
 
 

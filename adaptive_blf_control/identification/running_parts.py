@@ -129,13 +129,13 @@ class RunningParts:
                                   settings.change.settle * self.memory, self._since_limit)
 
     def _joined_response(self, ours: bool) -> ResponseArrays:
-        """Return the response with its settings; off where history or monitor is not ours."""
+        """Return the response with its settings; no suspicion where a part is not ours."""
         change, memory = self._settings.change, self.memory
         return self._response._replace(
             suspicion=float(change.suspicion) if ours and change.window > 0.0 else 0.0,
             memory=float(memory), settling=float(change.settle * memory),
             patience=float(change.patience),
-            contact=ours and bool(self._settings.known_contact), adapts=bool(change.adapt))
+            contact=bool(self._settings.known_contact), adapts=bool(change.adapt))
 
     @property
     def response(self) -> ResponseArrays:

@@ -210,6 +210,25 @@ def test_settling_at_the_start_and_after_a_change_are_two_parameters():
         assert settle == 0.0 or refilled - first >= 29
 
 
+def test_a_known_contact_teaches_nothing_beside_a_monitor_that_is_not_ours_either():
+    random = np.random.default_rng(0)
+    subject = Identifier(TwoLinkArm(), change_monitor='foreign_parts:Alarm', known_contact=True,
+                         filter={'settle': 0.0}, history={'epsilon': 0.0},
+                         change={'settle': 5.0})
+    before = subject.theta.copy()
+    for k in range(40):
+        subject.update(1e-3 * k, *random.normal(size=(3, 2)), np.ones(subject.arm.m))
+    np.testing.assert_array_equal(subject.theta, before)
+    assert subject.stack.count == 0
+    subject.retune(known_contact=False)
+    counts = []
+    for k in range(40, 100):
+        subject.update(1e-3 * k, *random.normal(size=(3, 2)))
+        counts.append(subject.stack.count)
+    assert counts[3] == 0  # the filters still remember it
+    assert counts[-1] > 0
+
+
 def test_a_suspicion_above_the_threshold_is_refused_by_name():
     with pytest.raises(ParameterError, match=r'identifier\.change\.suspicion'):
         Identifier(TwoLinkArm(), change={'suspicion': 30.0})
