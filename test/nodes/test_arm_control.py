@@ -202,7 +202,7 @@ def test_a_failure_in_learning_is_named_and_the_torque_goes_on(arm, wait_until):
     def fail(*_: Any) -> None:
         raise ZeroDivisionError('on purpose')
 
-    vars(arm.both.identifier.identifier)['update'] = fail  # closed to others
+    vars(arm.both.identifier.identifier)['take'] = fail  # closed to others
     arm.step()  # which takes what was learned from the state before
     theta = arm.both.controller.theta
     for _ in range(3):

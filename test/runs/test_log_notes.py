@@ -14,7 +14,8 @@ ENCODER = {'model': 'encoder', 'torque_noise': 0.1}
 
 @functools.cache
 def learned(duration: float, noisy: bool) -> door.Identification:
-    run = door.simulate('two_link', duration, sensors=ENCODER if noisy else {})
+    changes = {'sensors': ENCODER} if noisy else {}
+    run = door.simulate('two_link', duration, **changes)
     return door.identify(run, run.arm)
 
 
