@@ -91,6 +91,22 @@ def test_a_sound_log_passes(sound, arm):
     refuse([], 'log')
 
 
+def test_one_column_of_effort_for_two_joints_is_refused(sound, arm):
+    twice = sound.replace(tau=sound.tau[:, [0, 0]])
+    assert found(twice, arm) == [('effort', 'elbow', REFUSED, 1.0)]
+    carried = sound.replace(q=sound.q[:, [0, 0]], qd=sound.qd[:, [0, 0]],
+                            tau=sound.tau[:, [0, 0]])  # as two fingers of a gripper
+    assert not any(level == REFUSED for _, _, level, _ in found(carried, arm))
+
+
+def test_a_log_that_was_filled_up_with_repeated_rows_is_told(sound, arm):
+    held = np.arange(len(sound.t)) // 2 * 2
+    filled = sound.replace(q=sound.q[held], qd=sound.qd[held], tau=sound.tau[held])
+    (check, joint, level, part), *_ = [each for each in found(filled, arm) if each[0] == 'rate']
+    assert (check, joint, level) == ('rate', None, WARNING)
+    assert part == pytest.approx(0.5, abs=0.01)
+
+
 @pytest.mark.parametrize(('function', 'level', 'value'), [
     (lambda v: 0.0 * v, REFUSED, 0.0), (lambda v: -v, REFUSED, -1.0),
     (np.rad2deg, REFUSED, 57.3), (lambda v: v * 60.0 / (2.0 * np.pi), REFUSED, 9.55),
