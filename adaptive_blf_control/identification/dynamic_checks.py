@@ -22,7 +22,7 @@ from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.spelling import option, setting
 
 __all__ = ['Observer', 'Pairs', 'filtered_pairs', 'gravity_findings', 'left_over',
-           'order_findings', 'unit_findings']
+           'order_findings', 'turned_gravity', 'unit_findings']
 
 ROWS = 1500  # pairs of each joint that least squares see
 EARLIEST, LATEST = 0.05, 0.15  # s, shifts of the effort that are tried
@@ -154,6 +154,44 @@ def unit_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Findi
             yield Finding('unit', name, WARNING, ratio, f'the effort is {ratio:.2g} times what '
                           'the masses of the URDF need: a current in A, or another unit?',
                           gain_of(name) + ' multiplies it by K N·m per unit')
+
+
+def turned_gravity(pairs: Pairs, nominal: np.ndarray, weight: np.ndarray,
+                   gravity: np.ndarray) -> Finding | None:
+    """Efforts that fit the masses of the URDF with gravity the other way: a base upside down.
+
+    Where the arm is slow, efforts of the wrong sign do so, too; they fit better yet with their own
+    sign turned.
+
+    Args:
+        pairs: Filtered pairs of the arm.
+        nominal: Filtered torque of the URDF without friction at these rows, (K, n) [N·m].
+        weight: What gravity is of it, likewise.
+        gravity: As it was taken, shape (3,) [m/s²].
+    """
+    zero = int(np.flatnonzero(pairs.lags == 0)[0])
+    measured = pairs.torques[zero]
+    loaded = weight.std(axis=0) > np.maximum(LEAST_TORQUE, 0.2 * measured.std(axis=0))
+    if not loaded.any():
+        return None
+    as_told, turned = (_alike(measured[:, loaded], each[:, loaded])
+                       for each in (nominal, nominal - 2.0 * weight))
+    clearly = (1.0 - turned ** 2 < 0.25 * (1.0 - as_told ** 2)).all()
+    if not (clearly and turned.min() > 0.8 and turned.mean() > -as_told.mean()):
+        return None
+    other = ','.join(f'{0.0 - value:g}' for value in gravity)
+    return Finding('gravity', None, WARNING, float(turned.mean()), 'the effort is that of the '
+                   'masses of the URDF with gravity the other way (correlation '
+                   f'{turned.mean():.2f}, as told {as_told.mean():.2f}): is the base mounted '
+                   'upside down?', setting('gravity', f'[{other}]'))
+
+
+def _alike(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the correlation of each column of two signals, (K, n) each → (n,)."""
+    one, other = one - one.mean(axis=0), other - other.mean(axis=0)
+    size = np.linalg.norm(one, axis=0) * np.linalg.norm(other, axis=0)
+    result: np.ndarray = (one * other).sum(axis=0) / np.maximum(size, 1e-300)
+    return result
 
 
 def order_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Finding]:

@@ -18,6 +18,7 @@ from adaptive_blf_control.identification.dynamic_checks import (
     Observer,
     order_findings,
     Pairs,
+    turned_gravity,
     unit_findings,
 )
 from adaptive_blf_control.identification.effort_kind_check import effort_kind_findings
@@ -106,12 +107,22 @@ def _against_model(part: Excerpt, arm: Arm, settings: IdentifierSettings,
         return
     whole = _described(pairs, arm)
     yield from order_findings(pairs, arm, whole)
+    lighter = None if weightless is None else weightless()
+    others = None if lighter is None else filtered_pairs(part, lighter, settings)
+    if others is None:
+        yield from unit_findings(pairs, arm, whole)
+        return
+    weight = whole - _described(others, lighter)
+    turned = turned_gravity(pairs, whole, weight, _gravity_of(arm))
+    if turned is not None:
+        yield turned
+        return
     yield from unit_findings(pairs, arm, whole)
-    if weightless is not None:
-        lighter = weightless()
-        others = filtered_pairs(part, lighter, settings)
-        if others is not None:
-            yield from gravity_findings(pairs, others, arm, whole - _described(others, lighter))
+    yield from gravity_findings(pairs, others, arm, weight)
+
+
+def _gravity_of(arm: Any) -> np.ndarray:
+    return np.array(arm.model.gravity.linear, dtype=float)
 
 
 def _described(pairs: Pairs, arm: Any) -> np.ndarray:

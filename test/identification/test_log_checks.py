@@ -233,6 +233,21 @@ def test_effort_of_the_opposite_sign_is_found(sound, arm):
     assert "gain={'elbow': -1}" in sign[0].hint
 
 
+def test_a_base_that_hangs_upside_down_is_told_from_efforts_of_the_wrong_sign(sound, arm):
+    base, zero = arm.base_count, np.zeros(2)
+    weight = np.array([arm.Y(q, zero, zero)[:, :base] @ arm.nominal[:base] for q in sound.q])
+    hanging = sound.replace(tau=sound.tau - 2.0 * weight)
+    finding, = (each for each in check_log(hanging, arm, SETTINGS,
+                                           lambda: arm_with(gravity=(0.0, 0.0, 0.0)))
+                if each.check in ('gravity', 'unit'))
+    assert finding.joint is None
+    assert 'upside down' in finding.text
+    assert finding.hint == 'gravity=[0,0,9.81]'
+    turned = sound.replace(tau=-sound.tau)
+    assert {each.check for each in check_log(turned, arm, SETTINGS, lambda: arm_with(
+        gravity=(0.0, 0.0, 0.0)))} == {'unit'}
+
+
 def test_effort_without_gravity_is_found_where_gravity_is_to_be_expected(sound, arm):
     base, zero = arm.base_count, np.zeros(2)
     weight = np.array([arm.Y(q, zero, zero)[:, :base] @ arm.nominal[:base] for q in sound.q])
