@@ -21,6 +21,7 @@ from adaptive_blf_control.control.answered import Answered, AnsweredOutput
 from adaptive_blf_control.control.arm_limits import limit_warnings
 from adaptive_blf_control.control.bounded_motion import BoundedMotion
 from adaptive_blf_control.control.control_output import ControlOutput
+from adaptive_blf_control.control.controller_hints import INSTEAD
 from adaptive_blf_control.control.given_parts import (
     given_part,
     given_settings,
@@ -59,21 +60,7 @@ from adaptive_blf_control.time_units import SLOWEST
 __all__ = ['Controller', 'ControlOutput']
 
 
-class Controller(BoundedMotion, settings=ControllerSettings, instead={
-        **dict.fromkeys(('from_yaml', 'from_file', 'from_config', 'load'),
-                        'simulate(file, 0.001).controller is that of a parameter file'),
-        **dict.fromkeys(('publish', 'subscribe', 'spin'),
-                        '`python -m adaptive_blf_control controller` is the node'),
-        **dict.fromkeys(('reset', 'restart', 'start'),
-                        'begin(q, qd) begins another motion, whose time is 0 at its first '
-                        'sample'),
-        **dict.fromkeys(('save', 'to_yaml', 'dump'),
-                        'settings.values() has all that it was made with by name; what is '
-                        'learned is in the Identifier'),
-        '()': 'update(t, q, qd, theta) returns the output, whose torque is to be sent',
-        'theta': 'update is given it: the theta of an Identifier',
-        'gains': 'settings has them, retune(k2=...) changes them',
-        'set_reference': 'retune(t, q, reference=...) changes it'}):
+class Controller(BoundedMotion, settings=ControllerSettings, instead=INSTEAD):
     """Equation (38) (or (34), when θ* is passed as θ̂) inside the sets (7) and (8).
 
     ``safety_filter='limits'`` and ``limits={...}`` keep limits of joints and velocities and a
@@ -240,8 +227,7 @@ class Controller(BoundedMotion, settings=ControllerSettings, instead={
         for name, value in groups.items():
             if value is not None and name not in changes:
                 part = given_part(name, value)
-                groups[name] = (reference_in_arrays(part, self.arm.joints)
-                                if name == 'reference' else part)
+                groups[name] = reference_in_arrays(part, joints) if name == 'reference' else part
         made = controller_parts(wanted, joints)._asdict() if wanted and changes else {}
         for name in groups:
             if any(given.partition('.')[0] == name for given in changes):
