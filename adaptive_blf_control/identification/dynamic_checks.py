@@ -21,8 +21,8 @@ from adaptive_blf_control.identification.running_parts import RunningParts
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.spelling import option, setting
 
-__all__ = ['Observer', 'Pairs', 'filtered_pairs', 'gravity_findings', 'left_over',
-           'order_findings', 'turned_gravity', 'unit_findings']
+__all__ = ['LEAST_TORQUE', 'Observer', 'Pairs', 'filtered_pairs', 'gravity_findings', 'left_over',
+           'likeness', 'order_findings', 'turned_gravity', 'unit_findings']
 
 ROWS = 1500  # pairs of each joint that least squares see
 EARLIEST, LATEST = 0.05, 0.15  # s, shifts of the effort that are tried
@@ -174,7 +174,7 @@ def turned_gravity(pairs: Pairs, nominal: np.ndarray, weight: np.ndarray,
     loaded = weight.std(axis=0) > np.maximum(LEAST_TORQUE, 0.2 * measured.std(axis=0))
     if not loaded.any():
         return None
-    as_told, turned = (_alike(measured[:, loaded], each[:, loaded])
+    as_told, turned = (likeness(measured[:, loaded], each[:, loaded])
                        for each in (nominal, nominal - 2.0 * weight))
     clearly = (1.0 - turned ** 2 < 0.25 * (1.0 - as_told ** 2)).all()
     if not (clearly and turned.min() > 0.8 and turned.mean() > -as_told.mean()):
@@ -186,7 +186,7 @@ def turned_gravity(pairs: Pairs, nominal: np.ndarray, weight: np.ndarray,
                    'upside down?', setting('gravity', f'[{other}]'))
 
 
-def _alike(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def likeness(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return the correlation of each column of two signals, (K, n) each → (n,)."""
     one, other = one - one.mean(axis=0), other - other.mean(axis=0)
     size = np.linalg.norm(one, axis=0) * np.linalg.norm(other, axis=0)

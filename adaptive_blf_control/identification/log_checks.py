@@ -22,6 +22,7 @@ from adaptive_blf_control.identification.dynamic_checks import (
     unit_findings,
 )
 from adaptive_blf_control.identification.effort_kind_check import effort_kind_findings
+from adaptive_blf_control.identification.exchange_check import exchange_finding
 from adaptive_blf_control.identification.finding import (
     even,
     Excerpt,
@@ -106,19 +107,21 @@ def _against_model(part: Excerpt, arm: Arm, settings: IdentifierSettings,
     if not described_masses or not hasattr(arm, 'base_count'):
         return
     whole = _described(pairs, arm)
-    yield from order_findings(pairs, arm, whole)
+    exchanged = list(order_findings(pairs, arm, whole))
+    if not exchanged:
+        moved = exchange_finding(part, arm, settings, _described)
+        exchanged = [] if moved is None else [moved]
+    yield from exchanged
     lighter = None if weightless is None else weightless()
     others = None if lighter is None else filtered_pairs(part, lighter, settings)
-    if others is None:
-        yield from unit_findings(pairs, arm, whole)
-        return
-    weight = whole - _described(others, lighter)
-    turned = turned_gravity(pairs, whole, weight, _gravity_of(arm))
+    weight = whole - (whole if others is None else _described(others, lighter))
+    turned = None if others is None else turned_gravity(pairs, whole, weight, _gravity_of(arm))
     if turned is not None:
         yield turned
         return
     yield from unit_findings(pairs, arm, whole)
-    yield from gravity_findings(pairs, others, arm, weight)
+    if others is not None:
+        yield from gravity_findings(pairs, others, arm, weight)
 
 
 def _gravity_of(arm: Any) -> np.ndarray:

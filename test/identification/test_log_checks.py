@@ -233,6 +233,15 @@ def test_effort_of_the_opposite_sign_is_found(sound, arm):
     assert "gain={'elbow': -1}" in sign[0].hint
 
 
+@pytest.mark.parametrize('fields', [('q', 'qd'), ('q', 'qd', 'tau')])
+def test_positions_in_each_others_columns_are_found(sound, arm, fields):
+    log = sound.replace(**{field: getattr(sound, field)[:, ::-1] for field in fields})
+    finding, = (each for each in check_log(log, arm, SETTINGS) if each.check == 'order')
+    assert (finding.joint, finding.level) == ('shoulder', WARNING)
+    assert ('efforts of it and of joint' in finding.text) == ('tau' in fields)
+    assert finding.hint == 'columns 1 and 2 may be exchanged'
+
+
 def test_a_base_that_hangs_upside_down_is_told_from_efforts_of_the_wrong_sign(sound, arm):
     base, zero = arm.base_count, np.zeros(2)
     weight = np.array([arm.Y(q, zero, zero)[:, :base] @ arm.nominal[:base] for q in sound.q])
