@@ -169,7 +169,7 @@ OBSTACLES = _topic(
     'controller/obstacles', 'visualization_msgs/msg/MarkerArray', '', ('controller',),
     'obstacles that move, with `safety_filter: limits`: spheres, cubes and cylinders in the frame '
     '`limits.obstacles.frame`, each known by `ns` and `id` until it is deleted (`action` 2, or 3 '
-    'for all). Their velocity is taken from two messages. A message with anything that cannot be '
+    'for all). Their velocity is that of the last 0.2 s. A message with anything that cannot be '
     'used is refused as a whole; see [limits.md](limits.md#obstacles-that-move)')
 CLOCK = _topic(
     '/clock', 'rosgraph_msgs/msg/Clock', 'arm_driver', KINDS,
