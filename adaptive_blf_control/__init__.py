@@ -148,9 +148,8 @@ _INSTEAD = {
             'file, Identifier(arm, initial_estimate=file) a saved estimate',
     **dict.fromkeys(('payload', 'load_mass', 'PayloadEstimator'),
                     'simulate(arm, payload=2.0) drives an arm of a URDF that carries 2 kg; the '
-                    'load of a '
-                    'measured robot is estimated by `python -m adaptive_blf_control identify '
-                    '--payload`'),
+                    'load of a measured robot is estimated by `python -m adaptive_blf_control '
+                    'identify --payload`'),
     **dict.fromkeys(('limits', 'obstacles', 'safety_filter', 'SafetyFilter', 'cbf', 'CBF'),
                     "Controller(arm, safety_filter='limits', limits={...}) keeps joint limits, "
                     'velocities and a distance to obstacles'),

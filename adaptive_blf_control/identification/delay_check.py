@@ -70,7 +70,7 @@ def delay_findings(pairs: Pairs, arm: Arm, ranges: np.ndarray) -> Iterator[Findi
     errors = _together(told)
     delays = [delay for error in errors if (delay := _least(pairs, error)) is not None]
     if len(delays) == len(errors) and not EARLY < (mean := float(np.mean(delays))) < LATE:
-        gain = max(_gain(error, _zero(pairs)) for error in errors)
+        gain = max(_gain(error, pairs.zero) for error in errors)
         if gain >= LEAST_GAIN:
             yield _finding(None, mean, gain)
 
@@ -79,10 +79,6 @@ def _together(told: list[_Joint]) -> np.ndarray:
     """Return the logarithms of the error of all joints, (2, lags); friction tells less."""
     return np.average([each.errors for each in told], axis=0,
                       weights=[each.share ** 2 for each in told])
-
-
-def _zero(pairs: Pairs) -> int:
-    return int(np.flatnonzero(pairs.lags == 0)[0])
 
 
 def _gain(error: np.ndarray, place: int) -> float:
@@ -96,7 +92,7 @@ def _joint(pairs: Pairs, arm: Arm, joint: int) -> _Joint | None:
     dry = [place for place, name in enumerate(arm.parameters) if name.startswith(('fc_', 'fs_'))]
     errors = np.array([left_over(columns, torques) for columns in (
         regressor, np.hstack([regressor, pairs.changes[:, joint][:, dry]]))])
-    unshifted = torques[_zero(pairs)]
+    unshifted = torques[pairs.zero]
     size = float(unshifted.std())
     if not errors.min() < LEAST_FIT * size:
         return None

@@ -46,6 +46,17 @@ class Pairs(NamedTuple):
     lags: np.ndarray
     period: float
 
+    @property
+    def zero(self) -> int:
+        """Which of the lags is none."""
+        return int(np.flatnonzero(self.lags == 0)[0])
+
+    @property
+    def measured(self) -> np.ndarray:
+        """τ_f as it was given, shape (K, n) [N·m]."""
+        measured: np.ndarray = self.torques[self.zero]
+        return measured
+
 
 class Observer(Knowledge):
     """The filters of an identifier, which learns nothing."""
@@ -115,10 +126,9 @@ def gravity_findings(pairs: Pairs, weightless: Pairs, arm: Arm,
         arm: The arm.
         nominal: Filtered gravity torque of the URDF at these rows, shape (K, n) [N·m].
     """
-    zero = int(np.flatnonzero(pairs.lags == 0)[0])
-    loaded = nominal.std(axis=0) > np.maximum(LEAST_TORQUE, 0.2 * pairs.torques[zero].std(axis=0))
+    loaded = nominal.std(axis=0) > np.maximum(LEAST_TORQUE, 0.2 * pairs.measured.std(axis=0))
     for joint in np.flatnonzero(loaded):
-        torque = pairs.torques[zero:zero + 1, :, joint]
+        torque = pairs.measured[None, :, joint]
         with_it = left_over(pairs.regressors[:, joint], torque)[0]
         without = left_over(weightless.regressors[:, joint], torque)[0]
         if without < 1.03 * with_it:
@@ -136,16 +146,14 @@ def unit_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Findi
         arm: The arm.
         nominal: Filtered torque of the URDF without friction at these rows, (K, n) [N·m].
     """
-    zero = int(np.flatnonzero(pairs.lags == 0)[0])
     for joint, name in enumerate(arm.joints):
         described, measured = (values - values.mean() for values in (
-            nominal[:, joint], pairs.torques[zero, :, joint]))
+            nominal[:, joint], pairs.measured[:, joint]))
         energy = float(described @ described)
         if energy < len(described) * LEAST_TORQUE ** 2:
             continue
         ratio = float(described @ measured) / energy
-        alike = float(described @ measured) / max(
-            np.sqrt(energy * float(measured @ measured)), 1e-300)
+        alike = float(likeness(measured[:, None], described[:, None])[0])
         if alike < -0.6:
             yield Finding('unit', name, WARNING, ratio, 'the effort has the sign opposite to that '
                           'of what the masses of the URDF need', option(
@@ -169,8 +177,7 @@ def turned_gravity(pairs: Pairs, nominal: np.ndarray, weight: np.ndarray,
         weight: What gravity is of it, likewise.
         gravity: As it was taken, shape (3,) [m/s²].
     """
-    zero = int(np.flatnonzero(pairs.lags == 0)[0])
-    measured = pairs.torques[zero]
+    measured = pairs.measured
     loaded = weight.std(axis=0) > np.maximum(LEAST_TORQUE, 0.2 * measured.std(axis=0))
     if not loaded.any():
         return None
@@ -202,9 +209,8 @@ def order_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Find
         arm: The arm.
         nominal: Filtered torque of the URDF without friction at these rows, (K, n) [N·m].
     """
-    zero = int(np.flatnonzero(pairs.lags == 0)[0])
     described, measured = (values - values.mean(axis=0) for values in (
-        nominal, pairs.torques[zero]))
+        nominal, pairs.measured))
     sizes = np.linalg.norm(described, axis=0), np.linalg.norm(measured, axis=0)
     loaded = np.flatnonzero((sizes[0] >= LEAST_TORQUE * np.sqrt(len(described)))
                             & (sizes[1] > 0.0))

@@ -52,8 +52,7 @@ def effort_kind_findings(pairs: Pairs, part: Excerpt, arm: Arm,
 
 def _errors(pairs: Pairs) -> tuple[float, float]:
     """Return the RMS that least squares leave of the torque of all joints, and its own [N·m]."""
-    zero = int(np.flatnonzero(pairs.lags == 0)[0])
-    torques = pairs.torques[zero:zero + 1]
+    torques = pairs.measured[None]
     left = [left_over(pairs.regressors[:, joint], torques[:, :, joint])[0]
             for joint in range(torques.shape[2])]
     return float(np.linalg.norm(left)), float(np.linalg.norm(torques) / np.sqrt(len(torques[0])))

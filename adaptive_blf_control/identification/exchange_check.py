@@ -52,7 +52,7 @@ def exchange_finding(part: Excerpt, arm: Arm, settings: IdentifierSettings,
         pairs = filtered_pairs(trial, arm, settings, shifted=False)
         if pairs is None:
             return 0.0, 0.0
-        nominal, measured = nominal_of(pairs, arm), pairs.torques[0]
+        nominal, measured = nominal_of(pairs, arm), pairs.measured
         return _mean_likeness(measured, nominal), _mean_likeness(measured[:, order], nominal)
 
     as_given, _ = fit(list(range(n)))

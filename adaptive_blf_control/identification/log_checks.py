@@ -108,20 +108,23 @@ def _against_model(part: Excerpt, arm: Arm, settings: IdentifierSettings,
         return
     whole = _described(pairs, arm)
     exchanged = list(order_findings(pairs, arm, whole))
-    if not exchanged:
-        moved = exchange_finding(part, arm, settings, _described)
-        exchanged = [] if moved is None else [moved]
     yield from exchanged
+    if not exchanged and (
+            moved := exchange_finding(part, arm, settings, _described)) is not None:
+        yield moved
     lighter = None if weightless is None else weightless()
     others = None if lighter is None else filtered_pairs(part, lighter, settings)
-    weight = whole - (whole if others is None else _described(others, lighter))
-    turned = None if others is None else turned_gravity(pairs, whole, weight, _gravity_of(arm))
+    units = unit_findings(pairs, arm, whole)
+    if others is None:
+        yield from units
+        return
+    weight = whole - _described(others, lighter)
+    turned = turned_gravity(pairs, whole, weight, _gravity_of(arm))
     if turned is not None:
         yield turned
         return
-    yield from unit_findings(pairs, arm, whole)
-    if others is not None:
-        yield from gravity_findings(pairs, others, arm, weight)
+    yield from units
+    yield from gravity_findings(pairs, others, arm, weight)
 
 
 def _gravity_of(arm: Any) -> np.ndarray:
