@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.arms.clearance import Clearance
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.errors import SetViolation
-from adaptive_blf_control.experiment.clearance import Clearance
 from adaptive_blf_control.experiment.criterion import condition
 from adaptive_blf_control.experiment.descent import descend
 from adaptive_blf_control.experiment.motion_limits import (

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from adaptive_blf_control.arms.clearance import Clearance
 from adaptive_blf_control.arms.urdf import UrdfArm
-from adaptive_blf_control.experiment.clearance import Clearance
 from adaptive_blf_control.experiment.criterion import criterion
 from adaptive_blf_control.experiment.motion_limits import limit_penalty, MotionLimits
 from adaptive_blf_control.experiment.periodic_motion import PeriodicMotion, rest_basis, series

@@ -9,10 +9,10 @@ import os
 
 import numpy as np
 
+from adaptive_blf_control.arms.clearance import Clearance
 from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.arrays import checked_array, checked_finite
 from adaptive_blf_control.errors import ParameterError, SetViolation
-from adaptive_blf_control.experiment.clearance import Clearance
 from adaptive_blf_control.experiment.design import Task
 from adaptive_blf_control.experiment.motion_limits import MotionLimits
 from adaptive_blf_control.limits.prior import prior_of
