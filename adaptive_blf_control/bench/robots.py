@@ -42,6 +42,7 @@ AGAIN, RECOVERED = 3.0, 2.0  # s after a load, after a release
 GAIN = 0.03  # error of the drives' gain
 ROTOR, DRY = 1e-3, 0.01  # inertia of a rotor [kg m²] and dry friction [N m] over the torque limit
 STATED = 0.2  # part by which the stated inertia of each rotor is wrong, up or down
+EXACT = 1e-8  # part of a torque below which an error is that of the arithmetic
 WEAK = 0.6  # part of the torque that the reference needs
 SENSORS = {'encoder_counts': 200000, 'torque_noise': 0.05}
 LATE = {'arm_driver.actuator.delay': 0.004}
@@ -90,7 +91,8 @@ class Run(NamedTuple):
         left: Time of the first of them [s]; NaN: there is none.
         part: Largest |e1| over its bound.
         pred: Errors of the predicted torque over all joints and of the worst one: at the end,
-            and where the row asks for them before and after an event.
+            and where the row asks for them before and after an event; ``no θ``: of the θ that
+            fits the plant best, at the end.
         noticed: Times from an event to its alarm [s]; NaN: none.
         frozen: Time from the touch until nothing is learned [s]; NaN: it was, all along.
         early: Alarms before the first event.
@@ -170,6 +172,7 @@ CONDITIONS = {
     'wall': Condition('sensors + wall', SENSORS, _wall, seconds=15.0),
     'wall-wide': Condition('sensors + wall, --width 0.3', {**SENSORS, 'width': 0.3}, _wall,
                            seconds=15.0),
+    'wall-load': Condition('sensors + wall, a load stated', SENSORS, _wall, seconds=15.0),
     'weak': Condition('torque limits at 60 %', SENSORS, _weak),
     '500hz': Condition('500 Hz, instantaneous effort', {'rate': 500.0}, _instant),
     'tilted': Condition('base tilted 30°', SENSORS, _tilted),
@@ -224,9 +227,10 @@ def run(options: argparse.Namespace) -> None:
     if not 0.0 < options.load_part <= 2.0:
         raise ParameterError('--load-part', options.load_part, 'a part > 0, at most 2')
     print('| condition | arm | runs | samples outside | of them away from a contact | first [s] | '
-          'largest \\|e1\\| of its bound [%] | pred at the end [%] | events: noticed after [ms] | '
-          'pred after them [%] | alarms before | found | x real time | |')
-    print('|' + '---|' * 14)
+          'largest \\|e1\\| of its bound [%] | pred at the end [%] | no θ is nearer than [%] | '
+          'events: noticed after [ms] | pred after them [%] | alarms before | found | '
+          'x real time | |')
+    print('|' + '---|' * 15)
     for name in options.condition or CONDITIONS:
         for arm_name in options.arm or ARMS:
             cases = [Case(name, arm_name, seed, seconds or CONDITIONS[name].seconds,
@@ -270,7 +274,7 @@ def _run(case: Case) -> Run:
     name, arm_name, seed, seconds, suspicion, part = case
     condition = CONDITIONS[name]
     urdf, joints = ARMS[arm_name]
-    payload = part * LOADS[arm_name] if name.startswith('load') else 0.0
+    payload = part * LOADS[arm_name] if 'load' in name else 0.0
     robot = Robot(delay=0.005, payload=payload, **condition.stated)
     make = partial(arm_with_friction, f'package://{urdf}', joints,
                    coulomb_velocity=sliding_velocity(robot))
@@ -281,7 +285,7 @@ def _run(case: Case) -> Run:
         found = recipe(arm, replace(robot, torque_limit=tuple(found.torque_limit)))
     changes = {'arm_driver.plant': 'mujoco', 'arm_driver.sensors.seed': seed,
                **condition.plant(arm_name, found)}
-    if payload:
+    if name.startswith('load'):
         changes['arm_driver.schedule.value'] = [payload, 0.0]
     if suspicion is not None:
         changes['identifier.change.suspicion'] = suspicion
@@ -309,10 +313,11 @@ def _judged(name: str, done: Any, watch: _Watch, arm: UrdfArm) -> Run:
 
     def pred(at: float) -> tuple[float, float]:
         k = min(int(np.searchsorted(t, at - 1e-9)), t.size - 1)
-        error, scale = measure.rms_against(allowed * done.theta_hat[k], partial(
-            loop.plant.inverse_dynamics, t=float(t[k])))
-        return (float(np.linalg.norm(error) / np.linalg.norm(scale)),
-                float((error / scale).max()))
+        return _all_and_worst(measure.rms_against(allowed * done.theta_hat[k], partial(
+            loop.plant.inverse_dynamics, t=float(t[k]))))
+
+    least = _all_and_worst(measure.least_against(partial(
+        loop.plant.inverse_dynamics, t=float(t[-1]))))
 
     events, touched = _events(name, loop.plant), loop.plant.touched
     asked = {'end': float(t[-1])}
@@ -335,11 +340,17 @@ def _judged(name: str, done: Any, watch: _Watch, arm: UrdfArm) -> Run:
     return Run(int(done.figures['set_violations']), int(away.sum()),
                float(t[out][0]) if out.any() else np.nan,
                float((np.abs(done.e1) / bound).max()),
-               {key: pred(at) for key, at in asked.items()},
+               {'no θ': least, **{key: pred(at) for key, at in asked.items()}},
                tuple(_first(watch.alarms, event) for event in events),
                _frozen(watch, t, touched), sum(bool(a < min(events, default=np.inf))
                                                for a in watch.alarms),
                loop.identifier.found, float(done.figures['real_time_factor']), word)
+
+
+def _all_and_worst(rms: tuple[np.ndarray, np.ndarray]) -> tuple[float, float]:
+    """Return the error over all joints and of the worst one, from RMS error and RMS torque."""
+    error, scale = rms
+    return float(np.linalg.norm(error) / np.linalg.norm(scale)), float((error / scale).max())
 
 
 def _events(name: str, plant: Any) -> tuple[float, ...]:
@@ -360,15 +371,21 @@ def _frozen(watch: _Watch, t: np.ndarray, touched: tuple[tuple[float, float], ..
     return float(t[stopped[0]] - begin) if stopped.size else np.nan
 
 
+def _percent(part: float) -> str:
+    if part < EXACT:
+        return '0'
+    return f'{100.0 * part:.2g}' if part < 10.0 else 'lost'
+
+
 def _row(condition: str, arm_name: str, runs: list[Run]) -> str:
     def pair(key: str) -> str:
         worst = [max(run.pred[key][i] for run in runs if key in run.pred) for i in range(2)]
-        return ' / '.join(f'{100.0 * each:.2g}' if each < 10.0 else 'lost' for each in worst)
+        return ' / '.join(map(_percent, worst))
 
     events = [f'{1e3 * max(times):.0f}' for times in zip(*(run.noticed for run in runs))]
     if np.isfinite(runs[0].frozen):
         events.append(f'frozen {1e3 * max(run.frozen for run in runs):.0f}')
-    after = [f'{key} {pair(key)}' for key in runs[0].pred if key != 'end']
+    after = [f'{key} {pair(key)}' for key in runs[0].pred if key not in ('end', 'no θ')]
     totals = {key: [run.found[key] for run in runs] for key in runs[0].found}
     found = ', '.join(f'{key} {max(values)}' for key, values in totals.items() if any(values))
     first = min((run.left for run in runs if np.isfinite(run.left)), default=None)
@@ -376,5 +393,6 @@ def _row(condition: str, arm_name: str, runs: list[Run]) -> str:
     return (f'| {condition} | {arm_name} | {len(runs)} | {max(run.outside for run in runs)} | '
             f'{max(run.away for run in runs)} | {"" if first is None else f"{first:.2f}"} | '
             f'{100.0 * max(run.part for run in runs):.2g} | {pair("end")} | '
-            f'{", ".join(events)} | {"; ".join(after)} | {max(run.early for run in runs)} | '
-            f'{found} | {min(run.speed for run in runs):.1f} | {words} |')
+            f'{pair("no θ")} | {", ".join(events)} | {"; ".join(after)} | '
+            f'{max(run.early for run in runs)} | {found} | '
+            f'{min(run.speed for run in runs):.1f} | {words} |')

@@ -80,11 +80,24 @@ class PredictedTorque:
     def rms_against(self, theta: np.ndarray, inverse_dynamics: Callable[..., np.ndarray],
                     ) -> tuple[np.ndarray, np.ndarray]:
         """Return RMS error and RMS torque of `error_against`, shape (n,) each [N·m]."""
-        torques = np.array([inverse_dynamics(*motion) for motion in self.motions])
+        torques = self._torques(inverse_dynamics)
         predicted = np.array([self._regressor(motion) @ theta for motion in self.motions])
-        error, scale = (np.sqrt(np.mean(values ** 2, axis=0))
-                        for values in (predicted - torques, torques))
-        return error, scale
+        return _root_mean_square(predicted - torques), _root_mean_square(torques)
+
+    def least_against(self, inverse_dynamics: Callable[..., np.ndarray],
+                      ) -> tuple[np.ndarray, np.ndarray]:
+        """Return `rms_against` of the θ that fits the plant best: what no θ expresses."""
+        torques = self._torques(inverse_dynamics)
+        rows = np.array([self._regressor(motion) for motion in self.motions])
+        best = np.linalg.lstsq(np.concatenate(rows), torques.ravel(), rcond=None)[0]
+        return _root_mean_square(rows @ best - torques), _root_mean_square(torques)
+
+    def _torques(self, inverse_dynamics: Callable[..., np.ndarray]) -> np.ndarray:
+        return np.array([inverse_dynamics(*motion) for motion in self.motions])
+
+
+def _root_mean_square(values: np.ndarray) -> np.ndarray:
+    return np.asarray(np.sqrt(np.mean(values ** 2, axis=0)))
 
 
 def _ratio(error: np.ndarray, scale: np.ndarray) -> np.ndarray:

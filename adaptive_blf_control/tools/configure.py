@@ -68,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     motion = parser.add_argument_group('the motion')
     motion.add_argument('--centre', type=float, nargs='+', metavar='RAD',
                         help='posture around which the reference moves; default: the middle of '
-                        'the limits')
+                        'the limits, or another where the arm is nearly singular there')
     motion.add_argument('--amplitude', type=float, default=usual.amplitude, metavar='RAD',
                         help='largest distance from the centre (default %(default)g)')
     motion.add_argument('--width', type=float, default=usual.width, metavar='RAD',

@@ -12,6 +12,8 @@ from adaptive_blf_control.arrays import checked_array
 from adaptive_blf_control.control.reference import SumOfSinusoids
 from adaptive_blf_control.control.settings import SinusoidSettings
 from adaptive_blf_control.errors import SetViolation
+from adaptive_blf_control.tuning.centre import Centre, centre_between
+from adaptive_blf_control.tuning.inertia import reference_states
 from adaptive_blf_control.tuning.robot import Limits, Robot
 
 __all__ = ['Motion', 'motion_within']
@@ -25,6 +27,7 @@ SPEED = 0.35  # part of the speed limit that the reference reaches at most
 # joint before it, so that no two move alike. Slow ones for gravity, fast ones for inertia.
 FREQUENCY, SPREAD = np.array([0.9, 2.1, 3.7]), 0.06  # rad/s
 SHARE = np.array([0.5, 0.3, 0.2])  # of the amplitude
+CLEAR = 60  # postures of a reference that have to be clear of the arm itself
 
 
 class Motion(NamedTuple):
@@ -36,6 +39,7 @@ class Motion(NamedTuple):
         bound: Performance bound to both sides (8).
         centre: Posture in which the motion begins.
         sinusoids: Of each joint around it.
+        moved: Why the centre is not the middle of the limits; empty: it is, or it was stated.
     """
 
     safety_lower: np.ndarray
@@ -43,14 +47,12 @@ class Motion(NamedTuple):
     bound: np.ndarray
     centre: np.ndarray
     sinusoids: tuple[SinusoidSettings, ...]
+    moved: str
 
     @property
     def reference(self) -> SumOfSinusoids:
         """y_d."""
-        offset, amplitude, frequency, phase = (
-            np.array([getattr(each, name) for each in self.sinusoids])
-            for name in ('offset', 'amplitude', 'frequency', 'phase'))
-        return SumOfSinusoids(offset, amplitude, frequency, phase)
+        return _reference(self.sinusoids)
 
 
 def motion_within(arm: UrdfArm, limits: Limits, robot: Robot,
@@ -73,14 +75,22 @@ def motion_within(arm: UrdfArm, limits: Limits, robot: Robot,
     bound = np.minimum(robot.width, BOUND * span)
     bound = _rounded(np.maximum(bound, np.minimum(least, WIDEST * span)))
     lowest, highest = lower + 2.0 * bound, upper - 2.0 * bound
-    centre = 0.5 * (lower + upper)
+
+    def around(posture: np.ndarray) -> tuple[SinusoidSettings, ...]:
+        room = np.minimum(posture - lower, upper - posture) - bound
+        reach = np.minimum(ROOM * room, robot.amplitude)
+        return _sinusoids(_rounded(posture), reach, SPEED * limits.velocity)
+
     if robot.centre is not None:
-        centre = checked_array('--centre', robot.centre, (arm.n,), arm.joints)
-        _check_centre(arm, centre, lowest, highest)
-    room = np.minimum(centre - lower, upper - centre) - bound
-    reach = np.minimum(ROOM * room, robot.amplitude)
-    return Motion(_rounded(lower), _rounded(upper), bound, _rounded(centre),
-                  _sinusoids(_rounded(centre), reach, SPEED * limits.velocity))
+        centre = Centre(checked_array('--centre', robot.centre, (arm.n,), arm.joints), '')
+        _check_centre(arm, centre.posture, lowest, highest)
+    else:
+        outer = (MARGIN + 2.0 * WIDEST) * span  # whatever the bounds become
+        centre = centre_between(
+            arm, limits.lower + outer, limits.upper - outer, np.array([lower, upper]),
+            lambda posture: reference_states(_reference(around(posture)), CLEAR).q)
+    return Motion(_rounded(lower), _rounded(upper), bound, _rounded(centre.posture),
+                  around(centre.posture), centre.reason)
 
 
 def _check_centre(arm: UrdfArm, centre: np.ndarray, lowest: np.ndarray,
@@ -102,6 +112,13 @@ def _sinusoids(centre: np.ndarray, reach: np.ndarray,
             offset=offset, amplitude=_rounded(amplitude), frequency=_rounded(frequency),
             phase=_rounded(random.uniform(0.0, 2.0 * np.pi, FREQUENCY.size))))
     return tuple(result)
+
+
+def _reference(sinusoids: tuple[SinusoidSettings, ...]) -> SumOfSinusoids:
+    offset, amplitude, frequency, phase = (
+        np.array([getattr(each, name) for each in sinusoids])
+        for name in ('offset', 'amplitude', 'frequency', 'phase'))
+    return SumOfSinusoids(offset, amplitude, frequency, phase)
 
 
 def _rounded(values: np.ndarray) -> np.ndarray:

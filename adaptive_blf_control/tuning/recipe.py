@@ -38,7 +38,7 @@ __all__ = ['Recipe', 'recipe']
 
 USED = 2.0  # a torque limit that nobody states is so many times what the reference needs
 LEAST_TORQUE = 1.0  # N·m, and at least this
-START_ROOM, PAYLOAD_ROOM = 2.0, 1.25  # bound over the error of a start from zero, of a payload
+START_ROOM, PAYLOAD_ROOM = 2.0, 1.5  # bound over the error of a start from zero, of a payload
 UNKNOWN_FRICTION = 0.01  # part of the torque limit that Coulomb friction outside the model may be
 
 
@@ -149,7 +149,8 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
             start._replace(known=0.0 * friction) if robot.from_zero else start,
             arm.nominal[:, None] if robot.from_zero else np.diag(deviation)),
         payload_error=_payload_error(start, arm, states, loaded - arm.nominal),
-        assumed=limits.assumed + assumed + _stated_friction(arm) + _rotors(arm, inertia))
+        assumed=(limits.assumed + _moved(motion) + assumed + _stated_friction(arm)
+                 + _rotors(arm, inertia)))
 
 
 def _payload_error(start: Start, arm: UrdfArm, states: ReferenceStates,
@@ -194,6 +195,10 @@ def _torque_limit(arm: UrdfArm, limits: Limits,
     return np.where(unknown, assumed, limits.torque), (
         f'no torque limit in the URDF: {USED:g} times what the reference needs assumed, {names}; '
         '--torque-limit states those of the drives',)
+
+
+def _moved(motion: Motion) -> tuple[str, ...]:
+    return (motion.moved,) if motion.moved else ()
 
 
 def _stated_friction(arm: UrdfArm) -> tuple[str, ...]:

@@ -184,3 +184,12 @@ def test_the_first_filter_of_noisy_sensors_costs_what_it_says(arm: UrdfArm) -> N
 def test_what_no_robot_has_is_refused_by_name(arm: UrdfArm, changes, name) -> None:
     with pytest.raises(ParameterError, match=name):
         recipe(arm, Robot(**changes))
+
+
+def test_bounds_leave_half_as_much_again_as_a_load_put_on_at_once_needs(arm: UrdfArm) -> None:
+    loaded, free = (recipe(arm, Robot(payload=mass, **SENSORS)) for mass in (1.0, 0.0))
+    assert (loaded.motion.bound > free.motion.bound).any()
+    widest = 0.15 * (loaded.limits.upper - loaded.limits.lower)
+    short = 1.5 * loaded.payload_error > loaded.motion.bound * (1.0 + 1e-3)  # bounds are rounded
+    assert (np.isclose(loaded.motion.bound, widest, atol=1e-4) | ~short).all()
+    assert not short.all()
