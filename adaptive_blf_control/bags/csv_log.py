@@ -68,7 +68,8 @@ def _read(path: Path, file: CsvFile, joints: Sequence[str] | None, velocity: boo
         clock.append(time)
         store.append(values[len(found.time):])
     table = store.table()
-    return raw_log(found, header, np.array(clock), table, origin or 0, problem)
+    return raw_log(found, header, np.frombuffer(clock) if clock else np.empty(0), table,
+                   origin or 0, problem)
 
 
 def _columns_shown(header: Sequence[str]) -> str:

@@ -86,8 +86,8 @@ def series_of(messages: Messages, kind: JointKind, joints: Sequence[str] | None,
     if reader is None or rows is None or not stamps:
         raise error or BagError('has no message')
     table, n = rows.table(), len(reader.joints)
-    return JointSeries(reader.joints, np.array(stamps, dtype=np.int64),
-                       np.array(heard, dtype=np.int64), table[:, :n], table[:, n:2 * n],
+    return JointSeries(reader.joints, np.frombuffer(stamps, dtype=np.int64),
+                       np.frombuffer(heard, dtype=np.int64), table[:, :n], table[:, n:2 * n],
                        table[:, 2 * n:], skipped)
 
 

@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.bags.row_store import new_table, row_blocks
+
 __all__ = ['LogClock', 'log_clock']
 
 JUMP = 1.0  # s: a smaller step back is a message out of order
@@ -44,6 +46,8 @@ def log_clock(clock: np.ndarray, usable: np.ndarray, per_second: float) -> LogCl
         per_second: How much the clock advances in a second.
     """
     keep = usable & np.isfinite(clock)
+    if keep.all() and clock.size and (sound := _sound_times(clock, per_second)) is not None:
+        return LogClock(keep, sound, (), ())
     rows = np.flatnonzero(keep)
     if rows.size == 0:
         return LogClock(keep, np.empty(0), (), ())
@@ -71,6 +75,20 @@ def log_clock(clock: np.ndarray, usable: np.ndarray, per_second: float) -> LogCl
     breaks = sorted({int(kept[row]) for row in (*starts, *(end for _, end in behind))})
     t = _joined([t[begin:end][good[begin:end]] for begin, end in zip(edges, edges[1:])])
     return LogClock(keep, t, tuple(row for row in breaks if 0 < row < t.size), tuple(notes))
+
+
+def _sound_times(clock: np.ndarray, per_second: float) -> np.ndarray | None:
+    """Return the times of a clock of which nothing has to be said, shape (N,), else None.
+
+    Nearly all are, and those of a long log may not fit the memory: block by block.
+    """
+    t = new_table(len(clock), 1)[:, 0]
+    for some in row_blocks(t):
+        t[some] = (clock[some] - clock[0]) / per_second  # subtracted first, see above
+        steps = np.diff(t[max(some.start - 1, 0):some.stop])
+        if not ((steps > 0.0) & (steps <= PAUSE)).all():
+            return None
+    return t
 
 
 def _wild_and_starts(t: np.ndarray) -> tuple[np.ndarray, list[int]]:

@@ -260,26 +260,25 @@ class _Pass:
         log, last = section.log, float(section.log.t[-1])
         until = int(np.searchsorted(log.t, section.test.end if testing else section.train.end,
                                     side='right'))
-        t = self._begin + log.t[:until]
-        learned = _inside(section.train, log.t[:until], last) & learning
-        tested = _inside(section.test, log.t[:until], last) & testing
         breaks = [i for i in log.breaks if i < until]
         self._look = (section.train.end - section.train.start) / LOOKS
         for begin, end in itertools.pairwise((0, *breaks, until)):
             if begin in breaks:
                 self._identifier.restart()
-            stretch = slice(begin, end)
-            q, qd, tau = log.q[stretch], log.qd[stretch], log.tau[stretch]
-            for some in row_blocks(q, qd, tau):  # the whole log may not fit the memory
-                self._take((t[stretch][some], q[some], qd[some], tau[some]),
-                           learned[stretch][some], tested[stretch][some])
-        self._begin = float(t[-1]) if until else 0.0
+            t, *values = (each[begin:end] for each in (log.t, log.q, log.qd, log.tau))
+            for some in row_blocks(t, *values):  # the whole log may not fit the memory
+                times = t[some]
+                self._take((self._begin + times, *(each[some] for each in values)),
+                           _inside(section.train, times, last) & learning,
+                           _inside(section.test, times, last) & testing)
+        self._begin = self._begin + float(log.t[until - 1]) if until else 0.0
         self._begin += 10.0 * max(self._identifier.settings.filter.gap, 1.0)
 
-    def _take(self, samples: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    def _take(self, samples: tuple[np.ndarray, ...],
               learned: np.ndarray, tested: np.ndarray) -> None:
         begin = time.perf_counter()  # how long the work takes, not a time of the logic
-        for block in self._identifier.learn_in_blocks(*samples, learned, TIMED):
+        t, q, qd, tau = samples
+        for block in self._identifier.learn_in_blocks(t, q, qd, tau, learned, TIMED):
             some = block.samples
             if learned[some].any():
                 self._seconds.append((time.perf_counter() - begin) / block.usable.size)

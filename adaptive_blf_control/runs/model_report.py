@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptive_blf_control.bags.row_store import release
+from adaptive_blf_control.bags.row_store import row_blocks
 from adaptive_blf_control.identification.confidence import (
     confidence,
     DETERMINED,
@@ -25,6 +25,7 @@ from adaptive_blf_control.runs.model_check import positive_postures, POSTURES
 __all__ = ['KINDS', 'model_figures', 'model_lines', 'parameter_note', 'parameter_table']
 
 _CONDITION = 1e4  # a direction is shown ten thousand times less than another: rank in name only
+_OF_MEDIAN = 200_000  # rows that a median half width is taken of
 KINDS = {'range': 'slowly through its range', 'speeds': 'at several speeds',
           'reversals': 'with quick reversals'}
 _MEANINGS = (
@@ -82,16 +83,16 @@ def model_figures(identifier: Identifier, result: LogPass, consistent: Consisten
 def _intervals(prediction: Prediction) -> tuple[list[float | None], list[float | None]]:
     """Return the part of the torques inside their intervals and the median half width, by joint.
 
-    Joint by joint: all of them may not fit the memory.
+    Block by block: all of them may not fit the memory. The median is that of at most
+    `_OF_MEDIAN` rows, evenly spaced.
     """
-    inside: list[float | None] = []
-    half_width: list[float | None] = []
-    for measured, predicted, half in zip(
-            prediction.measured.T, prediction.predicted.T, prediction.half_width.T, strict=True):
-        inside.append(float(np.mean(np.abs(measured - predicted) <= half)))
-        half_width.append(float(np.median(half)))
-        release(prediction.measured)
-    return inside, half_width
+    measured, predicted, half = prediction.measured, prediction.predicted, prediction.half_width
+    step = math.ceil(len(half) / _OF_MEDIAN)
+    inside, widths = np.zeros(half.shape[1]), []
+    for some in row_blocks(half, measured, predicted):
+        inside += np.sum(np.abs(measured[some] - predicted[some]) <= half[some], axis=0)
+        widths.append(half[some][-some.start % step::step].copy())
+    return (inside / len(half)).tolist(), np.median(np.concatenate(widths), axis=0).tolist()
 
 
 def model_lines(figures: dict[str, Any]) -> list[str]:

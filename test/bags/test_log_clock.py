@@ -102,3 +102,18 @@ def test_a_pause_stays_a_pause():
     (1e6, None)])
 def test_times_since_1970_tell_their_unit(first, unit):
     assert epoch_unit(first) == unit
+
+
+@pytest.mark.parametrize('clock', [
+    10**18 + np.arange(20_000) * 2_000_000,
+    1.7e9 + np.arange(20_000) * 0.002,
+])
+def test_the_times_of_a_sound_clock_are_those_that_one_repeated_stamp_leaves(clock):
+    per_second = 1e9 if clock.dtype.kind == 'i' else 1.0
+    repeated = np.insert(clock, 9_000, clock[9_000])
+    found = log_clock(clock, np.ones(clock.size, bool), per_second)
+    other = log_clock(repeated, np.ones(repeated.size, bool), per_second)
+    assert found.keep.all()
+    assert (found.breaks, found.notes) == ((), ())
+    assert not other.keep.all()
+    np.testing.assert_array_equal(found.t, other.t)
