@@ -27,13 +27,16 @@ class LoadRun(NamedTuple):
         mass: The last mass [kg].
         overall: Largest ratio of the RMS error of the predicted torque since the attachment to
             that of the model without the load, over all times: at most 1 where it never lost.
-        window: The same within windows of a second.
+        meanwhile: The same within windows of a second, from the attachment until the mass is
+            ``close`` to what it should be.
+        window: The same within all windows of a second.
     """
 
     noticed: float
     close: float
     mass: float
     overall: float
+    meanwhile: float
     window: float
 
 
@@ -62,10 +65,11 @@ class LoadWatch:
         times = np.array([t for t, _ in said])
         off = np.array([abs(each.load.mass / mass - 1.0) > CLOSE for _, each in said])
         first = int(np.flatnonzero(off)[-1]) + 1 if off.any() else 0
+        close = float(times[first]) if first < len(times) else np.inf
         return LoadRun(
-            next((t for t, each in said if each.attached), np.inf),
-            float(times[first]) if first < len(times) else np.inf,
-            said[-1][1].load.mass, *ratios([row for row in self._errors if row[0] <= until]))
+            next((t for t, each in said if each.attached), np.inf), close,
+            said[-1][1].load.mass,
+            *ratios([row for row in self._errors if row[0] <= until], close))
 
     def removed(self, since: float) -> float:
         """Return how long after a removal at ``since`` [s] no load was reported any more [s]."""
@@ -74,17 +78,22 @@ class LoadWatch:
         return after[0] - since if after else np.inf
 
 
-def ratios(errors: Sequence[tuple[float, float, float]]) -> tuple[float, float]:
-    """Return `LoadRun.overall` and `LoadRun.window`.
+def ratios(errors: Sequence[tuple[float, float, float]],
+           close: float = np.inf) -> tuple[float, float, float]:
+    """Return `LoadRun.overall`, `LoadRun.meanwhile` and `LoadRun.window`.
 
     Args:
         errors: Time [s] and square of the error of the predicted torque [N²·m²], without and with
             the load, of all samples.
+        close: From when on the mass is what it should be, counted from the first sample [s]; the
+            first window is looked at in any case.
     """
     table = np.array(errors)
-    t, summed = table[:, 0], np.cumsum(table[:, 1:], axis=0)
+    t, summed = table[:, 0] - table[0, 0], np.cumsum(table[:, 1:], axis=0)
     overall = np.sqrt(summed[:, 1] / np.maximum(summed[:, 0], 1e-300)).max()
     begin = np.searchsorted(t, t - _WINDOW)
-    within = (summed - summed[begin])[t - t[0] >= _WINDOW]
-    window = np.sqrt(within[:, 1] / np.maximum(within[:, 0], 1e-300)).max(initial=0.0)
-    return float(overall), float(window)
+    whole = t >= _WINDOW
+    within = (summed - summed[begin])[whole]
+    window = np.sqrt(within[:, 1] / np.maximum(within[:, 0], 1e-300))
+    meanwhile = window[t[whole] <= max(close, t[whole].min(initial=np.inf))]
+    return float(overall), float(meanwhile.max(initial=0.0)), float(window.max(initial=0.0))

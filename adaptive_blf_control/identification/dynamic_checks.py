@@ -21,11 +21,13 @@ from adaptive_blf_control.identification.running_parts import RunningParts
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.spelling import option, setting
 
-__all__ = ['LEAST_TORQUE', 'Observer', 'Pairs', 'filtered_pairs', 'gravity_findings', 'left_over',
-           'likeness', 'order_findings', 'turned_gravity', 'unit_findings']
+__all__ = ['LEAST_TORQUE', 'Observer', 'Pairs', 'closed_form_findings', 'filtered_pairs',
+           'gravity_findings', 'left_over', 'likeness', 'order_findings', 'turned_gravity',
+           'unit_findings']
 
 ROWS = 1500  # pairs of each joint that least squares see
 EARLIEST, LATEST = 0.05, 0.15  # s, shifts of the effort that are tried
+ANOTHER_UNIT = 30.0  # times the nominal torque, from which it is taken for that
 LEAST_TORQUE = 0.5  # N·m: less is lost in friction
 
 
@@ -138,13 +140,18 @@ def gravity_findings(pairs: Pairs, weightless: Pairs, arm: Arm,
                           setting('gravity', '[0.0,0.0,0.0]'))
 
 
-def unit_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Finding]:
-    """Efforts of another size or sign than the masses of the URDF ask for: currents, for one.
+def unit_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray,
+                  described_by: str = 'the masses of the URDF', most: float = 4.0,
+                  guess: str = 'a current in A, or another unit?') -> Iterator[Finding]:
+    """Efforts of another size or sign than a model of the arm asks for: currents, for one.
 
     Args:
         pairs: Filtered pairs of the arm.
         arm: The arm.
-        nominal: Filtered torque of the URDF without friction at these rows, (K, n) [N·m].
+        nominal: Filtered torque of the model at these rows, (K, n) [N·m].
+        described_by: What the model is made of.
+        most: Ratio above which, or below the inverse of which, the size is another one.
+        guess: What such a ratio may come from.
     """
     for joint, name in enumerate(arm.joints):
         described, measured = (values - values.mean() for values in (
@@ -156,12 +163,24 @@ def unit_findings(pairs: Pairs, arm: Arm, nominal: np.ndarray) -> Iterator[Findi
         alike = float(likeness(measured[:, None], described[:, None])[0])
         if alike < -0.6:
             yield Finding('unit', name, WARNING, ratio, 'the effort has the sign opposite to that '
-                          'of what the masses of the URDF need', option(
+                          f'of what {described_by} need', option(
                               'gain', f'{{{name!r}: -1}}', f'{name}:-1') + ' turns it')
-        elif alike > 0.6 and not 0.25 < ratio < 4.0:
+        elif alike > 0.6 and not 1.0 / most < ratio < most:
             yield Finding('unit', name, WARNING, ratio, f'the effort is {ratio:.2g} times what '
-                          'the masses of the URDF need: a current in A, or another unit?',
+                          f'{described_by} need: {guess}',
                           gain_of(name) + ' multiplies it by K N·m per unit')
+
+
+def closed_form_findings(pairs: Pairs, arm: Arm) -> Iterator[Finding]:
+    """Efforts of another size or sign than the nominal parameters of an arm without URDF need.
+
+    These are of one robot of that kind, of which there are small and large ones.
+    """
+    nominal: np.ndarray | None = getattr(arm, 'nominal', None)
+    if nominal is not None:
+        yield from unit_findings(pairs, arm, pairs.regressors @ nominal,
+                                 "the arm's nominal parameters", ANOTHER_UNIT,
+                                 'kN·m, mN·m or a current, or an arm of quite another size?')
 
 
 def turned_gravity(pairs: Pairs, nominal: np.ndarray, weight: np.ndarray,

@@ -13,6 +13,7 @@ from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.identification.delay_check import delay_findings
 from adaptive_blf_control.identification.dynamic_checks import (
+    closed_form_findings,
     filtered_pairs,
     gravity_findings,
     Observer,
@@ -104,7 +105,10 @@ def _against_model(part: Excerpt, arm: Arm, settings: IdentifierSettings,
         return
     yield from delay_findings(pairs, arm, np.ptp(part.q, axis=0))
     yield from effort_kind_findings(pairs, part, arm, settings)
-    if not described_masses or not hasattr(arm, 'base_count'):
+    if not described_masses:
+        return
+    if not hasattr(arm, 'base_count'):
+        yield from closed_form_findings(pairs, arm)
         return
     whole = _described(pairs, arm)
     exchanged = list(order_findings(pairs, arm, whole))

@@ -398,16 +398,33 @@ def test_an_effort_that_is_taken_for_the_other_kind_is_told(sound, arm, averaged
     assert [each.hint for each in findings if each.check == 'effort kind'] == [said] * bool(said)
 
 
-def test_an_effort_of_the_other_kind_is_blamed_and_not_the_faster_test_span():
-    planar = TwoLinkArm()
+def planar_log(arm: TwoLinkArm, theta: np.ndarray) -> dict[str, np.ndarray]:
+    """Return 20 s of a motion that becomes faster, at 100 Hz."""
     t, rates, growth = 0.01 * np.arange(2000), np.array([1.1, 1.7]), np.array([0.12, 0.15])
     angle, speed = np.outer(t, rates) + np.outer(t ** 2, growth), rates + 2.0 * np.outer(t, growth)
     q, qd = 0.5 * np.sin(angle), 0.5 * speed * np.cos(angle)
     qdd = growth * np.cos(angle) - 0.5 * speed ** 2 * np.sin(angle)
-    log = {'t': t, 'q': q, 'qd': qd, 'tau': inverse_dynamics(planar, planar.nominal, q, qd, qdd)}
+    return {'t': t, 'q': q, 'qd': qd, 'tau': inverse_dynamics(arm, theta, q, qd, qdd)}
+
+
+def test_an_effort_of_the_other_kind_is_blamed_and_not_the_faster_test_span():
+    planar = TwoLinkArm()
+    log = planar_log(planar, planar.nominal)
     result = identify(log, arm=planar)
     [blamed] = [note for note in result.notes if 'of the tested torques' in note]
     assert 'Above all the effort fits' in blamed
     assert 'test span' not in blamed
     assert repr(result).startswith('note: the effort fits the motion better as the torque at its')
     assert 'note:' not in repr(identify(log, arm=planar, filter={'effort': 'instant'}))
+
+
+@pytest.mark.parametrize(('factor', 'told'), [
+    (1e-3, '0.001 times'), (0.05, None), (1.0, None), (20.0, None), (1e3, '1e+03 times'),
+    (-1.0, 'the sign opposite')])
+def test_effort_of_another_unit_is_suspected_of_an_arm_without_urdf(factor, told):
+    planar = TwoLinkArm()
+    log = read_log(planar_log(planar, factor * planar.nominal), joints=planar.joints)
+    units = [each for each in check_log(log, planar, SETTINGS) if each.check == 'unit']
+    assert [each.joint for each in units] == (list(planar.joints) if told else [])
+    assert all(told in each.text and "the arm's nominal parameters" in each.text
+               for each in units)
