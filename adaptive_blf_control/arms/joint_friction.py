@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.arrays import checked_array, checked_finite, dimensions
 from adaptive_blf_control.errors import ParameterError
 
-__all__ = ['FRICTION_KINDS', 'JointFriction', 'finite_array']
+__all__ = ['FRICTION_KINDS', 'JointFriction', 'coulomb_columns', 'finite_array']
 
 FRICTION_KINDS = {'viscous': 'fv', 'coulomb': 'fc', 'offset': 'f0', 'square_root': 'fs'}
 """Kinds of friction in the order of their columns, with the prefix of their parameters."""
@@ -93,3 +94,9 @@ def finite_array(name: str, value: object, length: int) -> np.ndarray:
     if not np.all(np.isfinite(array)):
         raise ParameterError(name, value, expected)
     return np.broadcast_to(array, (length,)).copy()
+
+
+def coulomb_columns(arm: Arm) -> list[int]:
+    """Return the column of each joint's Coulomb torque, −1 where there is none."""
+    columns = {name: i for i, name in enumerate(arm.parameters)}
+    return [columns.get(f'{FRICTION_KINDS["coulomb"]}_{joint}', -1) for joint in arm.joints]

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from adaptive_blf_control.arms.arm import Arm
+from adaptive_blf_control.arms.joint_friction import coulomb_columns
 from adaptive_blf_control.identification.change_monitor import ChangeMonitor, ResidualMonitor
 from adaptive_blf_control.identification.history import History
 from adaptive_blf_control.identification.history_stack import HistoryStack
@@ -108,13 +109,8 @@ class PartMaker(NamedTuple):
         result: ChangeMonitor = self._made(
             'change_monitor', 'identifier.change.monitor', chosen.monitor, _MONITOR,
             lambda: ResidualMonitor(self.arm.n, self.arm.m, chosen.window, chosen.threshold,
-                                    chosen.resolution, self._coulomb_columns()), settings)
+                                    chosen.resolution, coulomb_columns(self.arm)), settings)
         return result
-
-    def _coulomb_columns(self) -> list[int]:
-        """Return the column of each joint's Coulomb torque, −1 where there is none."""
-        columns = {name: i for i, name in enumerate(self.arm.parameters)}
-        return [columns.get(f'fc_{joint}', -1) for joint in self.arm.joints]
 
     def _made(self, argument: str, parameter: str, name: str, required: tuple[str, ...],
               ours: Callable[[], Any], settings: IdentifierSettings) -> Any:

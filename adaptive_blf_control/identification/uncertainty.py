@@ -10,14 +10,20 @@ alike for a time T_j, E[e_aj e_bj] = s_j² exp(−|t_a − t_b| / T_j), least sq
 torque Y θ̂ differs from the measured one by Y (θ̂ − θ) and by what the model does not explain. The
 latter is larger than the residuals of pairs that θ̂ was fitted to: it is taken from blocks of time
 that were left out in turn.
+
+Coulomb friction f_c c(q̇), −1 ≤ c ≤ 1, is known where a joint slides, |c| = 1. Where it sticks,
+friction takes whatever value up to f_c holds it, so what the model says is off by an error that is
+taken to be uniform within ±f_c (1 − |c|).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from adaptive_blf_control.arms.joint_friction import coulomb_columns
 from adaptive_blf_control.arrays import record
 from adaptive_blf_control.identification.determination import WEAKEST
 from adaptive_blf_control.identification.identifier import Identifier
@@ -53,6 +59,8 @@ class Uncertainty(NamedTuple):
         correlation_time: T_j, shape (n,) [s].
         condition: Ratio of the largest to the smallest singular value of the stacked regressors
             with columns of length one; infinity where directions are open.
+        coulomb: |f_c| of a joint in its row, at the place of its parameter; zero elsewhere, and
+            where no Coulomb friction is learned, shape (n, m) [N·m].
     """
 
     covariance: np.ndarray
@@ -62,6 +70,7 @@ class Uncertainty(NamedTuple):
     alike: np.ndarray
     correlation_time: np.ndarray
     condition: float
+    coulomb: np.ndarray
 
     @property
     def std(self) -> np.ndarray:
@@ -83,20 +92,27 @@ class Uncertainty(NamedTuple):
         """
         variance = np.sum((regressor @ self.covariance) * regressor, axis=-1)
         if measured:
-            variance = variance + self.unexplained ** 2
+            variance = variance + self.unexplained ** 2 + self._sticking(regressor) ** 2 / 3.0
         result = NORMAL * np.sqrt(np.maximum(variance, 0.0))
         along, most = np.abs(regressor @ self.open), np.abs(regressor) @ np.abs(self.open)
         return np.where((along > _ROUNDING * most).any(axis=-1), np.inf, result)
 
 
+    def _sticking(self, regressor: np.ndarray) -> np.ndarray:
+        """Return the largest friction that the model does not know, (..., n, m) → (..., n)."""
+        known = np.abs(np.sum(regressor * self.coulomb, axis=-1))
+        return np.asarray(np.maximum(self.coulomb.sum(axis=1) - known, 0.0))
+
+
 def estimate_uncertainty(identifier: Identifier, seen: PairTimes) -> Uncertainty | None:
     """Judge what an identifier's history determines; None while it is empty."""
     recorded = seen.recorded(identifier)
-    return uncertainty(*recorded) if len(recorded.times) else None
+    return (uncertainty(*recorded, coulomb_columns(identifier.arm)) if len(recorded.times)
+            else None)
 
 
 def uncertainty(regressors: np.ndarray, torques: np.ndarray, times: np.ndarray,
-                memory: float) -> Uncertainty:
+                memory: float, coulomb: Sequence[int] = ()) -> Uncertainty:
     """Judge the least-squares estimate of recorded pairs.
 
     Args:
@@ -104,6 +120,7 @@ def uncertainty(regressors: np.ndarray, torques: np.ndarray, times: np.ndarray,
         torques: τ_f, shape (P, n) [N·m].
         times: When each pair was taken, shape (P,) [s]; NaN where that is not known.
         memory: How long the filters remember [s]: the least correlation time.
+        coulomb: The column of each joint's Coulomb friction, −1 for none, see `coulomb_columns`.
     """
     order = np.argsort(times, kind='stable')  # NaN last
     regressors, torques, times = regressors[order], torques[order], times[order]
@@ -121,9 +138,13 @@ def uncertainty(regressors: np.ndarray, torques: np.ndarray, times: np.ndarray,
         np.sum(leverage * regressors, axis=(0, 2)), 1e-300)
     weights = 1.0 / np.sqrt(np.maximum(variance * alike, 1e-300))
     left_out = _left_out(regressors, residuals, times, weights, float(correlation_time.max()))
+    friction = np.zeros(regressors.shape[1:])
+    for joint, column in enumerate(coulomb):
+        if column >= 0:
+            friction[joint, column] = abs(theta[column])
     return Uncertainty(inverse @ meat @ inverse, open_, np.sqrt(variance),
                        np.maximum(left_out, np.sqrt(variance)), alike, correlation_time,
-                       condition)
+                       condition, friction)
 
 
 def distance_to_go(regressors: np.ndarray, torques: np.ndarray,

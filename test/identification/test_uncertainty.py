@@ -139,3 +139,34 @@ def test_few_pairs_are_judged_without_a_complaint(count: int) -> None:
     assert np.isfinite(judged.unexplained).all()
     assert (judged.std > 0.0).all()
     np.testing.assert_array_equal(np.isfinite(judged.std).all(), count > 1)
+
+
+def dry_friction(count=400):
+    """Return pairs of two joints that slide to and fro: of each its load and tanh(q̇/v_s)."""
+    random = np.random.default_rng(3)
+    regressors = np.zeros((count, 2, 4))
+    regressors[:, 0, :2] = np.column_stack([random.normal(size=count), np.sign(
+        random.normal(size=count))])
+    regressors[:, 1, 2:] = random.normal(size=(count, 2))
+    torques = regressors @ [2.0, -3.0, 1.0, 0.5] + random.normal(0.0, 0.1, (count, 2))
+    return uncertainty(regressors, torques, np.arange(float(count)), 0.1, (1, -1))
+
+
+@pytest.mark.parametrize(('sliding', 'unknown'), [(1.0, 0.0), (-1.0, 0.0), (0.5, 1.5),
+                                                   (0.0, 3.0), (-0.2, 2.4)])
+def test_a_joint_that_sticks_has_any_friction_up_to_its_full_size(sliding, unknown):
+    judged = dry_friction()
+    row = np.zeros((2, 4))
+    row[0, 1] = sliding
+    without = judged._replace(coulomb=np.zeros((2, 4)))
+    wider = (judged.half_width(row) ** 2 - without.half_width(row) ** 2) / NORMAL ** 2
+    assert wider[0] == pytest.approx(unknown ** 2 / 3.0, abs=0.02)
+    assert wider[1] == 0.0
+    np.testing.assert_array_equal(judged.half_width(row, measured=False),
+                                  without.half_width(row, measured=False))
+
+
+def test_an_interval_at_rest_holds_for_every_friction_up_to_its_full_size():
+    judged = dry_friction()
+    assert 3.0 < judged.half_width(np.zeros((2, 4)))[0] < 3.6
+    assert judged.half_width(np.zeros((2, 4)))[1] < 0.3
