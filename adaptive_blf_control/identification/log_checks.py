@@ -44,6 +44,7 @@ from adaptive_blf_control.identification.repetition_checks import (
     row_findings,
 )
 from adaptive_blf_control.identification.settings import IdentifierSettings
+from adaptive_blf_control.identification.spike_checks import spike_findings
 from adaptive_blf_control.spelling import option
 
 __all__ = ['LearnedLog', 'check_log', 'checks_of', 'refuse', 'weightless_of']
@@ -83,7 +84,8 @@ def _without_model(log: LogRows, looked_at: Excerpt, arm: Arm,
                    settings: IdentifierSettings) -> list[Finding]:
     found = [*motion_findings(looked_at, arm), *position_findings(looked_at, arm),
              *effort_findings(looked_at, arm), *column_findings(looked_at, arm),
-             *rate_findings(looked_at, settings.filter), *row_findings(looked_at, arm)]
+             *rate_findings(looked_at, settings.filter), *row_findings(looked_at, arm),
+             *spike_findings(looked_at, arm)]
     slow = any(finding.check == 'rate' and finding.level == REFUSED for finding in found)
     if log.measured_velocity and not slow:  # the windows of these checks would hold no row
         found += velocity_findings(looked_at, arm)

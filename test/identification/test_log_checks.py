@@ -398,6 +398,32 @@ def test_an_effort_that_is_taken_for_the_other_kind_is_told(sound, arm, averaged
     assert [each.hint for each in findings if each.check == 'effort kind'] == [said] * bool(said)
 
 
+@pytest.mark.parametrize(('field', 'check', 'value', 'least'), [
+    ('tau', 'effort', 1e6, 9e5), ('q', 'position', 0.0, 0.1), ('qd', 'velocity', -40.0, 30.0)])
+def test_rows_that_stand_out_from_their_neighbours_are_told(sound, arm, field, check, value,
+                                                            least):
+    where = np.arange(500, 5500, 100)
+
+    def spoilt(values):
+        values[where] = value
+        return values
+
+    findings = check_log(with_joint(sound, field, spoilt), arm, SETTINGS)
+    told, = (each for each in findings if 'stand out' in each.text)
+    assert told[:3] == (check, 'elbow', WARNING)
+    assert told.value > least
+    assert 30 < int(told.text.split()[0]) <= 50  # a position may be near zero where it is lost
+
+
+def test_a_step_that_stays_and_a_row_between_two_pauses_are_no_spikes(sound, arm):
+    number = np.arange(len(sound))
+    stepped = with_joint(sound, 'tau', lambda values: values + 500.0 * (number >= 3000))
+    alone = with_joint(sound, 'tau', lambda values: values + 500.0 * (number == 3000)).replace(
+        t=sound.t + 20.0 * (number >= 3000) + 20.0 * (number > 3000))
+    assert not [each for log in (stepped, alone) for each in check_log(log, arm, SETTINGS)
+                if 'stand out' in each.text]
+
+
 def planar_log(arm: TwoLinkArm, theta: np.ndarray) -> dict[str, np.ndarray]:
     """Return 20 s of a motion that becomes faster, at 100 Hz."""
     t, rates, growth = 0.01 * np.arange(2000), np.array([1.1, 1.7]), np.array([0.12, 0.15])
