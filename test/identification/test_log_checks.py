@@ -417,7 +417,7 @@ def test_rows_that_stand_out_from_their_neighbours_are_told(sound, arm, field, c
 
 def test_a_step_that_stays_and_a_row_between_two_pauses_are_no_spikes(sound, arm):
     number = np.arange(len(sound))
-    stepped = with_joint(sound, 'tau', lambda values: values + 500.0 * (number >= 3000))
+    stepped = with_joint(sound, 'tau', lambda values: values + 500.0 * (number // 700 % 2))
     alone = with_joint(sound, 'tau', lambda values: values + 500.0 * (number == 3000)).replace(
         t=sound.t + 20.0 * (number >= 3000) + 20.0 * (number > 3000))
     assert not [each for log in (stepped, alone) for each in check_log(log, arm, SETTINGS)
