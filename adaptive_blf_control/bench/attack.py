@@ -28,7 +28,10 @@ from adaptive_blf_control.runtime.processes import NodeProcesses
 
 __all__ = ['main']
 
-LIMIT, RATE, TIMEOUT = 200.0, 5000.0, 0.1  # N·m, N·m/s, s
+LIMIT, RATE = 200.0, 5000.0  # N·m, N·m/s
+# s after its stamp: a state is sent within a quarter of command_timeout, and answered within
+# state_timeout after that, or not at all.
+OLDEST = 0.125
 RECOVERY = 60.0  # s within which the motion has to go on
 START_UP, LEAST_WATCHED = 60.0, 300.0  # s before figures of the memory, and for them
 MOST_GROWTH = 1.0  # %
@@ -47,7 +50,7 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument('--minutes', type=float, default=10.0, help='how long (default 10)')
     options = parser.parse_args(args)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    observer = CommandObserver(LIMIT, RATE, TIMEOUT, TELLS)
+    observer = CommandObserver(LIMIT, RATE, OLDEST, TELLS)
     with tempfile.TemporaryDirectory(prefix='attack_') as folder, NodeProcesses(
             scenario('two_link.yaml').resolve(), 1e6, Path(folder), SETTINGS) as nodes:
         stranger = Stranger(nodes.domain, nodes.processes, observer.command, observer.state)

@@ -26,18 +26,18 @@ class CommandObserver:
         count: How many faults there were.
     """
 
-    def __init__(self, limit: float, rate: float, timeout: float, tells: float) -> None:
+    def __init__(self, limit: float, rate: float, oldest: float, tells: float) -> None:
         """Take what is allowed.
 
         Args:
             limit: Largest torque of any joint [N·m].
             rate: Largest rate of it [N·m/s].
-            timeout: ``state_timeout`` [s].
+            oldest: Time after its stamp at which a state may still be answered [s].
             tells: Torque that only strangers send [N·m].
         """
         self.commands = self.count = 0
         self.faults: list[str] = []
-        self._limit, self._rate, self._timeout, self._tells = limit, rate, timeout, tells
+        self._limit, self._rate, self._oldest, self._tells = limit, rate, oldest, tells
         self._last: dict[bytes, tuple[np.ndarray, float]] = {}
 
     def state(self, data: bytes) -> None:
@@ -64,7 +64,7 @@ class CommandObserver:
         self._last[source] = torque, now
         # Of when it was sent: an observer that is late hears states before the answers to them.
         age = (sent_ns - answered_ns) * 1e-9 if answered_ns else 0.0
-        if age > self._timeout + LATE:
+        if age > self._oldest + LATE:
             self._fault(f'a state of {age:.4g} s ago is answered')
 
     def _fault(self, text: str) -> None:

@@ -48,6 +48,9 @@ from adaptive_blf_control.simulation.state_grid import StateGrid
 
 __all__ = ['ArmDriver']
 
+# Of command_timeout: how long after its stamp a state may still be sent. Who hears it judges its
+# age by when it was sent.
+HELD_UP = 0.25
 OF_THE_PLANT = {row.name for row in PlantSettings.table()}
 
 
@@ -253,7 +256,7 @@ class ArmDriver(SteppedDriver):
         stamp_ns = due_ns + self._offset_ns
         data = self._codec.encode(stamp_ns, *self.plant.measure(effort.torque, effort.interval))
         # A process that was stopped meanwhile would send an old state as if it were new.
-        if time.monotonic_ns() - due_ns > settings.command_timeout * 1e9:
+        if time.monotonic_ns() - due_ns > HELD_UP * settings.command_timeout * 1e9:
             self.faults.drop('state that was held up', 'the next one is sent in its place')
         else:
             self._send(stamp_ns, data)

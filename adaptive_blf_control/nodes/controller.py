@@ -67,7 +67,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         monitors: What is published besides the torque; from the configuration on.
         gravity: Whether gravity as told fits the motion; from the configuration on.
         inputs: What it hears besides states and estimates; from the configuration on.
-        heard_at: When the last usable state arrived, monotonic [s]; None before the first.
+        heard_at: When the last usable state was sent, monotonic [s]; None before the first.
         commands: The command topic; from the configuration on.
         states: The joint states it believes; from the configuration on.
         handover: What it exchanges with the identifier in the same process; None where that is
@@ -244,7 +244,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.motion.start_over()
         begins = self.motion.controller is None
         controller = self.motion.controller or self._begin(stamp, q, qd)
-        self.heard_at = time.monotonic()
+        self.heard_at = time.monotonic() - self.states.age
         self.aged(info)
         answered = self._answer(stamp, q, qd, torque, controller, self._elapsed(info))
         if begins:  # after the answer, because a log line takes longer than the law
@@ -266,7 +266,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             return False
         if not self.active:
             self.motion.rest(q, qd)
-            self.heard_at = time.monotonic()
+            self.heard_at = time.monotonic() - self.states.age
             if not (self.wants_activation and self.estimates.ready
                     and self.commands.someone_drives()
                     and self.activate_by_itself()):

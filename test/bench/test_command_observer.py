@@ -19,7 +19,7 @@ def _state(stamp: int, effort: list[float]) -> bytes:
 
 @pytest.fixture
 def observer() -> CommandObserver:
-    observer = CommandObserver(limit=100.0, rate=1000.0, timeout=0.1, tells=77.0)
+    observer = CommandObserver(limit=100.0, rate=1000.0, oldest=0.1, tells=77.0)
     observer.state(_state(5 * SECOND, [0.0, 0.0]))
     observer.command(CODEC.encode([1.0, 1.0], 5 * SECOND), 5 * SECOND)
     assert not observer.faults

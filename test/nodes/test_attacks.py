@@ -101,6 +101,26 @@ def test_a_state_that_has_waited_is_not_answered_nor_is_an_older_one(driver, wai
     driver.check_rate()
 
 
+def test_a_state_that_becomes_too_old_while_its_answer_is_computed_is_not_answered(
+        driver, wait_until, monkeypatch) -> None:
+    driver = driver()
+    node, part = driver.node, 0.7 * TASK['state_timeout']
+    answer = node.motion.answer
+
+    def slow(*given: object) -> object:
+        time.sleep(part)
+        return answer(*given)
+
+    with node.between_samples:
+        driver.send()
+        monkeypatch.setattr(node.motion, 'answer', slow)
+        time.sleep(part)
+    wait_until(lambda: node.motion.lost == 'joint states lost')
+    assert driver.stamp not in [read_command(data).stamp_ns for data, _ in list(driver.commands)]
+    monkeypatch.setattr(node.motion, 'answer', answer)
+    wait_until(driver.push, 'the motion again')
+
+
 def test_deactivation_is_heard_while_a_long_trajectory_is_checked(driver, wait_until) -> None:
     driver = driver()
     points = driver.peer.create_publisher(JointTrajectory, JOINT_TRAJECTORY, 10)
