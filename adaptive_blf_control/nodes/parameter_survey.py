@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 import time
 from typing import Any, NamedTuple
 
@@ -31,8 +31,8 @@ class ParameterSurvey:
     """Parameter clients of one node; it asks, and gets the answers, in the thread of its executor.
 
     Attributes:
-        clients: By full name of the node that is asked, until it has answered: each node of that
-            name that starts later would leave memory in them.
+        clients: By full name of the node that is asked, until it has answered or is gone: each
+            takes 0.1 MB, and more with every node of that name that starts later.
     """
 
     def __init__(self, node: Node, answered: Callable[[str, dict[str, Any]], None]) -> None:
@@ -48,10 +48,20 @@ class ParameterSurvey:
         self._asked: dict[str, float] = {}  # since when, monotonic [s]
         self._done: set[str] = set()
 
-    def ask(self, name: str) -> None:
-        """Ask the node of this full name once it is there; call it again until then, and after."""
-        for answered in self._done.intersection(self.clients):
-            self._end(answered)
+    def ask(self, there: Collection[str]) -> None:
+        """Ask the nodes of these full names, all that are there; call it again now and then.
+
+        Hidden ones, those of command lines for example, serve no parameters and are not asked.
+        """
+        for name in [name for name in self.clients if name in self._done or name not in there]:
+            self._end(name)
+            if name not in self._done:
+                self._asked.pop(name, None)
+        for name in there:
+            if not name.rpartition('/')[2].startswith('_'):
+                self._ask(name)
+
+    def _ask(self, name: str) -> None:
         if name in self._asked:
             if name not in self._done and time.monotonic() - self._asked[name] > ANSWER_TIMEOUT:
                 self._end(name)

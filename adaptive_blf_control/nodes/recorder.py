@@ -193,11 +193,9 @@ class Recorder(DataNode[RecorderSettings]):
 
     def _ask_for_parameters(self) -> None:
         """Ask every node that publishes on a recorded topic for its parameters."""
-        for topic in list(self.received):
-            for info in self.get_publishers_info_by_topic(topic):
-                node = full_name(info)
-                if node is not None and node != self.get_fully_qualified_name():
-                    self.survey.ask(node)
+        names = {full_name(info) for topic in list(self.received)
+                 for info in self.get_publishers_info_by_topic(topic)}
+        self.survey.ask({name for name in names if name} - {self.get_fully_qualified_name()})
 
     def spin_data(self, timeout: float = BATCH_PERIOD) -> int:
         """Take what has arrived within the last ``timeout`` [s]."""

@@ -19,6 +19,7 @@ import pytest
 from rcl_interfaces.msg import ParameterEvent, SetParametersResult
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -231,6 +232,21 @@ def test_a_live_change_is_in_the_bag_with_its_time_and_new_value(
             for item in event.changed_parameters} == {'kt': 42.0, 'gamma': [2.0]}
     assert began <= at <= ended + 10**9
     assert recorder.lost[EVENTS] == 0  # publishers that number on their own are no gap
+
+
+def test_who_never_answers_is_asked_no_longer_than_it_is_there_and_who_is_hidden_never(
+        graph, wait_until, tmp_path) -> None:
+    recorder = graph.make(Recorder, bag=str(tmp_path / 'bag'), topics=[EVENTS])
+    graph.run(recorder)
+    # As a command line makes it, and a node that starts; and one that is busy.
+    others = [Node(name, context=graph.context, start_parameter_services=False)
+              for name in ('_hidden', 'mute')]
+    asked = recorder.survey.clients
+    wait_until(lambda: '/mute' in asked, what='clients for it')
+    assert set(asked) == {'/mute'}
+    for other in others:
+        other.destroy_node()
+    wait_until(lambda: not asked, what='the end of its clients')
 
 
 def test_an_existing_folder_is_refused_and_left_alone(graph, tmp_path) -> None:
