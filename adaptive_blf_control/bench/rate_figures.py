@@ -21,7 +21,7 @@ from adaptive_blf_control.messages.stamp import stamp_of
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, THETA_HAT
 from adaptive_blf_control.runtime.processes import nodes_in
 
-__all__ = ['Loop', 'RateFigures', 'Row', 'Seen', 'Usage', 'median', 'of_bag', 'of_bare',
+__all__ = ['Loop', 'RateFigures', 'Row', 'Seen', 'Usage', 'Way', 'median', 'of_bag', 'of_bare',
            'stolen_time', 'usage_of']
 
 TAIL = 0.1  # s at the end that are left out: nodes that have ended answer no states
@@ -92,11 +92,32 @@ class Seen(NamedTuple):
     start: float = NAN
 
 
+class Way(NamedTuple):
+    """Where the time of a round trip goes [ms]; all NaN where it is not known.
+
+    Attributes:
+        late: Median time from when a state was due until it was sent.
+        late99: Its 99th percentile.
+        slow: States that were sent more than half a period after they were due [%].
+        answer: Median time from when a state was sent until its command was sent.
+        answer99: Its 99th percentile.
+        back: What is left of the median round trip: from the sending of the command on.
+    """
+
+    late: float = NAN
+    late99: float = NAN
+    slow: float = NAN
+    answer: float = NAN
+    answer99: float = NAN
+    back: float = NAN
+
+
 class RateFigures(NamedTuple):
-    """Figures of one run: a row for each process, and the loop through them."""
+    """Figures of one run: a row for each process, the loop through them, and its way."""
 
     rows: dict[str, Row]
     loop: Loop
+    way: Way = Way()
 
 
 class Usage(NamedTuple):
@@ -107,6 +128,26 @@ class Usage(NamedTuple):
 
 
 NOTHING_SEEN = Seen()
+
+
+def _way(due_ns: np.ndarray, sent_ns: np.ndarray, answered_ns: np.ndarray, rate: float,
+         trip: float) -> Way:
+    """Return the way of a round trip whose median is ``trip`` [ms].
+
+    Args:
+        due_ns: When each state was due, shape (k,).
+        sent_ns: When it was sent, by the same clock, likewise.
+        answered_ns: When its command was sent, likewise; 0 where none was.
+        rate: Rate of the states [Hz].
+        trip: See above.
+    """
+    late, answer = (sent_ns - due_ns) * 1e-6, (answered_ns - sent_ns)[answered_ns > 0] * 1e-6
+    if not late.size or not answer.size:
+        return Way()
+    middle = float(np.median(answer))
+    return Way(float(np.median(late)), float(np.percentile(late, 99)),
+               100.0 * float(np.mean(late > 500.0 / rate)), middle,
+               float(np.percentile(answer, 99)), trip - middle)
 
 
 def usage_of(pid: int) -> tuple[float, float] | None:
@@ -169,7 +210,18 @@ def of_bare(files: Mapping[str, Path], usage: Mapping[str, Usage], rate: float,
     met, in_time = (100.0 * min(count / rows['driver'].due, 1.0)
                     for count in (inside.size, np.count_nonzero(inside <= 1e3 / rate)))
     p50, p99, p999, largest = map(float, quantiles)
-    return RateFigures(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), *seen))
+    loop = Loop(p50, p99, p999, largest, met, in_time, _cores(usage), *seen)
+    return RateFigures(rows, loop, _way_of_raw(files, (sent >= begin) & (sent < end), rate, p50))
+
+
+def _way_of_raw(files: Mapping[str, Path], inside: np.ndarray, rate: float, trip: float) -> Way:
+    """Return the way as the nodes of `raw_echo` have kept it; no other nodes do."""
+    driver, echo = np.load(files['driver']), np.load(files['echo'])
+    if 'due' not in driver:
+        return Way()
+    answered = np.zeros(driver['served'].size, dtype=np.int64)
+    answered[echo['stamp'] - 1] = echo['sent']  # a stamp is the number of the state, plus 1
+    return _way(driver['due'][inside], driver['served'][inside], answered[inside], rate, trip)
 
 
 def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, start_up: float,
@@ -211,7 +263,8 @@ def of_bag(bag: Path, log: str, usage: Mapping[str, Usage], rate: float, start_u
     p50, p99, p999, largest = content.figures('arm_driver', ROUND_TRIP)
     in_time, = content.figures('arm_driver', IN_TIME, 1)
     in_time = min(in_time, met)
-    return RateFigures(rows, Loop(p50, p99, p999, largest, met, in_time, _cores(usage), *seen))
+    loop = Loop(p50, p99, p999, largest, met, in_time, _cores(usage), *seen)
+    return RateFigures(rows, loop, content.way(rate, begin, end, p50))
 
 
 class _Content:
@@ -222,21 +275,23 @@ class _Content:
         received: When each message was received, in any order [ns].
         stamps: Different stamps on each topic of `SHOWN_BY`, in order [ns].
         diagnostics: The diagnostics of each node, with the time of their arrival [ns].
+        sent: When what has a stamp was sent, by topic of `SHOWN_BY` and stamp [ns].
     """
 
     def __init__(self, bag: Path) -> None:
         self.counts: dict[str, int] = {}
         self.diagnostics: dict[str, list[tuple[int, dict[str, str]]]] = {}
-        received, stamps = array('q'), {topic: array('q') for topic in SHOWN_BY.values()}
+        received = array('q')
+        self.sent: dict[str, dict[int, int]] = {topic: {} for topic in SHOWN_BY.values()}
         for path in storage_files(bag):
             file = McapFile(path)
-            for channel, received_ns, data in file.messages():
+            for channel, received_ns, sent_ns, data in file.timed_messages():
                 topic = file.channels[channel].topic
                 self.counts[topic] = self.counts.get(topic, 0) + 1
                 received.append(received_ns)
                 name = topic.lstrip('/')
-                if name in stamps:
-                    stamps[name].append(STAMP_BY.get(name, stamp_of)(data) or 0)
+                if name in self.sent:
+                    self.sent[name][STAMP_BY.get(name, stamp_of)(data) or 0] = sent_ns
                 elif name == 'diagnostics':
                     for status, values in decode_diagnostics(data).items():
                         self.diagnostics.setdefault(status.partition(':')[0], []).append(
@@ -244,8 +299,16 @@ class _Content:
             if file.problem:
                 raise BagError(file.problem)
         self.received = np.array(received, dtype=np.int64)
-        self.stamps = {topic: np.unique(np.array(values, dtype=np.int64))
-                       for topic, values in stamps.items()}
+        self.stamps = {topic: np.unique(np.array(list(sent), dtype=np.int64))
+                       for topic, sent in self.sent.items()}
+
+    def way(self, rate: float, begin_ns: int, end_ns: int, trip: float) -> Way:
+        """Return the way of the states between two times; a stamp is when its state was due."""
+        due = self.stamps[JOINT_STATES]
+        due = due[(due >= begin_ns) & (due < end_ns)]
+        sent, answered = (np.array([self.sent[topic].get(stamp, 0) for stamp in due.tolist()],
+                                   dtype=np.int64) for topic in (JOINT_STATES, COMMANDS))
+        return _way(due, sent, answered, rate, trip)
 
     def figures(self, node: str, key: str, count: int = 4) -> tuple[float, ...]:
         """Return the last figures of ``node`` under ``key``; NaN where there are none."""
@@ -266,14 +329,15 @@ def _cores(usage: Mapping[str, Usage]) -> float:
     return sum(one.cpu for one in usage.values()) / 100.0
 
 
-Figures = TypeVar('Figures', Row, Loop)
+Figures = TypeVar('Figures', Row, Loop, Way)
 
 
 def median(runs: Iterable[RateFigures]) -> RateFigures:
     """Return the median of every figure over runs of the same processes."""
     every = list(runs)
     rows = {name: _median([run.rows[name] for run in every]) for name in every[0].rows}
-    return RateFigures(rows, _median([run.loop for run in every]))
+    return RateFigures(rows, _median([run.loop for run in every]),
+                       _median([run.way for run in every]))
 
 
 def _median(figures: list[Figures]) -> Figures:

@@ -37,7 +37,8 @@ __all__ = ['add_options', 'run']
 RATES = (250.0, 500.0, 1000.0)  # Hz
 OURS = ('arm_driver', 'controller', 'identifier', 'recorder')
 BARE = ('listener', 'echo', 'driver')  # in the order of their start
-FOUR, COMPOSED, ECHO = 'four nodes', 'composed', 'bare echo'
+FOUR, COMPOSED, RAW, ECHO = 'four nodes', 'composed', 'raw echo', 'bare echo'
+PLAIN = {RAW: 'raw', ECHO: 'bare'}  # how the names of their processes begin in the tables
 MOTION_TIMEOUT = 90.0  # s until the arm has to move; the first run compiles the laws
 POLL_PERIOD = 0.1  # s
 NOTES = """\
@@ -50,8 +51,10 @@ one process, with its processor time and memory in the line of the controller; w
 has missed then follows from the rate in its diagnostics. Bare echo: typed messages, `rclpy.spin`,
 no control and no recorder. CPU: % of a core. Start: from the start of the processes until the arm
 moves, within 0.1 s. Stolen: processor time that the host of a virtual
-machine gave to others meanwhile; periods due in that time are missed. The last lines of each rate
-are ratios: below 1 our nodes are better, in the periods above 1.
+machine gave to others meanwhile; periods due in that time are missed. Ratios: below 1 our nodes
+are better, in the periods above 1. Raw echo: bytes, taken and published as our nodes do, without
+any work. The way: from the stamps and the times of publication in the bag; what is left of the
+round trip is the way back.
 """
 
 
@@ -64,6 +67,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                        help='rates of the driver (default: 250 500 1000)')
     group.add_argument('--composed', action='store_true',
                        help='measure controller and identifier in one process, too')
+    group.add_argument('--floor', action='store_true',
+                       help='measure nodes that only take and publish bytes, too: the round trip '
+                            'that rclpy leaves')
     group.add_argument('--scenario', default='two_link.yaml', metavar='FILE',
                        help='what moves, a file of --config or a path (default: two_link.yaml)')
     group.add_argument('--repeats', type=int, default=1, metavar='N',
@@ -84,7 +90,9 @@ def run(options: argparse.Namespace) -> None:
         measures: dict[str, Callable[[], RateFigures]] = {FOUR: partial(_ours, options, rate)}
         if options.composed:
             measures[COMPOSED] = partial(_ours, options, rate, composed=True)
-        measures[ECHO] = partial(_bare, options, rate)
+        if options.floor:
+            measures[RAW] = partial(_plain, options, rate, 'raw_echo')
+        measures[ECHO] = partial(_plain, options, rate, 'bare_echo')
         runs: dict[str, list[RateFigures]] = {name: [] for name in measures}
         for _ in range(options.repeats):
             for name, measure in measures.items():
@@ -140,12 +148,13 @@ def _ours(options: argparse.Namespace, rate: float, *, composed: bool = False) -
         return of_bag(output / 'bag', log, usage, rate, start_up, seen)
 
 
-def _bare(options: argparse.Namespace, rate: float) -> RateFigures:
+def _plain(options: argparse.Namespace, rate: float, module: str) -> RateFigures:
+    """Measure the three nodes of a module of `bench.nodes`."""
     seconds, start_up = options.seconds, _start_up(options.seconds)
     arm = build_arm(node_settings(load_yaml(_scenario(options)), ControllerNodeSettings))
     with tempfile.TemporaryDirectory(prefix='rates_') as folder:
         files = {name: Path(folder) / f'{name}.npz' for name in BARE}
-        commands = {name: ['-m', 'adaptive_blf_control.bench.nodes.bare_echo', name, '--output',
+        commands = {name: ['-m', f'adaptive_blf_control.bench.nodes.{module}', name, '--output',
                            str(file), '--rate', str(rate), '--seconds', str(seconds),
                            '--joints', str(arm.n), '--parameters', str(arm.m)]
                     for name, file in files.items()}
@@ -237,17 +246,24 @@ def _tables(rate: float, runs: Mapping[str, RateFigures]) -> str:
              'CPU [%] | memory [MB] |',
              '|---|---|---|---|---|---|---|---|---|']
     lines += [_line(name if loop == FOUR else f'{name}, {loop}', run.rows[name])
-              for loop, run in runs.items() if loop != ECHO for name in OURS]
-    lines += [_line(f'bare_{name}', bare.rows[name]) for name in reversed(BARE)]
+              for loop, run in runs.items() if loop not in PLAIN for name in OURS]
+    lines += [_line(f'{PLAIN[loop]}_{name}', run.rows[name])
+              for loop, run in runs.items() if loop in PLAIN for name in reversed(BARE)]
     lines += ['', '| loop | round trip p50 [ms] | p99 | p99.9 | largest | periods met [%] | '
                   'in time [%] | cores | stolen [%] | start [s] |',
               '|---|---|---|---|---|---|---|---|---|---|']
-    for name, (_, loop) in runs.items():
+    for name, run in runs.items():
+        loop = run.loop
         lines.append(f'| {name} | ' + ' | '.join(_text(value, 3) for value in loop[:4])
                      + f' | {_text(loop.met, 3)} | {_text(loop.in_time, 3)} | '
                      f'{_text(loop.cores, 2)} | {_text(loop.stolen, 2)} | '
                      f'{_text(loop.start, 1)} |')
     lines += [f'| {name} / {ECHO} | ' + ' | '.join(_ratios(run.loop, bare.loop)) + ' |'
+              for name, run in runs.items() if name != ECHO]
+    lines += ['', '| loop | state sent after it was due p50 [ms] | p99 | over half a period [%] | '
+                  'from there until its command is sent p50 [ms] | p99 | back p50 [ms] |',
+              '|---|---|---|---|---|---|---|']
+    lines += [f'| way, {name} | ' + ' | '.join(_text(value, 3) for value in run.way) + ' |'
               for name, run in runs.items() if name != ECHO]
     return '\n'.join(lines) + '\n'
 

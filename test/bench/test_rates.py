@@ -51,6 +51,41 @@ def test_missed_periods_of_the_bare_echo_are_counted_after_the_start_up(tmp_path
                                       0.9, 0.5, 3.5))
 
 
+def test_the_way_of_a_round_trip_comes_from_the_times_that_the_raw_nodes_keep(
+        tmp_path: Path) -> None:
+    due = START + MS * np.arange(1001)
+    sent = due + MS // 10
+    sent[100:200] = due[100:200] + 6 * MS // 10  # late by more than half a period
+    answered = np.delete(np.arange(1001), 500)
+    files = {name: tmp_path / f'{name}.npz' for name in BARE}
+    np.savez(files['driver'], served=sent, trips=np.full(1001, MS // 2), due=due)
+    np.savez(files['echo'], served=sent[answered], trips=[], stamp=answered + 1,
+             sent=sent[answered] + MS // 5)
+    np.savez(files['listener'], served=sent)
+    way = of_bare(files, dict.fromkeys(BARE, Usage(30.0, 70.0)), 1000.0, 0.0).way
+    assert way == pytest.approx((0.1, 0.6, 100 * 100 / 901, 0.2, 0.2, 0.3), rel=0.01)
+    assert median([RateFigures({}, Loop(*range(7)), way)] * 2).way == pytest.approx(way)
+
+
+def test_the_way_of_a_round_trip_comes_from_the_times_of_publication_in_a_bag(
+        tmp_path: Path) -> None:
+    codec, torque = JointStateCodec(['j'], fields=('position',)), Float64MultiArrayCodec(
+        1, '/controller#01234567')
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        writer.add_topic('/effort_controller/commands', 'std_msgs/msg/Float64MultiArray')
+        for stamp in range(START, START + 1000 * MS, MS):
+            writer.write('/joint_states', codec.encode(stamp, np.zeros(1)), stamp + 2 * MS,
+                         stamp + MS // 10)
+            writer.write('/effort_controller/commands', torque.encode(np.zeros(1), stamp),
+                         stamp + 2 * MS, stamp + MS // 2)
+    log = ''.join(f'/{topic}: received 1000, written 1000, lost 0\n'
+                  for topic in ('joint_states', 'effort_controller/commands'))
+    way = of_bag(tmp_path / 'bag', log, dict.fromkeys(OURS, Usage(25.0, 200.0)), 1000.0, 0.0).way
+    assert way[:5] == pytest.approx((0.1, 0.1, 0.0, 0.4, 0.4))
+    assert np.isnan(way.back)  # no diagnostics in this bag
+
+
 def test_missed_periods_of_a_bag_come_from_the_stamps(tmp_path: Path) -> None:
     codec = JointStateCodec(['j'], fields=('position',))
     torque = Float64MultiArrayCodec(1, '/controller#01234567')
@@ -117,7 +152,7 @@ def test_a_short_run_prints_every_figure(repository: Path,
                                          capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip('rclpy', reason='no ROS 2 here: the nodes cannot run')
     status = bench.main(['rates', '--rates', '100', '--seconds', '1.5', '--executor', 'plain',
-                         '--config', str(repository / 'config'), '--composed'])
+                         '--config', str(repository / 'config'), '--composed', '--floor'])
     output = capsys.readouterr()
     assert status == 0, output.err
     cells = {row[0]: row[1:] for row in (
@@ -133,12 +168,18 @@ def test_a_short_run_prints_every_figure(repository: Path,
         assert 0.0 < p50 <= p99 <= max(largest, p99)
         assert 0.0 < cpu < 200.0
         assert 20.0 < memory < 2000.0
-    for name in BARE:
-        row = cells[f'bare_{name}']
+    for name in (f'{kind}_{name}' for kind in ('bare', 'raw') for name in BARE):
+        row = cells[name]
         assert row[3:6] == ['–'] * 3
         assert float(row[0]) > 0.0
-    for name in ('four nodes', 'composed', 'bare echo', 'four nodes / bare echo',
-                 'composed / bare echo'):
+    for name in ('four nodes', 'composed', 'raw echo'):
+        late, late99, slow, answer, answer99, back = map(float, cells[f'way, {name}'])
+        assert 0.0 < late <= late99
+        assert 0.0 <= slow <= 100.0
+        assert 0.0 < answer <= answer99
+        assert answer + back == pytest.approx(float(cells[name][0]), abs=2e-3)
+    for name in ('four nodes', 'composed', 'bare echo', 'raw echo', 'four nodes / bare echo',
+                 'composed / bare echo', 'raw echo / bare echo'):
         *figures, stolen, start = cells[name]
         assert len(figures) == 7
         in_time = float(figures.pop(5))
