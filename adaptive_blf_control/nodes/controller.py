@@ -233,6 +233,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         stamp, q, qd, torque, _, info = sample
         refusal = self.states.too_old(sample) or self.motion.refuse(
             stamp, q, qd, self.settings.state_timeout)
+        sent_at = time.monotonic() - self.states.age
         if refusal is not None:
             self.faults.refuse(refusal)
             return True  # it is the newest of its source: an older one is not answered instead
@@ -244,10 +245,11 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.motion.start_over()
         begins = self.motion.controller is None
         controller = self.motion.controller or self._begin(stamp, q, qd)
-        self.heard_at = time.monotonic() - self.states.age
+        self.heard_at = sent_at
         self.aged(info)
         answered = self._answer(stamp, q, qd, torque, controller, self._elapsed(info))
-        if begins:  # after the answer, because a log line takes longer than the law
+        # After the answer, because a log line takes longer than the law.
+        if begins and self.motion.controller is not None:
             self.get_logger().info('motion begins')
             if self.active:
                 self.monitors.state_guarantee(controller, stamp, answered)
@@ -286,6 +288,10 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self._watch_silence()
         if self.motion.lost:  # the process was stopped while it computed
             return answered
+        if self._overdue():  # or while the motion began
+            self.motion.end()
+            self.faults.drop('joint state too old', 'while its answer was computed')
+            return answered
         self.commands.send(answered.torque, stamp)
         self.monitors.publish_term(stamp, answered)
         inside = self.monitors.watch(controller, stamp, answered, self.theta)
@@ -314,14 +320,18 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.look_around(now)
         self._watch_silence()
 
+    def _overdue(self) -> bool:
+        """Whether the newest usable state was sent too long ago to be answered still."""
+        return (not self.lockstep and self.heard_at is not None
+                and time.monotonic() - self.heard_at > self.settings.state_timeout)
+
     def _watch_silence(self) -> None:
         """Zero torque where no state came in time; before a state is taken, too.
 
         After a pause of this process a state is there at once, and the arm was left to itself.
         """
-        timeout = self.settings.state_timeout
-        if (self._configured and self.commands.pushes and self.active and not self.lockstep
-                and self.heard_at and time.monotonic() - self.heard_at > timeout):
+        if self._configured and self.commands.pushes and self.active and self._overdue():
+            timeout = self.settings.state_timeout
             self._stop_motion('joint states lost',
                               f'no joint state for {timeout:g} s: zero torque',
                               orderly=self.count_publishers(JOINT_STATES) == 0)

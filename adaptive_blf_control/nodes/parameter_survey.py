@@ -57,7 +57,7 @@ class ParameterSurvey:
             self._end(name)
             if name not in self._done:
                 self._asked.pop(name, None)
-        for name in there:
+        for name in sorted(there):
             if not name.rpartition('/')[2].startswith('_'):
                 self._ask(name)
 

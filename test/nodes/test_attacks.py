@@ -121,6 +121,25 @@ def test_a_state_that_becomes_too_old_while_its_answer_is_computed_is_not_answer
     wait_until(driver.push, 'the motion again')
 
 
+def test_a_state_that_becomes_too_old_while_a_motion_begins_is_not_answered(
+        driver, wait_until, monkeypatch) -> None:
+    driver = driver()
+    node, begin = driver.node, driver.node.motion.begin
+    wait_until(lambda: node.motion.lost == 'joint states lost')
+
+    def slow(*given: object) -> object:
+        time.sleep(1.2 * TASK['state_timeout'])
+        return begin(*given)
+
+    with monkeypatch.context() as within:
+        within.setattr(node.motion, 'begin', slow)
+        driver.send()
+        wait_until(lambda: 'joint state too old' in node.faults.drops)
+    late = driver.stamp
+    wait_until(driver.push, 'the motion again')
+    assert late not in [read_command(data).stamp_ns for data, _ in list(driver.commands)]
+
+
 def test_deactivation_is_heard_while_a_long_trajectory_is_checked(driver, wait_until) -> None:
     driver = driver()
     points = driver.peer.create_publisher(JointTrajectory, JOINT_TRAJECTORY, 10)
