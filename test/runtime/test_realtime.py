@@ -134,3 +134,11 @@ print(json.dumps([realtime.raise_priority(50), realtime.lock_memory()]))
     assert [reason.split(':')[0] for reason in reasons] == ['real-time priority 50',
                                                             'locked memory']
     assert all('limits.d' in reason for reason in reasons)
+
+
+def test_the_waits_of_the_thread_that_asks_are_not_drawn_out() -> None:
+    assert _run("""
+import ctypes
+realtime.sharp_timer()
+print(json.dumps(ctypes.CDLL(None).prctl(30, 0, 0, 0, 0)))  # PR_GET_TIMERSLACK
+""") == 1
