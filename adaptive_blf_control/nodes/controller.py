@@ -249,7 +249,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self.aged(info)
         answered = self._answer(stamp, q, qd, torque, controller, self._elapsed(info))
         # After the answer, because a log line takes longer than the law.
-        if begins and self.motion.controller is not None:
+        if begins and not self.motion.lost:
             self.get_logger().info('motion begins')
             if self.active:
                 self.monitors.state_guarantee(controller, stamp, answered)
@@ -289,7 +289,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         if self.motion.lost:  # the process was stopped while it computed
             return answered
         if self._overdue():  # or while the motion began
-            self.motion.end()
+            self.motion.lose('joint states lost')
             self.faults.drop('joint state too old', 'while its answer was computed')
             return answered
         self.commands.send(answered.torque, stamp)
