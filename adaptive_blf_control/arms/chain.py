@@ -11,8 +11,8 @@ import numpy as np
 from adaptive_blf_control.arms.spatial import cross, dot6
 from adaptive_blf_control.compiled import borrowed, cos_sin, jit
 
-__all__ = ['Chain', 'Link', 'add_wrench_torque', 'chain_of_model', 'no_chain', 'placements',
-           'subtree_ends']
+__all__ = ['Chain', 'Link', 'add_wrench_torque', 'chain_of_model', 'no_chain',
+           'placements', 'subtree_ends', 'write_placements']
 
 
 class Chain(NamedTuple):
@@ -99,11 +99,19 @@ def placements(chain: Chain, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         [R p] of each body's frame in the world, shape (n + 1, 3, 4), and the axis of each joint
         as the twist (v, ω) of unit speed about the world's origin, shape (n, 6).
     """
-    chain = borrowed(chain)
     n = chain.parent.size
     frames, axes = np.zeros((n + 1, 3, 4)), np.zeros((n, 6))
+    write_placements(chain, q, frames, axes)
+    return frames, axes
+
+
+@jit
+def write_placements(chain: Chain, q: np.ndarray, frames: np.ndarray,
+                     axes: np.ndarray) -> None:
+    """Write `placements` of joint positions q into zeros of the same shapes."""
+    chain = borrowed(chain)
     frames[0, 0, 0] = frames[0, 1, 1] = frames[0, 2, 2] = 1.0
-    for i in range(n):
+    for i in range(chain.parent.size):
         frame, before, step = frames[i + 1], frames[chain.parent[i]], chain.placement[i]
         for r in range(3):
             for c in range(4):
@@ -111,7 +119,6 @@ def placements(chain: Chain, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                                + before[r, 2] * step[2, c])
             frame[r, 3] += before[r, 3]
         _move(frame, axes[i], chain.axis[i], chain.slides[i], q[chain.place[i]])
-    return frames, axes
 
 
 @jit

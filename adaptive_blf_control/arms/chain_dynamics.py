@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.arms.chain import Chain, placements
+from adaptive_blf_control.arms.chain import Chain, write_placements
 from adaptive_blf_control.arms.integrator import acceleration
 from adaptive_blf_control.arms.spatial import (
     dot6,
@@ -21,7 +21,7 @@ from adaptive_blf_control.arms.spatial import (
     world_inertia,
     wrench_product,
 )
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, jit, local_zeros
 
 __all__ = ['chain_acceleration', 'chain_mass', 'chain_mass_and_bias', 'ChainInertias']
 
@@ -60,11 +60,14 @@ def chain_acceleration(arm: ChainInertias, q: np.ndarray, qd: np.ndarray,
     arm = borrowed(arm)
     chain = arm.chain
     n = chain.parent.size
-    frames, axes = placements(chain, q)
-    bodies = _bodies(arm, frames)
-    drive = _drive(arm, qd, tau)
+    frames, axes, bodies = local_zeros((n + 1, 3, 4)), local_zeros((n, 6)), local_zeros(
+        (n + 1, 4, 4))
+    mass, drive = local_zeros((n, n)), local_zeros(n)
+    write_placements(chain, q, frames, axes)
+    _write_bodies(bodies, arm, frames)
+    _write_drive(drive, arm, qd, tau)
     _take_away_bias(drive, chain, axes, bodies, qd)
-    mass = _composite_mass(arm, axes, bodies)
+    _write_composite_mass(mass, arm, axes, bodies)
     _solve(mass, drive)
     qdd = np.empty(n)
     for i in range(n):
@@ -81,9 +84,12 @@ def chain_mass(arm: ChainInertias, q: np.ndarray) -> np.ndarray:
     arm = borrowed(arm)
     chain = arm.chain
     n = chain.parent.size
-    frames, axes = placements(chain, q)
-    lower = _composite_mass(arm, axes, _bodies(arm, frames))
-    mass = np.empty((n, n))
+    frames, axes, bodies = local_zeros((n + 1, 3, 4)), local_zeros((n, 6)), local_zeros(
+        (n + 1, 4, 4))
+    lower, mass = local_zeros((n, n)), np.empty((n, n))
+    write_placements(chain, q, frames, axes)
+    _write_bodies(bodies, arm, frames)
+    _write_composite_mass(lower, arm, axes, bodies)
     for i in range(n):
         for j in range(i + 1):
             a, b = chain.place[i], chain.place[j]
@@ -92,28 +98,24 @@ def chain_mass(arm: ChainInertias, q: np.ndarray) -> np.ndarray:
 
 
 @jit
-def _bodies(arm: ChainInertias, frames: np.ndarray) -> np.ndarray:
+def _write_bodies(bodies: np.ndarray, arm: ChainInertias, frames: np.ndarray) -> None:
     """Pseudo-inertias in world axes about the world's origin, row 0 empty, (n + 1, 4, 4)."""
     arm = borrowed(arm)
-    bodies = np.zeros((frames.shape[0], 4, 4))
     for i in range(arm.inertia.shape[0]):
         world_inertia(bodies[i + 1], frames[i + 1], arm.inertia[i])
-    return bodies
 
 
 @jit
-def _drive(arm: ChainInertias, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
+def _write_drive(drive: np.ndarray, arm: ChainInertias, qd: np.ndarray,
+                 tau: np.ndarray) -> None:
     """Torque less friction, in the chain's order, shape (n,)."""
     arm = borrowed(arm)
-    n = qd.size
-    drive = np.empty(n)
-    for i in range(n):
+    for i in range(qd.size):
         j = arm.chain.place[i]
         drive[i] = tau[j] - arm.friction[0, j] * qd[j] - arm.friction[2, j]
         if arm.friction[1, j] != 0.0 or arm.friction[3, j] != 0.0:
             dry = arm.friction[1, j] + arm.friction[3, j] * math.sqrt(abs(qd[j]))
             drive[i] -= dry * math.tanh(qd[j] / arm.coulomb_velocity)
-    return drive
 
 
 @jit
@@ -122,8 +124,8 @@ def _take_away_bias(drive: np.ndarray, chain: Chain, axes: np.ndarray, bodies: n
     """Subtract C q̇ + G: Newton-Euler with q̈ = 0, f_i = I A_i + V_i ×* I V_i."""
     chain = borrowed(chain)
     n = chain.parent.size
-    twists, rates = np.zeros((n + 1, 6)), np.zeros((n + 1, 6))
-    wrenches, own = np.zeros((n + 1, 6)), np.empty(6)
+    twists, rates = local_zeros((n + 1, 6)), local_zeros((n + 1, 6))
+    wrenches, own = local_zeros((n + 1, 6)), local_zeros(6)
     for r in range(3):
         rates[0, r] = -chain.gravity[r]
     for i in range(n):
@@ -142,17 +144,17 @@ def _take_away_bias(drive: np.ndarray, chain: Chain, axes: np.ndarray, bodies: n
 
 
 @jit
-def _composite_mass(arm: ChainInertias, axes: np.ndarray, bodies: np.ndarray) -> np.ndarray:
-    """M in the chain's order, its lower triangle, shape (n, n).
+def _write_composite_mass(mass: np.ndarray, arm: ChainInertias, axes: np.ndarray,
+                          bodies: np.ndarray) -> None:
+    """M in the chain's order, its lower triangle, into zeros of shape (n, n).
 
     M_ij = J_jᵀ I_i J_i for a joint j that carries joint i, I_i the inertia of all that joint i
     moves; ``bodies`` is summed up to these. Rotors add to the diagonal.
     """
     arm = borrowed(arm)
     chain = arm.chain
-    n = chain.parent.size
-    mass, own = np.zeros((n, n)), np.empty(6)
-    for i in range(n - 1, -1, -1):
+    own = local_zeros(6)
+    for i in range(chain.parent.size - 1, -1, -1):
         body = i + 1
         momentum(own, bodies[body], axes[i])
         while body > 0:
@@ -163,7 +165,6 @@ def _composite_mass(arm: ChainInertias, axes: np.ndarray, bodies: np.ndarray) ->
         for r in range(4):
             for c in range(4):
                 carried[r, c] += bodies[i + 1, r, c]
-    return mass
 
 
 @jit
@@ -202,11 +203,14 @@ def chain_mass_and_bias(arm: ChainInertias, q: np.ndarray,
     """
     chain = arm.chain
     n = chain.parent.size
-    frames, axes = placements(chain, q)
-    bodies = _bodies(arm, frames)
-    negative = _drive(arm, qd, np.zeros(n))
+    frames, axes, bodies = local_zeros((n + 1, 3, 4)), local_zeros((n, 6)), local_zeros(
+        (n + 1, 4, 4))
+    lower, negative = local_zeros((n, n)), local_zeros(n)
+    write_placements(chain, q, frames, axes)
+    _write_bodies(bodies, arm, frames)
+    _write_drive(negative, arm, qd, local_zeros(n))
     _take_away_bias(negative, chain, axes, bodies, qd)
-    lower = _composite_mass(arm, axes, bodies)
+    _write_composite_mass(lower, arm, axes, bodies)
     mass, bias = np.empty((n, n)), np.empty(n)
     for i in range(n):
         a = chain.place[i]

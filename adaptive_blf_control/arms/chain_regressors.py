@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.base_parameters import PER_BODY
-from adaptive_blf_control.arms.chain import Chain, placements, subtree_ends
+from adaptive_blf_control.arms.chain import Chain, subtree_ends, write_placements
 from adaptive_blf_control.arms.joint_friction import JointFriction
 from adaptive_blf_control.arms.regressors import law_regressor, regressors
 from adaptive_blf_control.arms.spatial import cross, motion_product
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import borrowed, jit, local_zeros
 
 __all__ = ['chain_parameters', 'chain_X', 'chain_Y12', 'ChainParameters']
 
@@ -86,10 +86,11 @@ def chain_Y12(arm: ChainParameters, q: np.ndarray,
     arm = borrowed(arm)
     chain = arm.chain
     n = chain.parent.size
-    frames, axes = placements(chain, q)
-    twists, rates, lift = np.zeros((n + 1, 6)), np.zeros((n, 6)), np.zeros(6)
-    momenta, weights = np.empty((6, arm.kind.size)), np.empty((6, arm.kind.size))
-    block = np.empty((6, PER_BODY))
+    frames, axes = local_zeros((n + 1, 3, 4)), local_zeros((n, 6))
+    twists, rates, lift = local_zeros((n + 1, 6)), local_zeros((n, 6)), local_zeros(6)
+    momenta, weights = local_zeros((6, arm.kind.size)), local_zeros((6, arm.kind.size))
+    block = local_zeros((6, PER_BODY))
+    write_placements(chain, q, frames, axes)
     for r in range(3):
         lift[r] = -chain.gravity[r]
     for i in range(n):
@@ -128,10 +129,11 @@ def chain_X(arm: ChainParameters, q: np.ndarray, qd: np.ndarray, alpha: np.ndarr
     arm = borrowed(arm)
     chain = arm.chain
     n = chain.parent.size
-    frames, axes = placements(chain, q)
-    twists, wanted, rates = np.zeros((n + 1, 6)), np.zeros((n + 1, 6)), np.zeros((n + 1, 6))
-    wrenches = np.empty((6, arm.kind.size))
-    block, other = np.empty((6, PER_BODY)), np.empty((6, PER_BODY))
+    frames, axes = local_zeros((n + 1, 3, 4)), local_zeros((n, 6))
+    twists, wanted = local_zeros((n + 1, 6)), local_zeros((n + 1, 6))
+    rates, wrenches = local_zeros((n + 1, 6)), local_zeros((6, arm.kind.size))
+    block, other = local_zeros((6, PER_BODY)), local_zeros((6, PER_BODY))
+    write_placements(chain, q, frames, axes)
     for r in range(3):
         rates[0, r] = -chain.gravity[r]
     for i in range(n):

@@ -22,7 +22,7 @@ import numpy as np
 
 from adaptive_blf_control.arrays import are_vectors, checked_count, checked_number, checked_vectors
 from adaptive_blf_control.calls import checked_call
-from adaptive_blf_control.compiled import borrowed, by_type, jit
+from adaptive_blf_control.compiled import borrowed, by_type, jit, local_zeros
 from adaptive_blf_control.parameters.guided import Guided
 
 __all__ = ['acceleration', 'advance', 'CompiledDynamics', 'move']
@@ -61,7 +61,7 @@ def move(arm: Any, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, dt: float,
     """Change positions and velocities in place to those after ``dt``, see `advance`."""
     arm = borrowed(arm)
     h = dt / substeps
-    stages = np.empty((4, q.size))
+    stages = local_zeros((4, q.size))
     at, v2, v3, v4 = stages[0], stages[1], stages[2], stages[3]
     for _ in range(substeps):
         a1 = acceleration(arm, q, qd, tau)

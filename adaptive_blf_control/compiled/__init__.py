@@ -16,6 +16,7 @@ from adaptive_blf_control.compiled.decorators import (
     uncompiled,
 )
 from adaptive_blf_control.compiled.library import COMPILED
+from adaptive_blf_control.compiled.local_arrays import local_zeros
 from adaptive_blf_control.compiled.notices import (
     around_each_compilation,
     around_own_compilations,
@@ -23,9 +24,16 @@ from adaptive_blf_control.compiled.notices import (
 )
 from adaptive_blf_control.compiled.references import borrowed, Handle, handle
 from adaptive_blf_control.compiled.scalars import all_finite, cos_sin, is_within
-from adaptive_blf_control.compiled.vectors import add_multiple, dot, fold_row
+from adaptive_blf_control.compiled.vectors import (
+    add_four,
+    add_multiple,
+    combine_rows,
+    dot,
+    fold_row,
+)
 
-__all__ = ['ByType', 'COMPILED', 'Handle', 'add_multiple', 'all_finite',
+__all__ = ['ByType', 'COMPILED', 'Handle', 'add_four', 'add_multiple', 'all_finite',
            'around_each_compilation', 'around_own_compilations', 'before_each_compilation',
-           'borrowed', 'by_type', 'cos_sin', 'dot', 'entry_for', 'fold_row', 'handle',
-           'is_within', 'jit', 'jit_apart', 'jit_without_gil', 'jitable', 'uncompiled']
+           'borrowed', 'by_type', 'combine_rows', 'cos_sin', 'dot', 'entry_for', 'fold_row',
+           'handle', 'is_within', 'jit', 'jit_apart', 'jit_without_gil', 'jitable', 'local_zeros',
+           'uncompiled']

@@ -27,9 +27,10 @@ if COMPILED:
         signature,
     )
 
-__all__ = ['add_multiple', 'dot', 'fold_row']
+__all__ = ['add_four', 'add_multiple', 'combine_rows', 'dot', 'fold_row']
 
-LANES = 4
+LANES = 4  # of which a sum of products has twice as many
+WIDTHS = 2 * LANES, LANES, 1  # elements that are changed at once, as long as so many are left
 
 
 def dot(x: np.ndarray, y: np.ndarray, size: int) -> float:
@@ -55,6 +56,22 @@ def add_multiple(target: np.ndarray, factor: float, x: np.ndarray, size: int) ->
     target[:size] += factor * x[:size]
 
 
+def add_four(target: np.ndarray, a: float, w: np.ndarray, b: float, x: np.ndarray, c: float,
+             y: np.ndarray, d: float, z: np.ndarray, size: int) -> None:
+    """Add (a w + b x) + (c y + d z) to the first ``size`` elements of a vector."""
+    target[:size] += (a * w[:size] + b * x[:size]) + (c * y[:size] + d * z[:size])
+
+
+def combine_rows(result: np.ndarray, matrix: np.ndarray, x: np.ndarray, size: int) -> None:
+    """Set ``result`` to Aᵀ x for the first ``size`` rows and columns of A, four rows at a time."""
+    result[:size] = 0.0
+    for i in range(0, size - size % 4, 4):
+        add_four(result, x[i], matrix[i], x[i + 1], matrix[i + 1], x[i + 2], matrix[i + 2],
+                 x[i + 3], matrix[i + 3], size)
+    for i in range(size - size % 4, size):
+        add_multiple(result, x[i], matrix[i], size)
+
+
 def fold_row(row: np.ndarray, a: float, w: np.ndarray, b: float, v: np.ndarray, total: np.ndarray,
              c: float, size: int) -> None:
     """Subtract a w + b v from the first ``size`` elements of a row, and add c row to ``total``."""
@@ -64,21 +81,30 @@ def fold_row(row: np.ndarray, a: float, w: np.ndarray, b: float, v: np.ndarray, 
 
 if COMPILED:
     _WORD, _NUMBER = ir.IntType(64), ir.DoubleType()
-    _LANES = ir.VectorType(_NUMBER, LANES)
     _ARRAY, _FLOAT, _SIZE = numba.types.Array, numba.types.float64, numba.types.intp
 
     class _OfVectors(AbstractTemplate):  # type: ignore[misc]
-        """Types of a function of contiguous vectors and numbers, the last one their size."""
+        """Types of a function of contiguous vectors and numbers, the last one their size.
+
+        Attributes:
+            result: Type of what it returns.
+            matrix: Place among the arguments of a matrix, −1 for none.
+        """
 
         result = numba.types.none
+        matrix = -1
 
         def generic(self, arguments: Any, keywords: Any) -> Any:
-            arrays = [each for each in arguments if isinstance(each, numba.types.Array)]
-            if any((each.ndim, each.layout, each.dtype) != (1, 'C', _FLOAT) for each in arrays):
-                return None
-            *others, _ = arguments
-            return signature(self.result, *(each if each in arrays else _FLOAT
-                                            for each in others), _SIZE)
+            kinds = []
+            for place, each in enumerate(arguments[:-1]):
+                dimensions = 2 if place == self.matrix else 1
+                if not isinstance(each, numba.types.Array):
+                    kinds.append(_FLOAT)
+                elif (each.ndim, each.layout, each.dtype) == (dimensions, 'C', _FLOAT):
+                    kinds.append(each)
+                else:
+                    return None
+            return signature(self.result, *kinds, _SIZE)
 
     @infer_global(dot)
     class _Dot(_OfVectors):
@@ -92,11 +118,22 @@ if COMPILED:
     class _FoldRow(_OfVectors):
         pass
 
+    @infer_global(add_four)
+    class _AddFour(_OfVectors):
+        pass
+
+    @infer_global(combine_rows)
+    class _CombineRows(_OfVectors):
+        matrix = 1
+
     def _data(context: Any, builder: Any, signature: Any, arguments: Any) -> list[Any]:
         """Return arguments with the addresses of their first elements in place of arrays."""
         return [context.make_array(kind)(context, builder, value).data
                 if isinstance(kind, numba.types.Array) else value
                 for kind, value in zip(signature.args, arguments)]
+
+    def _kind(lanes: int) -> Any:
+        return ir.VectorType(_NUMBER, lanes) if lanes > 1 else _NUMBER
 
     def _place(builder: Any, data: Any, first: Any, kind: Any) -> Any:
         where = builder.gep(data, [first], inbounds=True)
@@ -117,24 +154,33 @@ if COMPILED:
 
     def _times(builder: Any, factor: Any, value: Any) -> Any:
         """Return the product of a number and a number or lanes."""
-        if value.type == _LANES:
-            one = builder.insert_element(ir.Constant(_LANES, ir.Undefined), factor,
-                                         ir.IntType(32)(0))
-            factor = builder.shuffle_vector(one, ir.Constant(_LANES, ir.Undefined), ir.Constant(
-                ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+        if value.type != _NUMBER:
+            nothing = ir.Constant(value.type, ir.Undefined)
+            one = builder.insert_element(nothing, factor, ir.IntType(32)(0))
+            factor = builder.shuffle_vector(one, nothing, _places([0] * value.type.count))
         return builder.fmul(factor, value)
+
+    def _places(numbers: list[int]) -> Any:
+        return ir.Constant(ir.VectorType(ir.IntType(32), len(numbers)), numbers)
+
+    def _two_pairs(builder: Any, factors: list[Any], values: list[Any]) -> Any:
+        """Return (a w + b x) + (c y + d z)."""
+        a, b, c, d = (_times(builder, *each) for each in zip(factors, values))
+        return builder.fadd(builder.fadd(a, b), builder.fadd(c, d))
 
     def _whole(builder: Any, size: Any, lanes: int) -> Any:
         """Return the largest multiple of a power of two up to ``size``."""
         return builder.and_(size, _WORD(-lanes))
 
-    def _for_each(builder: Any, size: Any, change: Callable[[Any, Any], None]) -> None:
-        """Change elements, four at a time, then the rest one by one."""
-        whole = _whole(builder, size, LANES)
-        for begin, end, step, kind in ((_WORD(0), whole, LANES, _LANES),
-                                       (whole, size, 1, _NUMBER)):
-            with cgutils.for_range_slice(builder, begin, end, _WORD(step), _WORD) as (i, _):
-                change(i, kind)
+    def _for_each(builder: Any, size: Any, change: Callable[[Any, Any], None],
+                  widths: tuple[int, ...] = WIDTHS) -> None:
+        """Change elements, as many at a time as there are in the first width, then in the next."""
+        begin = _WORD(0)
+        for width in widths:
+            end = _whole(builder, size, width)
+            with cgutils.for_range_slice(builder, begin, end, _WORD(width), _WORD) as (i, _):
+                change(i, _kind(width))
+            begin = end
 
     @lower_builtin(add_multiple, _ARRAY, _FLOAT, _ARRAY, _SIZE)
     def _lower_add_multiple(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -160,23 +206,66 @@ if COMPILED:
         _for_each(builder, size, change)
         return context.get_dummy_value()
 
+    @lower_builtin(add_four, _ARRAY, *(_FLOAT, _ARRAY) * 4, _SIZE)
+    def _lower_add_four(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        target, a, w, b, x, c, y, d, z, size = _data(context, builder, signature, arguments)
+
+        def change(i: Any, kind: Any) -> None:
+            values = [_load(builder, each, i, kind) for each in (w, x, y, z)]
+            _add_to(builder, target, i, kind, _two_pairs(builder, [a, b, c, d], values))
+
+        _for_each(builder, size, change)
+        return context.get_dummy_value()
+
+    @lower_builtin(combine_rows, _ARRAY, _ARRAY, _ARRAY, _SIZE)
+    def _lower_combine_rows(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        result, matrix, x, size = _data(context, builder, signature, arguments)
+        _, columns = cgutils.unpack_tuple(builder, context.make_array(signature.args[1])(
+            context, builder, arguments[1]).shape)
+        fours = _whole(builder, size, 4)
+
+        def change(k: Any, kind: Any) -> None:
+            """Keep the elements that are added to where no other is changed, for all rows."""
+            total = cgutils.alloca_once_value(builder, ir.Constant(
+                kind, 0.0 if kind == _NUMBER else [0.0] * kind.count))
+
+            def pair(i: Any) -> tuple[Any, Any]:
+                first = builder.add(builder.mul(i, columns), k)
+                return _load(builder, x, i, _NUMBER), _load(builder, matrix, first, kind)
+
+            def add(value: Any) -> None:
+                builder.store(builder.fadd(builder.load(total), value), total)
+
+            with cgutils.for_range_slice(builder, _WORD(0), fours, _WORD(4), _WORD) as (i, _):
+                pairs = [pair(builder.add(i, _WORD(row))) for row in range(4)]
+                add(_two_pairs(builder, *map(list, zip(*pairs))))
+            with cgutils.for_range_slice(builder, fours, size, _WORD(1), _WORD) as (i, _):
+                add(_times(builder, *pair(i)))
+            builder.store(builder.load(total), _place(builder, result, k, kind)).align = 8
+
+        _for_each(builder, size, change, (2 * WIDTHS[0], *WIDTHS))
+        return context.get_dummy_value()
+
     @lower_builtin(dot, _ARRAY, _ARRAY, _SIZE)
     def _lower_dot(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         x, y, size = _data(context, builder, signature, arguments)
+        wide = _kind(2 * LANES)
 
-        def add_to(total: Any, first: Any, kind: Any = _LANES) -> None:
+        def add_to(total: Any, first: Any, kind: Any) -> Any:
             product = builder.fmul(_load(builder, x, first, kind), _load(builder, y, first, kind))
             builder.store(builder.fadd(builder.load(total), product), total)
 
-        even, odd = (cgutils.alloca_once_value(builder, ir.Constant(_LANES, [0.0] * LANES))
-                     for _ in range(2))
+        lanes = cgutils.alloca_once_value(builder, ir.Constant(wide, [0.0] * 2 * LANES))
         pairs, whole = _whole(builder, size, 2 * LANES), _whole(builder, size, LANES)
         with cgutils.for_range_slice(builder, _WORD(0), pairs, _WORD(2 * LANES), _WORD) as (i, _):
-            add_to(even, i)
-            add_to(odd, builder.add(i, _WORD(LANES)))
+            add_to(lanes, i, wide)
+        even, odd = (builder.shuffle_vector(builder.load(lanes), ir.Constant(wide, ir.Undefined),
+                                            _places(list(range(first, first + LANES))))
+                     for first in (0, LANES))
+        even = cgutils.alloca_once_value(builder, even)
         with builder.if_then(builder.icmp_signed('<', pairs, whole)):
-            add_to(even, pairs)
-        sums = builder.fadd(builder.load(even), builder.load(odd))
+            add_to(even, pairs, _kind(LANES))
+        sums = builder.fadd(builder.load(even), odd)
         a, b, c, d = (builder.extract_element(sums, ir.IntType(32)(k)) for k in range(LANES))
         total = cgutils.alloca_once_value(
             builder, builder.fadd(builder.fadd(a, c), builder.fadd(b, d)))

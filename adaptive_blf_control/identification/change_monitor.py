@@ -27,10 +27,18 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, by_type, dot, jit, jit_apart, uncompiled
+from adaptive_blf_control.compiled import (
+    borrowed,
+    by_type,
+    combine_rows,
+    dot,
+    jit,
+    jit_apart,
+    local_zeros,
+    uncompiled,
+)
 from adaptive_blf_control.errors import ParameterError
 from adaptive_blf_control.identification.history import facts, History, pairs, sums
-from adaptive_blf_control.identification.squares import combine_rows
 from adaptive_blf_control.linear_algebra import inverse, product
 
 __all__ = ['ChangeMonitor', 'ExternalTorque', 'MONITORS', 'ResidualArrays', 'ResidualMonitor',
@@ -60,8 +68,8 @@ def residual_with_scale(regressor: np.ndarray, torque: float, theta: np.ndarray,
         floor: What is added, (ρ t_i)² + (f_i (1 − |c_i|))² [N²·m²].
     """
     m = theta.size
-    image = np.empty(m)
-    combine_rows(inverse, regressor, m, image)
+    image = local_zeros(m)
+    combine_rows(image, inverse, regressor, m)
     spread = dot(regressor, image, m)
     return torque - dot(regressor, theta, m), variance * (1.0 + spread) + floor
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptive_blf_control.compiled import dot, jit
+from adaptive_blf_control.compiled import add_four, add_multiple, dot, jit
 
-__all__ = ['add_lower_square', 'add_square', 'assign', 'combine_rows', 'energy', 'project',
-           'seen_square']
+__all__ = ['add_lower_square', 'add_square', 'assign', 'energy', 'project', 'seen_square']
 
 
 @jit
@@ -18,23 +17,6 @@ def assign(target: np.ndarray, source: np.ndarray) -> None:
         row, new = target[i], source[i]
         for j in range(source.shape[1]):
             row[j] = new[j]
-
-
-@jit
-def combine_rows(matrix: np.ndarray, x: np.ndarray, size: int, result: np.ndarray) -> None:
-    """Set ``result`` to Aᵀ x for the first ``size`` rows and columns of A, four rows at a time."""
-    for k in range(size):
-        result[k] = 0.0
-    for i in range(size // 4):
-        i = 4 * i
-        a, b, c, d = matrix[i], matrix[i + 1], matrix[i + 2], matrix[i + 3]
-        x0, x1, x2, x3 = x[i], x[i + 1], x[i + 2], x[i + 3]
-        for k in range(size):
-            result[k] += (x0 * a[k] + x1 * b[k]) + (x2 * c[k] + x3 * d[k])
-    for i in range(size - size % 4, size):
-        a, x0 = matrix[i], x[i]
-        for k in range(size):
-            result[k] += x0 * a[k]
 
 
 @jit
@@ -55,16 +37,12 @@ def add_lower_square(matrix: np.ndarray, rows: np.ndarray, count: int, weight: f
     for k in range(0, whole, 4):
         y0, y1, y2, y3 = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
         for i in range(m):
-            row, a, b = matrix[i], weight * y0[i], weight * y1[i]
-            c, d = weight * y2[i], weight * y3[i]
-            for j in range(i + 1):
-                row[j] += (a * y0[j] + b * y1[j]) + (c * y2[j] + d * y3[j])
+            add_four(matrix[i], weight * y0[i], y0, weight * y1[i], y1, weight * y2[i], y2,
+                     weight * y3[i], y3, i + 1)
     for k in range(whole, count):
         y0 = rows[k]
         for i in range(m):
-            row, a = matrix[i], weight * y0[i]
-            for j in range(i + 1):
-                row[j] += a * y0[j]
+            add_multiple(matrix[i], weight * y0[i], y0, i + 1)
 
 
 @jit

@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import add_multiple, borrowed, dot, fold_row, jit
-from adaptive_blf_control.identification.squares import combine_rows
+from adaptive_blf_control.compiled import add_multiple, borrowed, combine_rows, dot, fold_row, jit
 
 __all__ = ['EPSILON', 'Tridiagonal', 'count_up_to', 'eigenvector', 'largest_eigenvalue', 'reduce',
            'smallest_eigenvalue', 'tridiagonal', 'turned_axes']
@@ -235,6 +234,6 @@ def turned_axes(form: Tridiagonal, axes: np.ndarray) -> None:
         reflector = form.matrix[k]
         for i in range(k):
             weights[i] = form.factor[k] * reflector[i]
-        combine_rows(axes, weights, k, total)
+        combine_rows(total, axes, weights, k)
         for i in range(k):
             add_multiple(axes[i], -reflector[i], total, k)

@@ -20,8 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, dot, jit
-from adaptive_blf_control.identification.squares import combine_rows
+from adaptive_blf_control.compiled import borrowed, combine_rows, dot, jit
 from adaptive_blf_control.identification.tridiagonal import (
     reduce,
     Tridiagonal,
@@ -109,14 +108,14 @@ def advance(kept: KeptHistory, theta: np.ndarray, dt: float, gamma: np.ndarray, 
     n, m = yf.shape
     increment, factor = kept.increment, kept.factor
     _history_slope(kept.scaled, kept.root, theta, kh, gram, moment, adaptation_term)
-    combine_rows(kept.axes, kept.scaled, m, increment)
+    combine_rows(increment, kept.axes, kept.scaled, m)
     _factorise(kept.pivot, factor, kept.form.diagonal, kept.form.off, dt * kh)
     _eliminate(factor, increment)
     for j in range(n):
         for i in range(m):
             kept.scaled[i] = yf[j, i] * kept.root[i]
         kept.system[j, n] = tf[j] - dot(yf[j], theta, m)
-        combine_rows(kept.axes, kept.scaled, m, kept.rows[j])
+        combine_rows(kept.rows[j], kept.axes, kept.scaled, m)
     for i in range(1, m):  # L⁻¹ of all rows at once: each element waits for the one before
         for j in range(n):
             kept.rows[j, i] -= factor[i] * kept.rows[j, i - 1]
@@ -164,7 +163,7 @@ def _history_slope(scaled: np.ndarray, root: np.ndarray, theta: np.ndarray, kh: 
                    gram: np.ndarray, moment: np.ndarray, adaptation_term: np.ndarray) -> None:
     """Set ``scaled`` to √Γ (k_h (g − G θ̂) − Xᵀe2)."""
     m = theta.size
-    combine_rows(gram, theta, m, scaled)
+    combine_rows(scaled, gram, theta, m)
     for i in range(m):
         scaled[i] = root[i] * (kh * (moment[i] - scaled[i]) - adaptation_term[i])
 

@@ -6,7 +6,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adaptive_blf_control.compiled import add_multiple, COMPILED, dot, fold_row, jit
+from adaptive_blf_control.compiled import (
+    add_four,
+    add_multiple,
+    combine_rows,
+    COMPILED,
+    dot,
+    fold_row,
+    jit,
+    uncompiled,
+)
 
 
 @jit
@@ -23,6 +32,17 @@ def _add_multiple(target: np.ndarray, factor: float, x: np.ndarray, size: int) -
 def _fold_row(row: np.ndarray, a: float, w: np.ndarray, b: float, v: np.ndarray,
               total: np.ndarray, c: float, size: int) -> None:
     fold_row(row, a, w, b, v, total, c, size)
+
+
+@jit
+def _add_four(target: np.ndarray, rows: np.ndarray, factors: np.ndarray, size: int) -> None:
+    add_four(target, factors[0], rows[0], factors[1], rows[1], factors[2], rows[2], factors[3],
+             rows[3], size)
+
+
+@jit
+def _combine_rows(result: np.ndarray, matrix: np.ndarray, x: np.ndarray, size: int) -> None:
+    combine_rows(result, matrix, x, size)
 
 
 @pytest.mark.parametrize('size', [0, 1, 3, 4, 5, 7, 8, 11, 12, 15, 16, 50])
@@ -59,3 +79,35 @@ def test_the_first_elements_change_as_in_numpy_and_no_others(size):
         np.testing.assert_array_equal(sums[:size], total[:size] + 1.9 * expected)
         for changed, before in ((target, row), (folded, row), (sums, total)):
             np.testing.assert_array_equal(changed[size:], before[size:])
+
+
+@pytest.mark.parametrize('size', [0, 1, 2, 3, 4, 7, 8, 13, 16, 17, 29, 50])
+def test_rows_are_combined_with_the_same_bits_compiled_and_in_python(size):
+    random = np.random.default_rng(size)
+    matrix, (x, before) = random.normal(size=(53, 53)), random.normal(size=(2, 53))
+    compiled, plain = before.copy(), before.copy()
+    _combine_rows(compiled, matrix, x, size)
+    combine_rows(plain, matrix, x, size)
+    np.testing.assert_array_equal(compiled, plain)
+    np.testing.assert_array_equal(compiled[size:], before[size:])
+    np.testing.assert_allclose(compiled[:size], matrix[:size, :size].T @ x[:size], rtol=1e-12,
+                               atol=1e-12)
+
+
+@pytest.mark.parametrize('size', [0, 1, 4, 7, 8, 13, 50])
+def test_four_multiples_are_added_as_in_numpy_and_to_no_other_elements(size):
+    random = np.random.default_rng(size)
+    rows, target, factors = random.normal(size=(4, 53)), random.normal(size=53), random.normal(
+        size=4)
+    compiled, plain = target.copy(), target.copy()
+    _add_four(compiled, rows, factors, size)
+    uncompiled(_add_four)(plain, rows, factors, size)
+    np.testing.assert_array_equal(compiled, plain)
+    np.testing.assert_array_equal(compiled[size:], target[size:])
+    np.testing.assert_allclose(compiled[:size], (target + factors @ rows)[:size], rtol=1e-12)
+
+
+@pytest.mark.skipif(not COMPILED, reason='plain numpy takes any array')
+def test_a_matrix_whose_rows_have_gaps_is_refused_while_it_is_compiled():
+    with pytest.raises(Exception, match='combine_rows'):
+        _combine_rows(np.zeros(4), np.zeros((4, 8))[:, ::2], np.zeros(4), 4)
