@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is asked of single numbers all over: finite, cosine and sine."""
+"""What is done with single numbers all over: finite, copied, cosine and sine."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from adaptive_blf_control.compiled.decorators import jit
 
-__all__ = ['all_finite', 'cos_sin']
+__all__ = ['all_finite', 'assign_vector', 'cos_sin', 'is_within']
 
 
 @jit
@@ -28,6 +28,16 @@ def is_within(array: np.ndarray, limit: np.ndarray) -> bool:
     for i in range(array.size):
         within = within and abs(array[i]) <= limit[i] and math.isfinite(array[i])
     return within
+
+
+@jit
+def assign_vector(target: np.ndarray, source: np.ndarray) -> None:
+    """Copy a vector into one of its length, without asking whether the two overlap.
+
+    A slice that is assigned to is asked that, which takes longer than to copy a few numbers.
+    """
+    for i in range(source.size):
+        target[i] = source[i]
 
 
 @jit

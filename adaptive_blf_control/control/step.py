@@ -154,7 +154,8 @@ def controller_step(controller: ControllerArrays, answer: Answer, t: float, q: n
         torque[i] = rate_limited_joint(wanted[i], limit[i], last[i], rate_limit[i], dt)
         last[i] = torque[i]
     memory.time[0] = t
-    term[:] = 0.0
+    for j in range(term.size):
+        term[j] = 0.0
     add_unwound(term, x, e2, wanted, torque)
     return x
 

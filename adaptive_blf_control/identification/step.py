@@ -14,7 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.regressors import regressors
-from adaptive_blf_control.compiled import all_finite, borrowed, Handle, jit, jit_apart
+from adaptive_blf_control.compiled import (
+    all_finite,
+    assign_vector,
+    borrowed,
+    Handle,
+    jit,
+    jit_apart,
+)
 from adaptive_blf_control.identification.artificial_noise import (
     ACTIVE,
     NoisyHistoryArrays,
@@ -271,7 +278,7 @@ def learn_step(pair: PairState, learner: LearnerState, dt: float, term: np.ndarr
         theta = stepped(learner.law, learner.theta, dt,
                         Evidence(regressor, torque, settled, gram, moment, term))
     if all_finite(theta):
-        learner.theta[:] = theta
+        assign_vector(learner.theta, theta)
         counts[UPDATES] += 1
     else:  # overflow in data beyond reason: the last good estimate stays
         counts[NOT_FINITE] += 1

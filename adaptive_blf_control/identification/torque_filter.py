@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, jit
+from adaptive_blf_control.compiled import assign_vector, borrowed, jit
 from adaptive_blf_control.errors import ParameterError
 
 __all__ = ['FilteredPair', 'TorqueFilter', 'TorqueFilterArrays', 'filter_pair',
@@ -72,9 +72,10 @@ def filter_pair(arrays: TorqueFilterArrays, dt: float, y1: np.ndarray, y2: np.nd
             arrays.torque[k] = a * arrays.torque[k] + gain * mean
             _filter_row(arrays.regressor[k], a, gain / dt, y1[k], arrays.y1[k], 0.5 * gain, y2[k],
                         arrays.y2[k])
-    arrays.y1[:, :] = y1
-    arrays.y2[:, :] = y2
-    arrays.tau[:] = tau
+    for k in range(tau.size):
+        assign_vector(arrays.y1[k], y1[k])
+        assign_vector(arrays.y2[k], y2[k])
+    assign_vector(arrays.tau, tau)
     arrays.begun[0] = True
     return advances
 

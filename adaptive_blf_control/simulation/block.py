@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import borrowed, Handle, jit, jit_without_gil
+from adaptive_blf_control.compiled import assign_vector, borrowed, Handle, jit, jit_without_gil
 from adaptive_blf_control.control.reference import ReferencePoint
 from adaptive_blf_control.control.sets import Bounds
 from adaptive_blf_control.control.step import Answer, controller_step, ControllerArrays
@@ -190,17 +190,16 @@ def run_block(block: Handle) -> None:
         identifier_step(arm, identifier, times[k], q, qd, torque, term)
         _write_trace(trace, k, plant.q, plant.qd, point.position, answer.torque, learned)
         trace.rank[k], trace.sigma_min[k] = counters[RANK], figures[SIGMA_MIN]
-        measured = trace.measured
-        measured.q[k], measured.qd[k], measured.torque[k] = q, qd, torque
+        _write_measured(trace.measured, k, q, qd, torque)
         if observed.term.shape[0] > 0:
             _write_observed(observed, k, theta, answer, x)
             observed.insertions[k] = counters[INSERTIONS]
             observed.excitation_parts[k] = excitation.completed[0]
             observed.residual[k] = monitor.residual
             observed.scale[k] = monitor.scale
-        term[:] = answer.term
+        assign_vector(term, answer.term)
         if not loop.known:
-            theta[:] = learned
+            assign_vector(theta, learned)
         plant_step(plant, answer.torque, given.dt)
 
 
@@ -212,7 +211,15 @@ def _write_trace(trace: TraceRows, k: int, q: np.ndarray, qd: np.ndarray, refere
         trace.q[k, i], trace.qd[k, i] = q[i], qd[i]
         trace.e1[k, i] = q[i] - reference[i]
         trace.torque[k, i] = torque[i]
-    trace.theta_hat[k] = theta
+    assign_vector(trace.theta_hat[k], theta)
+
+
+@jit
+def _write_measured(rows: Measurement, k: int, q: np.ndarray, qd: np.ndarray,
+                    torque: np.ndarray) -> None:
+    rows = borrowed(rows)
+    for i in range(q.size):
+        rows.q[k, i], rows.qd[k, i], rows.torque[k, i] = q[i], qd[i], torque[i]
 
 
 @jit

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_blf_control.arms.integrator import move
-from adaptive_blf_control.compiled import borrowed, jit, jitable
+from adaptive_blf_control.compiled import assign_vector, borrowed, jit, jitable
 from adaptive_blf_control.control.barrier import Each
 from adaptive_blf_control.control.law import limited_joint
 from adaptive_blf_control.simulation.actuators import (
@@ -113,11 +113,9 @@ def sensor_step(sensor: SensorArrays, q: np.ndarray, qd: np.ndarray, dt: float,
     sensor = borrowed(sensor)
     if sensor.counts:
         encoder_step(sensor.state, q, qd, dt, sensor.resolution, sensor.time_constant)
-        measured_q[:] = sensor.state.q
-        measured_qd[:] = sensor.state.qd
-    else:
-        measured_q[:] = q
-        measured_qd[:] = qd
+        q, qd = sensor.state.q, sensor.state.qd
+    assign_vector(measured_q, q)
+    assign_vector(measured_qd, qd)
 
 
 class PlantArrays(NamedTuple):
