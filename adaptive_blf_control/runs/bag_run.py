@@ -170,10 +170,13 @@ def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> Tr
 
 
 def rates(bag: Bag, run: Run) -> dict[str, float]:
-    """Return the rates of the nodes [Hz], from stamps and counts between first and last sample."""
-    span = max(float(run.t[-1]), 1e-9)
-    counts = {name: bag.topics[topic_named(bag, name)].count
-              for name in (JOINT_STATES, COMMANDS, THETA_HAT)}
-    return {'arm_driver': (counts[JOINT_STATES] - 1) / span,
-            'controller': (counts[COMMANDS] - 1) / span,
-            'identifier': (counts[THETA_HAT] - 1) / span}
+    """Return the rates of the nodes during a run [Hz], from the first to the last answer.
+
+    States and estimates also come before a motion begins and after it; commands do not.
+    """
+    last = float(run.t[-1])
+    states = run.t.size + (0 if run.unanswered is None else run.unanswered.t.size)
+    counts = {'arm_driver': states,
+              'controller': bag.topics[topic_named(bag, COMMANDS)].count,
+              'identifier': int(np.count_nonzero(run.t_theta <= last))}
+    return {name: (count - 1) / max(last, 1e-9) for name, count in counts.items()}

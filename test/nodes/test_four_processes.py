@@ -89,7 +89,9 @@ def test_the_demo_keeps_the_sets_and_says_so(demo) -> None:
     assert figures['set_violations'] == 0
     assert np.min(figures['min_margin']) > 0.0
     assert figures['history_rank'] == 5
-    assert figures['rates_hz']['controller'] > 50.0
+    held = figures['rates_hz']
+    assert held['controller'] > 50.0
+    assert max(held['arm_driver'], held['identifier']) <= 1000.01  # stamps lie on a grid of 1 ms
     assert str(output / 'bag') in result.stdout
 
 
