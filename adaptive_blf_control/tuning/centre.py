@@ -76,8 +76,8 @@ def centre_between(arm: UrdfArm, lower: np.ndarray, upper: np.ndarray, range_: n
     seen = (f'in the middle of the limits {joint} sees {parts[0].min():.2g} of the inertia that '
             'it usually does')
     if found is None:
-        return Centre(middle, f'{seen}, and no better posture is clear of the arm itself: '
-                              '--centre states one')
+        return Centre(middle, f'{seen}, and no better posture is clear of the arm itself and '
+                              'above its base: --centre states one')
     text = ', '.join(f'{value:.4g}' for value in postures[found])
     return Centre(postures[found], f'{seen}: the reference moves around {text} instead'
                   f'{unseen} (--centre states another posture)')
