@@ -30,6 +30,7 @@ AT_ONCE, CONFIRMATION = Duration(), Duration(seconds=0.015)  # DDS confirms afte
 # s of commands that DDS keeps. It asks for a confirmation of each once that many have been sent,
 # and confirms within that time, so that one that was lost on the way can still be sent again.
 HISTORY = 0.01
+KNOWN = 100  # torques after which the quickest is known: the first of a process takes long
 
 
 class CommandTopic:
@@ -55,7 +56,8 @@ class CommandTopic:
         self._first_at = self._begun_at = 0.0
         self._sent = 0
         self._asked_at = self._sent_at = 0.0  # monotonic [s]
-        self._quickest = math.inf  # from `interval` to the torque [s]
+        self._quickest = math.inf  # from `interval` to the torque [s], of so many torques
+        self._timed = 0
         self._depth = max(round(HISTORY * node.settings.loop.rate), 1)
         self.senders = Endpoints(partial(node.get_publishers_info_by_topic, COMMANDS))
         self.listeners = Endpoints(partial(node.get_subscriptions_info_by_topic, COMMANDS))
@@ -118,10 +120,12 @@ class CommandTopic:
         """Return the time between the last torque and the one that is computed from now on [s].
 
         That is sent as long after now as the quickest was, or later: a limit of its rate holds on
-        the topic, however long this process was kept from sending the last one.
+        the topic, however long this process was kept from sending the last one. Until the quickest
+        is known it counts as sent at once.
         """
         self._asked_at = time.monotonic()
-        return self._asked_at + self._quickest - self._sent_at
+        computing = self._quickest if self._timed >= KNOWN else 0.0
+        return self._asked_at + computing - self._sent_at
 
     @property
     def shared(self) -> bool:
@@ -155,6 +159,7 @@ class CommandTopic:
             self._publisher.publish(self._codec.encode(torque, stamp))
             self._sent, self._sent_at = self._sent + 1, time.monotonic()
             self._quickest = min(self._quickest, self._sent_at - self._asked_at)
+            self._timed += 1
 
     def send_zero(self) -> None:
         """Send the zero torque, unless the topic is released or ROS is shut down."""
