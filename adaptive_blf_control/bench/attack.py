@@ -29,13 +29,14 @@ from adaptive_blf_control.runtime.processes import NodeProcesses
 __all__ = ['main']
 
 LIMIT, RATE = 200.0, 5000.0  # N·m, N·m/s
-# s after its stamp: a state is sent within a quarter of command_timeout, and answered within
-# state_timeout after that, or not at all.
-OLDEST = 0.125
+OLDEST = 0.1  # s after its stamp, at which a state may still be answered
 RECOVERY = 60.0  # s within which the motion has to go on
 START_UP, LEAST_WATCHED = 60.0, 300.0  # s before figures of the memory, and for them
 MOST_GROWTH = 1.0  # %
 SETTINGS = {'controller': [f'torque_limit:=[{LIMIT}]', f'torque_rate_limit:=[{RATE}]',
+                           # A state is sent a quarter of command_timeout (0.1 s) after its stamp
+                           # at the latest, and its age counts from then on.
+                           'state_timeout:=0.075',
                            # A stalled machine must not end the attack: the motion may begin
                            # again wherever the arm has coasted.
                            'safety.lower:=[-50.0]', 'safety.upper:=[50.0]'],

@@ -15,11 +15,12 @@ __all__ = ['spike_findings']
 TIMES = 20.0  # the usual step between two rows, to and fro, from which a row stands out
 USUAL = 95.0  # percentile of the steps: of those that are not zero, as at rest
 PART = 0.1  # of the range of the values, from which it does; a motion may begin with a small one
+BACK = 0.1  # of its size by which the rows around it differ; more where a controller starts hard
 OUTER = 1.0  # percent of the values at either end that are not counted to their range
 
 
 def spike_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
-    """Values that leave those before them by far and are back in the next row."""
+    """Values that leave those before them by far and are back at them in the next row."""
     for quantity, unit, values in (('position', 'rad', log.q), ('velocity', 'rad/s', log.qd),
                                    ('effort', 'N·m', log.tau)):
         steps = np.diff(values, axis=0) * log.whole[:, None]
@@ -41,5 +42,6 @@ def _sizes(steps: np.ndarray, least: float) -> np.ndarray:
     if not size.any():
         return size[1:]
     usual = float(np.percentile(size[size > 0.0], USUAL))
-    there_and_back = np.where(steps[1:] * steps[:-1] < 0.0, np.minimum(size[1:], size[:-1]), 0.0)
-    return np.where(there_and_back > max(TIMES * usual, least), there_and_back, 0.0)
+    stands_out = np.minimum(size[1:], size[:-1])
+    back = np.abs(steps[1:] + steps[:-1]) <= BACK * stands_out
+    return np.where(back & (stands_out > max(TIMES * usual, least)), stands_out, 0.0)

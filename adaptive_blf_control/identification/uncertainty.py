@@ -97,7 +97,6 @@ class Uncertainty(NamedTuple):
         along, most = np.abs(regressor @ self.open), np.abs(regressor) @ np.abs(self.open)
         return np.where((along > _ROUNDING * most).any(axis=-1), np.inf, result)
 
-
     def _sticking(self, regressor: np.ndarray) -> np.ndarray:
         """Return the largest friction that the model does not know, (..., n, m) → (..., n)."""
         known = np.abs(np.sum(regressor * self.coulomb, axis=-1))

@@ -175,7 +175,7 @@ def rates(bag: Bag, run: Run) -> dict[str, float]:
     States and estimates also come before a motion begins and after it; commands do not.
     """
     last = float(run.t[-1])
-    states = run.t.size + (0 if run.unanswered is None else run.unanswered.t.size)
+    states = run.t.size + (0 if run.unanswered is None else len(run.unanswered.q))
     counts = {'arm_driver': states,
               'controller': bag.topics[topic_named(bag, COMMANDS)].count,
               'identifier': int(np.count_nonzero(run.t_theta <= last))}

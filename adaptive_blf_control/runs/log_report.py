@@ -11,11 +11,9 @@ import numpy as np
 from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.runs.batch_fit import least_squares
 from adaptive_blf_control.runs.log_pass import LogPass, Section
-from adaptive_blf_control.runs.model_report import model_lines
+from adaptive_blf_control.runs.model_report import model_lines, OF_MEDIAN
 
 __all__ = ['figures_of', 'table']
-
-_OF_MEDIAN = 200_000  # rows that the usual period is taken of
 
 
 def figures_of(sections: Sequence[Section], identifier: Identifier,
@@ -60,7 +58,7 @@ def figures_of(sections: Sequence[Section], identifier: Identifier,
         'us_per_sample': float(np.median(microseconds)),
         'us_per_sample_mean': float(np.mean(microseconds)),
         'us_per_sample_p99': float(np.percentile(microseconds, 99.0)),
-        'period_us': float(1e6 * np.median(np.diff(first.log.t[:_OF_MEDIAN]))),
+        'period_us': float(1e6 * np.median(np.diff(first.log.t[:OF_MEDIAN]))),
         'undetermined': list(identifier.undetermined),
         'theta_hat': identifier.estimate,
     }

@@ -22,10 +22,11 @@ from adaptive_blf_control.identification.identifier import Identifier
 from adaptive_blf_control.runs.log_pass import LogPass, Prediction
 from adaptive_blf_control.runs.model_check import positive_postures, POSTURES
 
-__all__ = ['KINDS', 'model_figures', 'model_lines', 'parameter_note', 'parameter_table']
+__all__ = ['KINDS', 'OF_MEDIAN', 'model_figures', 'model_lines', 'parameter_note',
+           'parameter_table']
 
 _CONDITION = 1e4  # a direction is shown ten thousand times less than another: rank in name only
-_OF_MEDIAN = 200_000  # rows that a median half width is taken of
+OF_MEDIAN = 200_000  # rows of a long log that a median is taken of
 KINDS = {'range': 'slowly through its range', 'speeds': 'at several speeds',
           'reversals': 'with quick reversals'}
 _MEANINGS = (
@@ -84,10 +85,10 @@ def _intervals(prediction: Prediction) -> tuple[list[float | None], list[float |
     """Return the part of the torques inside their intervals and the median half width, by joint.
 
     Block by block: all of them may not fit the memory. The median is that of at most
-    `_OF_MEDIAN` rows, evenly spaced.
+    `OF_MEDIAN` rows, evenly spaced.
     """
     measured, predicted, half = prediction.measured, prediction.predicted, prediction.half_width
-    step = math.ceil(len(half) / _OF_MEDIAN)
+    step = math.ceil(len(half) / OF_MEDIAN)
     inside, widths = np.zeros(half.shape[1]), []
     for some in row_blocks(half, measured, predicted):
         inside += np.sum(np.abs(measured[some] - predicted[some]) <= half[some], axis=0)

@@ -415,6 +415,13 @@ def test_rows_that_stand_out_from_their_neighbours_are_told(sound, arm, field, c
     assert 30 < int(told.text.split()[0]) <= 50  # a position may be near zero where it is lost
 
 
+def test_a_controller_that_starts_hard_is_no_spike(sound, arm):
+    since = np.arange(len(sound)) - 3000
+    kick = np.where(since >= 0, 80.0 * 0.22 ** np.maximum(since, 0), 0.0)
+    hard = with_joint(sound, 'tau', lambda values: values + kick)
+    assert not [each for each in check_log(hard, arm, SETTINGS) if 'stand out' in each.text]
+
+
 def test_a_step_that_stays_and_a_row_between_two_pauses_are_no_spikes(sound, arm):
     number = np.arange(len(sound))
     stepped = with_joint(sound, 'tau', lambda values: values + 500.0 * (number // 700 % 2))

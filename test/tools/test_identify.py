@@ -48,7 +48,7 @@ def arm():
 @pytest.fixture(scope='module')
 def motion(arm):
     """Return (t, q, qd, tau) of 6 s: tau is the mean over the interval that ends at t."""
-    plant, q, qd = arm.dynamics(arm.nominal), np.array([0.0, np.sin(1.0)]), np.zeros(2)
+    plant, q, qd = arm.dynamics(arm.nominal), np.array([0.3, -0.5]), np.zeros(2)
     tau, rows = np.zeros(2), []
     for k in range(3001):
         t = PERIOD * k

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 from array import array
-from pathlib import Path
 import sys
 import time
 
@@ -23,6 +22,7 @@ from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from adaptive_blf_control.bench.nodes.plain_options import plain_options
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, THETA_HAT
 
 __all__ = ['NODES', 'main']
@@ -117,14 +117,7 @@ NODES: dict[str, type[Driver] | type[Echo] | type[Listener]] = {
 
 def main(args: list[str] | None = None) -> int:
     """Run one node until the driver's time is over, or an interrupt; then save its times."""
-    parser = argparse.ArgumentParser(prog='bare_echo', description=__doc__)
-    parser.add_argument('node', choices=tuple(NODES))
-    parser.add_argument('--rate', type=float, default=1000.0, help='of the states [Hz]')
-    parser.add_argument('--seconds', type=float, default=30.0, help='how long the driver runs')
-    parser.add_argument('--joints', type=int, default=2, help='of the states')
-    parser.add_argument('--parameters', type=int, default=5, help='of the vector')
-    parser.add_argument('--output', type=Path, required=True, help='file for the times, .npz')
-    options = parser.parse_args(args)
+    options = plain_options(args, 'bare_echo', __doc__, NODES)
     rclpy.init(args=[])
     node = NODES[options.node](options)
     try:

@@ -14,7 +14,6 @@ import argparse
 from array import array
 from collections.abc import Callable
 import gc
-from pathlib import Path
 import signal
 import sys
 import time
@@ -29,6 +28,7 @@ from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from adaptive_blf_control.bench.nodes.plain_options import plain_options
 from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.messages.command import answered_stamp
 from adaptive_blf_control.messages.joint_state import JointStateCodec
@@ -161,14 +161,7 @@ NODES: dict[str, type[Driver] | type[Echo] | type[Listener]] = {
 
 def main(args: list[str] | None = None) -> int:
     """Run one node until the driver's time is over, or an interrupt; then save its times."""
-    parser = argparse.ArgumentParser(prog='raw_echo', description=__doc__)
-    parser.add_argument('node', choices=tuple(NODES))
-    parser.add_argument('--rate', type=float, default=1000.0, help='of the states [Hz]')
-    parser.add_argument('--seconds', type=float, default=30.0, help='how long the driver runs')
-    parser.add_argument('--joints', type=int, default=2, help='of the states')
-    parser.add_argument('--parameters', type=int, default=5, help='not used')
-    parser.add_argument('--output', type=Path, required=True, help='file for the times, .npz')
-    options = parser.parse_args(args)
+    options = plain_options(args, 'raw_echo', __doc__, NODES)
     stop = StopFlag()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):
