@@ -65,6 +65,23 @@ def test_against_a_plant_what_no_parameter_expresses_counts_too():
                                atol=1e-12)
 
 
+def test_what_no_parameters_express_is_nothing_of_a_model_and_most_of_a_constant_torque(
+        ) -> None:
+    measure = PredictedTorque(ARM, REFERENCE, 20.0)
+
+    def torque(y, yd, ydd):
+        return inverse_dynamics(ARM, 1.3 * ARM.nominal, y, yd, ydd)
+
+    def pushed(y, yd, ydd):
+        return torque(y, yd, ydd) + [1.0, 0.0]
+
+    np.testing.assert_allclose(measure.least_against(torque)[0], 0.0, atol=1e-10)
+    left, scale = measure.least_against(pushed)
+    given, same = measure.rms_against(1.3 * ARM.nominal, pushed)
+    np.testing.assert_array_equal(scale, same)
+    assert 0.1 < np.linalg.norm(left) <= np.linalg.norm(given)
+
+
 class Tells:
     """What of a plant `errors_of_trace` asks: its inverse dynamics, heavier from 0.05 s on."""
 
