@@ -8,7 +8,7 @@ import time
 
 import pytest
 from rclpy.context import Context
-from rclpy.node import Node
+from rclpy.node import Node, NodeNameNonExistentError
 from std_msgs.msg import Float64MultiArray
 
 from adaptive_blf_control.errors import BlfError
@@ -22,18 +22,38 @@ TRIES = 8
 
 
 @pytest.fixture
-def commands(graph) -> CommandTopic:
-    """Return the command topic of a controller that is inactive."""
-    return graph.make(ControllerNode, initial_estimate=[1.0]).commands
+def controller(graph) -> ControllerNode:
+    """Return a controller that is inactive."""
+    return graph.make(ControllerNode, initial_estimate=[1.0])
 
 
 @pytest.fixture
-def newcomer(graph) -> Iterator[Callable[[str], Node]]:
+def commands(controller) -> CommandTopic:
+    """Return its command topic."""
+    return controller.commands
+
+
+def endpoints(of: ControllerNode, known_to: Node) -> list[list[tuple[str, list[str]]]]:
+    """Return the publishers, subscriptions and services of a node that another one knows."""
+    asks = (known_to.get_publisher_names_and_types_by_node,
+            known_to.get_subscriber_names_and_types_by_node,
+            known_to.get_service_names_and_types_by_node)
+    try:
+        return [sorted(ask(of.get_name(), of.get_namespace())) for ask in asks]
+    except NodeNameNonExistentError:
+        return []
+
+
+@pytest.fixture
+def newcomer(graph, controller, wait_until) -> Iterator[Callable[[str], Node]]:
     """Return ``newcomer(name)``: a node that is a DDS participant; the last one ends before."""
     running: list[tuple[Context, Node]] = []
 
     def end() -> None:
         for context, node in running:
+            # Fast DDS 2.14 waits for ever where a participant ends that just discovers something.
+            wait_until(lambda new=node: endpoints(controller, new) == endpoints(
+                controller, controller), what='all of the controller')
             node.destroy_node()
             context.try_shutdown()
         running.clear()
