@@ -150,16 +150,28 @@ class CommandTopic:
         return (now - self.claimed_at < GIVE_WAY and self.shared
                 and self._node.count_publishers(ADAPTATION_TERM) > 1)
 
-    def send(self, torque: np.ndarray, stamp: int = 0) -> None:
-        """Send a torque, shape (n,) [N·m], that answers the state of ``stamp`` [ns]; 0: none."""
-        if self._publisher is not None:
-            if not self.pushes:
-                self.pushes, self.confirmed, self._sent = True, False, 0
-                self._first_at = self._begun_at = time.monotonic()
-            self._publisher.publish(self._codec.encode(torque, stamp))
-            self._sent, self._sent_at = self._sent + 1, time.monotonic()
-            self._quickest = min(self._quickest, self._sent_at - self._asked_at)
-            self._timed += 1
+    def send(self, torque: np.ndarray, stamp: int = 0, until: float = math.inf) -> bool:
+        """Send a torque, unless it is too late or the topic is released; whether it is in time.
+
+        Args:
+            torque: Shape (n,) [N·m].
+            stamp: Of the state that it answers [ns]; 0: none.
+            until: Monotonic time after which it must not be sent [s]. What is still between that
+                look at the clock and the topic takes microseconds.
+        """
+        if self._publisher is None:
+            return True
+        message = self._codec.encode(torque, stamp)
+        if (now := time.monotonic()) > until:
+            return False
+        if not self.pushes:
+            self.pushes, self.confirmed, self._sent = True, False, 0
+            self._first_at = self._begun_at = now
+        self._publisher.publish(message)
+        self._sent, self._sent_at = self._sent + 1, time.monotonic()
+        self._quickest = min(self._quickest, self._sent_at - self._asked_at)
+        self._timed += 1
+        return True
 
     def send_zero(self) -> None:
         """Send the zero torque, unless the topic is released or ROS is shut down."""

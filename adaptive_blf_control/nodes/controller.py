@@ -10,6 +10,7 @@ goes on with the last one.
 from __future__ import annotations
 
 from functools import partial
+import math
 import time
 from typing import Any
 
@@ -233,7 +234,6 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         stamp, q, qd, torque, _, info = sample
         refusal = self.states.too_old(sample) or self.motion.refuse(
             stamp, q, qd, self.settings.state_timeout)
-        sent_at = time.monotonic() - self.states.age
         if refusal is not None:
             self.faults.refuse(refusal)
             return True  # it is the newest of its source: an older one is not answered instead
@@ -245,7 +245,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.motion.start_over()
         begins = self.motion.controller is None
         controller = self.motion.controller or self._begin(stamp, q, qd)
-        self.heard_at = sent_at
+        self.heard_at = self.states.sent_at
         self.aged(info)
         answered = self._answer(stamp, q, qd, torque, controller, self._elapsed(info))
         # After the answer, because a log line takes longer than the law.
@@ -268,7 +268,7 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             return False
         if not self.active:
             self.motion.rest(q, qd)
-            self.heard_at = time.monotonic() - self.states.age
+            self.heard_at = self.states.sent_at
             if not (self.wants_activation and self.estimates.ready
                     and self.commands.someone_drives()
                     and self.activate_by_itself()):
@@ -288,11 +288,10 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
         self._watch_silence()
         if self.motion.lost:  # the process was stopped while it computed
             return answered
-        if self._overdue():  # or while the motion began
+        if not self.commands.send(answered.torque, stamp, self._deadline()):
             self.motion.lose('joint states lost')
             self.faults.drop('joint state too old', 'while its answer was computed')
             return answered
-        self.commands.send(answered.torque, stamp)
         self.monitors.publish_term(stamp, answered)
         inside = self.monitors.watch(controller, stamp, answered, self.theta)
         self.sampled(stamp)
@@ -303,9 +302,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
 
     def spin_data(self, timeout: float = LONGEST_WAIT) -> int:
         """Wait until the states count as lost at the latest; see :meth:`DataNode.spin_data`."""
-        if self._configured and self.commands.pushes and not self.lockstep and self.heard_at:
-            left = self.heard_at + self.settings.state_timeout - time.monotonic()
-            timeout = min(timeout, max(left, RAMP_STEP))
+        if self._configured and self.commands.pushes:
+            timeout = min(timeout, max(self._deadline() - time.monotonic(), RAMP_STEP))
         handled = super().spin_data(timeout)
         if self.handover is not None:  # the command is out
             self.handover.learn()
@@ -320,17 +318,19 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.look_around(now)
         self._watch_silence()
 
-    def _overdue(self) -> bool:
-        """Whether the newest usable state was sent too long ago to be answered still."""
-        return (not self.lockstep and self.heard_at is not None
-                and time.monotonic() - self.heard_at > self.settings.state_timeout)
+    def _deadline(self) -> float:
+        """Return the monotonic time until which the newest usable state may be answered [s]."""
+        if self.lockstep or self.heard_at is None:
+            return math.inf
+        return self.heard_at + self.settings.state_timeout
 
     def _watch_silence(self) -> None:
         """Zero torque where no state came in time; before a state is taken, too.
 
         After a pause of this process a state is there at once, and the arm was left to itself.
         """
-        if self._configured and self.commands.pushes and self.active and self._overdue():
+        if (self._configured and self.commands.pushes and self.active
+                and time.monotonic() > self._deadline()):
             timeout = self.settings.state_timeout
             self._stop_motion('joint states lost',
                               f'no joint state for {timeout:g} s: zero torque',

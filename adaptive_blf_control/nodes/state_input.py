@@ -49,8 +49,8 @@ class StateInput:
 
     Attributes:
         heard: Whose states are believed.
-        age: Of the sample that :meth:`too_old` was last asked about, since it was sent [s]; 0
-            where that is not known, and in lockstep.
+        sent_at: When the sample that :meth:`too_old` was last asked about was sent, monotonic
+            [s]; when it was asked where that is not known, and in lockstep.
     """
 
     def __init__(self, node: DataNode, joints: Sequence[str],
@@ -61,7 +61,7 @@ class StateInput:
         self._node = node
         self._reader = UsualJointStateReader(joints)
         self._timeout = timeout
-        self._ages, self.age = MessageAge(), 0.0
+        self._ages, self.sent_at = MessageAge(), 0.0
 
     def read(self, data: bytes, info: dict[str, int]) -> JointSample | Refusal:
         """Decode a message, or return why it is not one of this arm."""
@@ -80,6 +80,9 @@ class StateInput:
     def too_old(self, sample: JointSample) -> Refusal | None:
         """Refuse a sample that has waited to be taken, e.g. while this process was stopped."""
         sent = sample.info.get('source_timestamp')
-        self.age = 0.0 if self._node.lockstep or not sent else self._ages.of(sent, time.time_ns())
-        return None if self.age <= self._timeout() else Refusal(
-            'joint state too old', f'{self.age:.3g} s')
+        # In this order: where the process is stopped between the two clocks, a sample counts as
+        # older than it is, never as younger.
+        now = time.monotonic()
+        age = 0.0 if self._node.lockstep or not sent else self._ages.of(sent, time.time_ns())
+        self.sent_at = now - age
+        return None if age <= self._timeout() else Refusal('joint state too old', f'{age:.3g} s')

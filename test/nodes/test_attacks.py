@@ -19,9 +19,11 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from adaptive_blf_control.control.answered import Answered
 from adaptive_blf_control.control.motion import Motion
+from adaptive_blf_control.messages.cdr import Float64MultiArrayCodec
 from adaptive_blf_control.messages.command import read_command
 from adaptive_blf_control.messages.topics import COMMANDS, JOINT_STATES, JOINT_TRAJECTORY
 from adaptive_blf_control.nodes.controller import ControllerNode
+from adaptive_blf_control.runtime.message_age import MessageAge
 from patience import PATIENCE
 
 RATE = 200.0  # N·m/s
@@ -134,6 +136,28 @@ def test_a_state_that_becomes_too_old_while_its_answer_is_computed_is_not_answer
     assert driver.stamp not in [read_command(data).stamp_ns for data, _ in list(driver.commands)]
     monkeypatch.setattr(node.motion, 'answer', answer)
     wait_until(driver.push, 'the motion again')
+
+
+@pytest.mark.parametrize(('of', 'step'), [(MessageAge, 'of'), (Float64MultiArrayCodec, 'encode')],
+                         ids=['while its age is looked at', 'while the command is written'])
+def test_a_process_that_is_stopped_anywhere_on_the_way_does_not_answer_an_old_state(
+        driver, wait_until, monkeypatch, of, step) -> None:
+    driver = driver()
+    node, do = driver.node, getattr(of, step)
+
+    def stopped_after(*given: object) -> object:
+        done = do(*given)
+        time.sleep(1.2 * TASK['state_timeout'])
+        return done
+
+    with node.between_samples:
+        driver.send()
+        monkeypatch.setattr(of, step, stopped_after)
+    wait_until(lambda: node.motion.lost == 'joint states lost')
+    monkeypatch.setattr(of, step, do)
+    late = driver.stamp
+    wait_until(driver.push, 'the motion again')
+    assert late not in [read_command(data).stamp_ns for data, _ in list(driver.commands)]
 
 
 def test_a_state_that_becomes_too_old_while_a_motion_begins_is_not_answered(
