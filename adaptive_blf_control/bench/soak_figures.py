@@ -33,16 +33,16 @@ def growth_of(t: Sequence[float], memory: Sequence[float], start_up: float) -> G
     """Compare medians: the tenth of the samples that follows ``start_up`` with the last tenth.
 
     Args:
-        t: Times of the samples [s].
+        t: Times of the samples, in seconds or in whatever ``start_up`` is given.
         memory: Resident memory [MB].
-        start_up: Time before which samples are left out [s].
+        start_up: Time before which samples are left out.
 
     Raises:
         BagError: fewer than two samples after ``start_up``.
     """
     kept = np.asarray(memory, dtype=float)[np.asarray(t) >= start_up]
     if kept.size < 2:
-        raise BagError(f'{kept.size} samples of the memory after {start_up:g} s: '
+        raise BagError(f'{kept.size} samples of the memory after {start_up:g}: '
                        'expected 2 or more')
     share = max(kept.size // 10, 1)
     return Growth(float(np.median(kept[:share])), float(np.median(kept[-share:])))

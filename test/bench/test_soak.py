@@ -29,7 +29,7 @@ def test_growth_leaves_out_the_start_and_compares_medians() -> None:
     growth = growth_of(list(t), list(memory), 60.0)
     assert growth.first == pytest.approx(110.065, rel=1e-4)
     assert growth.percent == pytest.approx(100 * 1.26 / 110.065, rel=2e-2)
-    with pytest.raises(BagError, match='1 samples of the memory after 199 s'):
+    with pytest.raises(BagError, match='1 samples of the memory after 199:'):
         growth_of(list(t), list(memory), 199.0)
 
 

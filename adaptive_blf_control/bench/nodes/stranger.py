@@ -64,6 +64,7 @@ class Stranger(Node):
         self._own_context.init(domain_id=domain)
         super().__init__('stranger', context=self._own_context, start_parameter_services=False)
         self._domain, self._processes = domain, processes
+        self._parameter_client = AsyncParameterClient(self, 'controller')
         self.asked = self.answered = 0
 
         def hear(data: bytes, info: dict[str, int]) -> None:
@@ -108,7 +109,7 @@ class Stranger(Node):
 
     def long_lists(self) -> None:
         """A million gains, and a hundred thousand sinusoids."""
-        client = AsyncParameterClient(self, 'controller')
+        client = self._parameter_client
         if client.wait_for_services(10.0):
             client.set_parameters([Parameter('k2', value=[1.0] * 10**6)])
             client.set_parameters([Parameter(f'reference.joint1.{name}', value=[1.0] * 10**5)
