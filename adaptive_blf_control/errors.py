@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import array
 from collections.abc import Iterable, Mapping
 import difflib
 import functools
@@ -35,8 +36,9 @@ def shown(value: object) -> str:
     size = getattr(value, 'size', None)
     if isinstance(size, int) and size > _SHOWN and hasattr(value, 'flat'):
         return f'an array of shape {value.shape}, {_ends(value.flat, size)}'  # type: ignore
-    if isinstance(value, (list, tuple)) and len(value) > _SHOWN:
-        return f'a {type(value).__name__} of {len(value)} elements, {_ends(value, len(value))}'
+    if isinstance(value, (list, tuple, array.array)) and len(value) > _SHOWN:
+        kind = 'tuple' if isinstance(value, tuple) else 'list'
+        return f'a {kind} of {len(value)} elements, {_ends(value, len(value))}'
     if isinstance(value, (str, bytes)) and len(value) > 2 * _LONGEST:  # a million take long
         return f'{shortened(repr(value[:_LONGEST // 2]))} and so on, {len(value)} in all'
     return shortened(' '.join(repr(value).split()))

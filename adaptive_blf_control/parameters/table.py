@@ -14,8 +14,8 @@ from adaptive_blf_control.arrays import by_name
 from adaptive_blf_control.errors import ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.plugin import is_plugin
 
-__all__ = ['JOINT', 'NOMINAL', 'Parameter', 'Table', 'bounds_of', 'broadcast', 'declares',
-           'per_joint', 'plain', 'validated', 'value_problem']
+__all__ = ['JOINT', 'LONGEST_LIST', 'NOMINAL', 'Parameter', 'Table', 'bounds_of', 'broadcast',
+           'declares', 'per_joint', 'plain', 'validated', 'value_problem']
 
 NOMINAL = 'nominal'  # stands for the parameters that an arm has by its URDF or publication
 JOINT = '<joint>'  # stands for every joint name in a parameter's name

@@ -35,6 +35,7 @@ from adaptive_blf_control.configuration.section_names import (
 )
 from adaptive_blf_control.errors import BlfError, ParameterError, UnknownParameter
 from adaptive_blf_control.parameters.table import (
+    LONGEST_LIST,
     Parameter,
     per_joint,
     validated,
@@ -84,7 +85,12 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
 
 
 def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, (array.array, tuple)) else value
+    """Return an array of a request as a list, unless it is refused for its length anyway.
+
+    A million numbers as objects of Python would leave their memory in pieces.
+    """
+    copied = isinstance(value, (array.array, tuple)) and len(value) <= LONGEST_LIST
+    return list(value) if copied else value
 
 
 def declare(node: Node, kind: str, settings_class: type[NodeSettings]) -> NodeSettings:

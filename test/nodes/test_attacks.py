@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from array import array
 import threading
 import time
+import tracemalloc
 from typing import Any
 
 from lifecycle_msgs.msg import Transition
@@ -214,6 +216,19 @@ def test_what_is_too_long_is_refused_by_its_length(driver) -> None:
     assert not result.successful
     assert len(result.reason) < 1000
     assert 'at most 1000' in result.reason
+
+
+def test_a_list_that_is_too_long_is_refused_without_a_copy_of_it(driver) -> None:
+    node = driver().node
+    gains = Parameter('k2', Parameter.Type.DOUBLE_ARRAY, array('d', [1.0]) * 10**6)
+    tracemalloc.start()
+    try:
+        (result,) = node.set_parameters([gains])
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert 'a list of 1000000 elements' in result.reason
+    assert peak < 4e6  # bytes; a list of its numbers has 32 MB
 
 
 def test_lists_of_a_million_are_refused_by_service_while_the_motion_goes_on(
