@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+import faulthandler
 import os
 from pathlib import Path
 import signal
@@ -31,11 +32,12 @@ from adaptive_blf_control.runtime.node_parameters import (
 from adaptive_blf_control.runtime.second_graph import joined_early, refuse_beside_another
 from adaptive_blf_control.runtime.stop_flag import StopFlag
 
-__all__ = ['Runnable', 'ends_on_signal', 'initialise', 'run_node', 'stop_on_signals',
-           'warn_of_leftovers']
+__all__ = ['Runnable', 'ends_on_signal', 'initialise', 'leaves_in_time', 'run_node',
+           'stop_on_signals', 'warn_of_leftovers']
 
 SHARED_MEMORY = Path('/dev/shm')
 GRACE = 1.0  # s for a node that is being made to notice a signal by itself
+LEAVE = 10.0  # s for a node that has ended to leave the graph
 
 
 def stop_on_signals() -> StopFlag:
@@ -103,6 +105,21 @@ def ends_on_signal() -> Iterator[None]:
         reader.close()
 
 
+@contextmanager
+def leaves_in_time() -> Iterator[None]:
+    """Return a context that ends the process with status 1 where it takes longer than LEAVE.
+
+    For a node that has sent its last message. Fast DDS 2.14 can wait for itself for ever where a
+    participant ends just while it discovers another one, and it holds the interpreter meanwhile:
+    the clock runs in a thread outside of it, which prints where the process hangs.
+    """
+    faulthandler.dump_traceback_later(LEAVE, exit=True, file=2)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+
+
 def run_node(kind: str, make: Callable[..., Runnable], args: list[str] | None) -> int:
     """Run a node as a process: signals, clear errors, clean shutdown.
 
@@ -143,8 +160,9 @@ def run_node(kind: str, make: Callable[..., Runnable], args: list[str] | None) -
         node.nodes[0].get_logger().fatal(str(error))
         return 2
     finally:
-        node.destroy_node()
-        try_shutdown()
+        with leaves_in_time():
+            node.destroy_node()
+            try_shutdown()
 
 
 def _check_alone_and_complete(runnable: Runnable, args: list[str]) -> None:
@@ -158,7 +176,8 @@ def _check_alone_and_complete(runnable: Runnable, args: list[str]) -> None:
     except BlfError:
         for node in runnable.nodes:
             node.withdraw()
-        runnable.destroy_node()
+        with leaves_in_time():
+            runnable.destroy_node()
         raise
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ends a process while its node is being made."""
+"""What ends a process while its node is being made, and while it leaves the graph."""
 
 from __future__ import annotations
 
@@ -52,3 +52,23 @@ def test_what_is_done_before_a_signal_is_not_ended_by_it_later() -> None:
     result = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
                             timeout=PATIENCE, check=False)
     assert (result.returncode, result.stdout) == (0, 'still here\n'), result.stderr
+
+
+def test_a_process_that_cannot_leave_the_graph_ends_and_says_where_it_waited() -> None:
+    pytest.importorskip('rclpy', reason='no ROS 2 here')
+    # Like Fast DDS where it waits for itself: a call into C that holds the interpreter.
+    script = textwrap.dedent("""
+        import ctypes
+        from adaptive_blf_control.runtime import process
+        process.LEAVE = 0.5
+        with process.leaves_in_time():
+            pass
+        ctypes.PyDLL(None).usleep(900_000)
+        print('left in time', flush=True)
+        with process.leaves_in_time():
+            ctypes.PyDLL(None).sleep(1000)
+    """)
+    result = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                            timeout=PATIENCE, check=False)
+    assert (result.returncode, result.stdout) == (1, 'left in time\n'), result.stderr
+    assert 'line 10 in <module>' in result.stderr
