@@ -55,7 +55,8 @@ def centre_between(arm: UrdfArm, lower: np.ndarray, upper: np.ndarray, range_: n
     """
     middle = 0.5 * (lower + upper)
     postures = np.random.default_rng(0).uniform(lower, upper, (COUNT, arm.n))
-    postures[:, 0] = middle[0]  # no joint feels how far the first one is turned
+    first = arm.chain.chain.place[0]  # at the base: M does not depend on how far it is turned
+    postures[:, first] = middle[first]
     masses = _link_masses(arm, np.vstack([middle, postures]))
     if np.linalg.eigvalsh(masses)[:, 0].min() <= 0.0:  # held by its rotors alone, or by nothing
         return Centre(middle, '')

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -55,6 +57,15 @@ def test_an_arm_that_is_singular_in_the_middle_of_its_limits_moves_elsewhere_and
     text = ' '.join(found.assumed)
     assert 'in the middle of the limits turn sees' in text
     assert f'moves around 0, {found.motion.centre[1]:.4g}' in text
+
+
+@pytest.mark.parametrize('joints', list(itertools.permutations(('turn', 'luff', 'roll'))))
+def test_a_singular_middle_is_found_in_whatever_order_the_joints_are_named(
+        joints: tuple[str, ...]) -> None:
+    pytest.importorskip('pinocchio')
+    motion = recipe(load_arm(MAST.format(box=''), joints), Robot()).motion
+    assert 'in the middle of the limits turn sees' in motion.moved
+    assert motion.centre[joints.index('turn')] == 0.0
 
 
 def test_with_rotors_it_moves_there_all_the_same() -> None:
