@@ -20,7 +20,7 @@ from adaptive_blf_control.messages.topics import ADAPTATION_TERM, COMMANDS
 from adaptive_blf_control.runtime.data_node import DataNode
 from adaptive_blf_control.runtime.endpoints import Endpoints, UNNAMED
 
-__all__ = ['CommandTopic', 'GIVE_WAY']
+__all__ = ['CommandTopic', 'GIVE_WAY', 'KNOWN']
 
 UNHEARD = 0.02  # s of a motion after which its torques have to be confirmed
 UNHEARD_LONGEST = 1.0  # s; a listener that was killed is shown for longer, and confirms nothing
@@ -55,7 +55,8 @@ class CommandTopic:
         self.confirmed = False
         self._first_at = self._begun_at = 0.0
         self._sent = 0
-        self._asked_at = self._sent_at = 0.0  # monotonic [s]
+        self._asked_at: float | None = None  # monotonic [s]; None: since then a torque was sent
+        self._sent_at = 0.0  # monotonic [s]
         self._quickest = math.inf  # from `interval` to the torque [s], of so many torques
         self._timed = 0
         self._depth = max(round(HISTORY * node.settings.loop.rate), 1)
@@ -123,9 +124,9 @@ class CommandTopic:
         the topic, however long this process was kept from sending the last one. Until the quickest
         is known it counts as sent at once.
         """
-        self._asked_at = time.monotonic()
+        self._asked_at = now = time.monotonic()
         computing = self._quickest if self._timed >= KNOWN else 0.0
-        return self._asked_at + computing - self._sent_at
+        return now + computing - self._sent_at
 
     @property
     def shared(self) -> bool:
@@ -169,8 +170,9 @@ class CommandTopic:
             self._first_at = self._begun_at = now
         self._publisher.publish(message)
         self._sent, self._sent_at = self._sent + 1, time.monotonic()
-        self._quickest = min(self._quickest, self._sent_at - self._asked_at)
-        self._timed += 1
+        if self._asked_at is not None:  # a ramp computes nothing, and does not ask
+            self._quickest = min(self._quickest, self._sent_at - self._asked_at)
+            self._timed, self._asked_at = self._timed + 1, None
         return True
 
     def send_zero(self) -> None:

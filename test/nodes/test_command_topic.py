@@ -6,14 +6,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import time
 
+import numpy as np
 import pytest
 from rclpy.context import Context
 from rclpy.node import Node, NodeNameNonExistentError
 from std_msgs.msg import Float64MultiArray
 
+from adaptive_blf_control.control.ramp import RAMP_STEP
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.topics import COMMANDS
-from adaptive_blf_control.nodes.command_topic import CommandTopic
+from adaptive_blf_control.nodes.command_topic import CommandTopic, KNOWN
 from adaptive_blf_control.nodes.controller import ControllerNode
 from patience import PATIENCE
 
@@ -99,3 +101,16 @@ def test_a_recorder_does_not_count_as_an_arm_before_its_name_is_known(
         assert known
     newcomer('arm').create_subscription(Float64MultiArray, COMMANDS, lambda _: None, 10)
     wait_until(commands.someone_drives, what='an arm')
+
+
+def test_torques_of_a_ramp_say_nothing_of_how_long_one_takes_to_compute(commands) -> None:
+    torque, unlimited = np.ones(2), np.full(2, np.inf)
+    commands.claim()
+    commands.interval()
+    time.sleep(0.1)  # the first torque of a process takes long
+    commands.send(torque)
+    commands.ramp_down(torque, 2.0 * KNOWN * RAMP_STEP, unlimited)
+    before = time.monotonic()
+    commands.send(torque)
+    interval = commands.interval()
+    assert interval <= time.monotonic() - before
