@@ -23,6 +23,7 @@ from adaptive_blf_control.control.set_constraints import (
 )
 from adaptive_blf_control.control.sets import JointInterval
 from adaptive_blf_control.errors import BagError, BlfError, MissingExtra
+from adaptive_blf_control.messages.command import read_command
 from adaptive_blf_control.messages.topics import (
     BARRIER,
     COMMANDS,
@@ -172,11 +173,13 @@ def _true_parameters(data: Mapping[str, Any], parameters: tuple[str, ...]) -> Tr
 def rates(bag: Bag, run: Run) -> dict[str, float]:
     """Return the rates of the nodes during a run [Hz], from the first to the last answer.
 
-    States and estimates also come before a motion begins and after it; commands do not.
+    States and estimates also come before a motion begins and after it, and so do commands: those
+    of a ramp and the zero at its end. They say that they answer no state, and are not counted.
     """
     last = float(run.t[-1])
     states = run.t.size + (0 if run.unanswered is None else len(run.unanswered.q))
-    counts = {'arm_driver': states,
-              'controller': bag.topics[topic_named(bag, COMMANDS)].count,
+    commands = (read_command(message.data) for message in bag.messages(topic_named(bag, COMMANDS)))
+    answers = sum(each.stamp_ns is not None or not each.source for each in commands)
+    counts = {'arm_driver': states, 'controller': answers,
               'identifier': int(np.count_nonzero(run.t_theta <= last))}
     return {name: (count - 1) / max(last, 1e-9) for name, count in counts.items()}
