@@ -32,8 +32,8 @@ def test_part_inside_and_median_half_width_are_those_of_all_rows(rows):
     np.testing.assert_array_equal(width, np.median(given.half_width, axis=0))
 
 
-def test_of_many_rows_the_median_is_that_of_every_so_manieth(monkeypatch):
-    monkeypatch.setattr(model_report, '_OF_MEDIAN', 1000)
+def test_of_many_rows_the_median_is_that_of_rows_evenly_spaced(monkeypatch):
+    monkeypatch.setattr(model_report, 'OF_MEDIAN', 1000)
     rows = 2 * BLOCK_ROWS + 7
     given = prediction(rows)
     inside, width = model_report._intervals(given)
