@@ -11,6 +11,7 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.errors import LogError
+from adaptive_blf_control.identification.clipping_check import clipping_findings
 from adaptive_blf_control.identification.delay_check import delay_findings
 from adaptive_blf_control.identification.dynamic_checks import (
     closed_form_findings,
@@ -83,9 +84,10 @@ def weightless_of(arm: Arm) -> Callable[[], Arm] | None:
 def _without_model(log: LogRows, looked_at: Excerpt, arm: Arm,
                    settings: IdentifierSettings) -> list[Finding]:
     found = [*motion_findings(looked_at, arm), *position_findings(looked_at, arm),
-             *effort_findings(looked_at, arm), *column_findings(looked_at, arm),
+             *effort_findings(looked_at, arm),
+             *column_findings(looked_at, arm, log.measured_velocity),
              *rate_findings(looked_at, settings.filter), *row_findings(looked_at, arm),
-             *spike_findings(looked_at, arm)]
+             *spike_findings(looked_at, arm), *clipping_findings(looked_at, arm)]
     slow = any(finding.check == 'rate' and finding.level == REFUSED for finding in found)
     if log.measured_velocity and not slow:  # the windows of these checks would hold no row
         found += velocity_findings(looked_at, arm)

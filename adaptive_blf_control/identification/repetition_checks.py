@@ -10,7 +10,8 @@ import numpy as np
 
 from adaptive_blf_control.arms.arm import Arm
 from adaptive_blf_control.identification.finding import Excerpt, Finding, REFUSED, WARNING
-from adaptive_blf_control.identification.kinematic_checks import moving
+from adaptive_blf_control.identification.kinematic_checks import moving, STILL
+from adaptive_blf_control.spelling import argument, setting
 
 __all__ = ['column_findings', 'row_findings']
 
@@ -18,14 +19,39 @@ MOSTLY = 0.2  # of the rows in motion that may be like the row before
 SLOW = 0.01  # of the largest velocity, below which an arm may show the same twice
 
 
-def column_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
-    """Efforts of two joints that are the same in every row, while their positions differ."""
+def column_findings(log: Excerpt, arm: Arm, velocities: bool = True) -> Iterator[Finding]:
+    """Quantities of two joints that are the same in every row.
+
+    Two joints that are coupled, such as the fingers of a gripper, may be alike in all of them. An
+    effort alone may not, nor may a velocity whose position is another; the same position with
+    another effort may be either.
+
+    Args:
+        log: The log.
+        arm: The arm.
+        velocities: Whether those of the log mean anything.
+    """
+    there = moving(log)
     for one, other in combinations(range(len(arm.joints)), 2):
-        tau = log.tau[:, other]
-        if (np.ptp(tau) > 0.0 and np.array_equal(log.tau[:, one], tau)
-                and not np.array_equal(log.q[:, one], log.q[:, other])):
-            yield Finding('effort', arm.joints[other], REFUSED, 1.0, 'the effort is that of joint '
-                          f'{arm.joints[one]!r} in every row: one column for both?')
+        name, first = arm.joints[other], f'that of joint {arm.joints[one]!r} in every row'
+        q, qd, tau = (_same(values, one, other) for values in (log.q, log.qd, log.tau))
+        apart = np.ptp(log.q[:, other] - log.q[:, one])
+        if tau and not q and np.ptp(log.tau[:, other]) > 0.0:
+            yield Finding('effort', name, REFUSED, 1.0,
+                          f'the effort is {first}: one column for both?')
+        if velocities and qd and apart >= STILL and np.ptp(log.qd[:, other]) > 0.0:
+            yield Finding('velocity', name, REFUSED, 1.0, f'the velocity is {first}, and their '
+                          f'positions change by up to {apart:.3g} rad against each other: one '
+                          'column for both?', setting('filter.state_order', '4')
+                          + ' takes velocities from the positions')
+        if q and there[other]:
+            yield Finding('position', name, WARNING, 1.0, f'the position is {first}: one column '
+                          'for both? Nothing tells them apart, even if they are coupled',
+                          argument('joints') + ' without one of them locks it')
+
+
+def _same(values: np.ndarray, one: int, other: int) -> bool:
+    return np.array_equal(values[:, one], values[:, other])
 
 
 def row_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:

@@ -99,6 +99,63 @@ def test_one_column_of_effort_for_two_joints_is_refused(sound, arm):
     assert not any(level == REFUSED for _, _, level, _ in found(carried, arm))
 
 
+@pytest.mark.parametrize(('fields', 'expected'), [
+    (('q', 'qd'), ('position', 'elbow', WARNING)), (('qd',), ('velocity', 'elbow', REFUSED)),
+    (('q', 'qd', 'tau'), ('position', 'elbow', WARNING))], ids='-'.join)
+def test_a_column_that_stands_in_a_log_for_two_joints_is_told(sound, arm, fields, expected):
+    twice = sound.replace(**{field: getattr(sound, field)[:, [0, 0]] for field in fields})
+    told, = (each for each in check_log(twice, arm, SETTINGS)
+             if "that of joint 'shoulder' in every row" in each.text)
+    assert told[:3] == expected
+
+
+def test_coupled_joints_may_have_one_velocity_and_two_may_rest_alike(sound, arm):
+    apart = sound.q[:, [0, 0]] + [0.0, 0.2]
+    resting = np.zeros_like(sound.q)
+    for log in (sound.replace(q=apart, qd=sound.qd[:, [0, 0]]),
+                sound.replace(q=resting, qd=resting), sound.replace(qd=resting)):
+        assert not [each for each in check_log(log, arm, SETTINGS) if 'in every row' in each.text]
+    unread = sound.replace(qd=sound.qd[:, [0, 0]], measured_velocity=False)
+    assert not [each for each in check_log(unread, arm, SETTINGS) if 'in every row' in each.text]
+
+
+def clipped(findings):
+    return [each for each in findings if 'the end of its range' in each.text]
+
+
+@pytest.mark.parametrize('parts', [(0.0, 95.0), (5.0, 100.0), (5.0, 95.0)])
+def test_an_effort_that_is_cut_off_again_and_again_is_told(sound, arm, parts):
+    ends = np.percentile(sound.tau[:, 1], parts)
+    log = with_joint(sound, 'tau', lambda tau: np.clip(tau, *ends))
+    inner = [end for end, part in zip(ends, parts) if 0.0 < part < 100.0]
+    told, = clipped(check_log(log, arm, SETTINGS))
+    assert told[:3] == ('effort', 'elbow', WARNING)
+    assert told.value == pytest.approx(0.05 * len(inner), abs=1e-3)
+    assert all(f'{end:.4g}' in told.text for end in inner)
+    assert told.hint.startswith('train')
+
+
+def test_a_coarse_effort_has_ends_that_it_stays_at_but_is_not_cut_off(sound, arm):
+    for step in (0.01, 0.5, 4.0):
+        coarse = sound.replace(tau=np.round(sound.tau / step) * step)
+        assert clipped(check_log(coarse, arm, SETTINGS)) == []
+    halves = sound.replace(tau=sound.tau.astype(np.float16).astype(float))
+    assert clipped(check_log(halves, arm, SETTINGS)) == []
+
+
+def test_an_effort_at_its_end_once_or_at_rest_is_not_cut_off(sound, arm):
+    number = np.arange(len(sound.t))
+    largest = np.abs(sound.tau[:, 1]).max()
+    once = with_joint(sound, 'tau', lambda tau: np.where(number // 300 == 9, 1.1 * largest, tau))
+    assert clipped(check_log(once, arm, SETTINGS)) == []
+    rests = number // 500 % 4 == 3
+    held = np.where(rests, number // 500 * 500, number)  # where each rest begins
+    resting = with_joint(sound, 'tau', lambda tau: np.where(rests, 1.1 * largest, tau))
+    assert clipped(check_log(resting, arm, SETTINGS)) != []
+    resting = resting.replace(q=sound.q[held], qd=np.where(rests[:, None], 0.0, sound.qd))
+    assert clipped(check_log(resting, arm, SETTINGS)) == []
+
+
 def test_a_log_that_was_filled_up_with_repeated_rows_is_told(sound, arm):
     held = np.arange(len(sound.t)) // 2 * 2
     filled = sound.replace(q=sound.q[held], qd=sound.qd[held], tau=sound.tau[held])
