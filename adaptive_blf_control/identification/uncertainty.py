@@ -13,12 +13,14 @@ that were left out in turn.
 
 Coulomb friction f_c c(q̇), −1 ≤ c ≤ 1, is known where a joint slides, |c| = 1. Where it sticks,
 friction takes whatever value up to f_c holds it, so what the model says is off by an error that is
-taken to be uniform within ±f_c (1 − |c|).
+taken to be uniform within ±f_c (1 − |c|). An interval of a torque is that of the sum of this error
+and of a normal one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -92,8 +94,9 @@ class Uncertainty(NamedTuple):
         """
         variance = np.sum((regressor @ self.covariance) * regressor, axis=-1)
         if measured:
-            variance = variance + self.unexplained ** 2 + self._sticking(regressor) ** 2 / 3.0
-        result = NORMAL * np.sqrt(np.maximum(variance, 0.0))
+            result = _half_width(variance + self.unexplained ** 2, self._sticking(regressor))
+        else:
+            result = NORMAL * np.sqrt(np.maximum(variance, 0.0))
         along, most = np.abs(regressor @ self.open), np.abs(regressor) @ np.abs(self.open)
         return np.where((along > _ROUNDING * most).any(axis=-1), np.inf, result)
 
@@ -101,6 +104,46 @@ class Uncertainty(NamedTuple):
         """Return the largest friction that the model does not know, (..., n, m) → (..., n)."""
         known = np.abs(np.sum(regressor * self.coulomb, axis=-1))
         return np.asarray(np.maximum(self.coulomb.sum(axis=1) - known, 0.0))
+
+
+def _half_width(variance: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Return the half width of the interval of a normal error plus one within ``±most``."""
+    both = np.sqrt(np.maximum(variance + most ** 2 / 3.0, 0.0))
+    uniform = np.divide(most, math.sqrt(3.0) * both, out=np.zeros_like(both), where=both > 0.0)
+    result: np.ndarray = both * np.interp(uniform, _UNIFORM, _QUANTILES)
+    return result
+
+
+def _quantile(uniform: float) -> float:
+    """Return the half width for a sum of variance 1.
+
+    Args:
+        uniform: Standard deviation of its uniform part, 0 ≤ ``uniform`` < 1.
+    """
+    normal, most = math.sqrt(1.0 - uniform ** 2), math.sqrt(3.0) * uniform
+    low, high = 0.0, 2.0 * NORMAL
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if _probability(middle, normal, most) < LEVEL:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def _probability(half: float, normal: float, most: float) -> float:
+    """Return the probability of |x + u| < ``half``, x normal and u uniform within ``±most``."""
+    if most == 0.0:
+        return math.erf(half / (math.sqrt(2.0) * normal))
+    ends = np.array([half + most, half - most]) / normal
+    # The integral of the normal distribution function up to each of them.
+    areas = [end * 0.5 * (1.0 + math.erf(end / math.sqrt(2.0)))
+             + math.exp(-0.5 * end ** 2) / math.sqrt(2.0 * math.pi) for end in ends]
+    return normal / most * (areas[0] - areas[1]) - 1.0
+
+
+_UNIFORM = np.append(np.linspace(0.0, 0.98, 50), [0.99, 0.999])
+_QUANTILES = np.array([_quantile(float(each)) for each in _UNIFORM])
 
 
 def estimate_uncertainty(identifier: Identifier, seen: PairTimes) -> Uncertainty | None:

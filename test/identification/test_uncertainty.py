@@ -159,14 +159,16 @@ def test_a_joint_that_sticks_has_any_friction_up_to_its_full_size(sliding, unkno
     row = np.zeros((2, 4))
     row[0, 1] = sliding
     without = judged._replace(coulomb=np.zeros((2, 4)))
-    wider = (judged.half_width(row) ** 2 - without.half_width(row) ** 2) / NORMAL ** 2
-    assert wider[0] == pytest.approx(unknown ** 2 / 3.0, abs=0.02)
-    assert wider[1] == 0.0
+    random = np.random.default_rng(8)
+    normal = random.normal(0.0, without.half_width(row)[0] / NORMAL, 200_000)
+    error = np.abs(normal + random.uniform(-unknown, unknown, normal.size))
+    assert (error <= judged.half_width(row)[0]).mean() == pytest.approx(0.95, abs=0.003)
+    assert judged.half_width(row)[1] == without.half_width(row)[1]
     np.testing.assert_array_equal(judged.half_width(row, measured=False),
                                   without.half_width(row, measured=False))
 
 
-def test_an_interval_at_rest_holds_for_every_friction_up_to_its_full_size():
+def test_an_interval_at_rest_is_no_wider_than_the_friction():
     judged = dry_friction()
-    assert 3.0 < judged.half_width(np.zeros((2, 4)))[0] < 3.6
+    assert 0.95 * 3.0 < judged.half_width(np.zeros((2, 4)))[0] < 3.0
     assert judged.half_width(np.zeros((2, 4)))[1] < 0.3
