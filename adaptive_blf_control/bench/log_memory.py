@@ -73,6 +73,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--reads', nargs='+', default=['identify', 'recover', 'play'],
                         choices=['identify', 'recover', 'play'],
                         help='log_memory: commands that read them (default: all)')
+    parser.add_argument('--set-back', action='store_true',
+                        help='log_memory: the clock of the log begins again with each repetition')
 
 
 def run(options: argparse.Namespace) -> None:
@@ -90,14 +92,14 @@ def run(options: argparse.Namespace) -> None:
             for kind in ('csv', 'bag'):
                 words = {name: each for name, each in chosen.items()
                          if any(f'{{{word}}}' in each for word in _FILES[kind])}
-                _of_one(kind, bag, words, config, size, Path(folder))
+                _of_one(kind, bag, words, config, size, Path(folder), options.set_back)
 
 
 _FILES = {'csv': ('csv',), 'bag': ('bag', 'broken')}
 
 
 def _of_one(kind: str, bag: Bag, commands: dict[str, tuple[str, ...]], config: Path,
-            size: float, parent: Path) -> None:
+            size: float, parent: Path, set_back: bool) -> None:
     """Print what commands need for one log, which is deleted then."""
     if not commands:
         return
@@ -106,8 +108,8 @@ def _of_one(kind: str, bag: Bag, commands: dict[str, tuple[str, ...]], config: P
     paths = {'csv': folder / 'log.csv', 'bag': folder / 'bag', 'broken': folder / 'broken.mcap',
              'config': config, 'folder': folder}
     bytes_of_it = round(size * 1e6)
-    rows = (grown_csv(bag, paths['csv'], bytes_of_it) if kind == 'csv' else
-            grown_bag(bag, paths['bag'], bytes_of_it))
+    rows = (grown_csv(bag, paths['csv'], bytes_of_it, set_back) if kind == 'csv' else
+            grown_bag(bag, paths['bag'], bytes_of_it, set_back))
     for name, command in commands.items():
         if '{broken}' in command:
             _break(next(paths['bag'].glob('*.mcap')), paths['broken'])
@@ -124,8 +126,14 @@ def _break(whole: Path, broken: Path) -> None:
         file.truncate(whole.stat().st_size - _BROKEN_OFF)
 
 
-def grown_csv(bag: Bag, path: Path, size: int) -> int:
+def grown_csv(bag: Bag, path: Path, size: int, set_back: bool = False) -> int:
     """Write the states of a bag again and again until a CSV file has ``size`` bytes.
+
+    Args:
+        bag: The bag.
+        path: The file.
+        size: Its size in bytes.
+        set_back: Whether the clock begins again each time.
 
     Returns:
         The number of rows; the run is there three times at least.
@@ -134,7 +142,7 @@ def grown_csv(bag: Bag, path: Path, size: int) -> int:
     names = [f'{kind}{i + 1}' for kind in ('q', 'qd', 'tau') for i in range(log.q.shape[1])]
     values = np.hstack([log.q, log.qd, log.tau])
     texts = [','.join(f'{value:.9g}' for value in row) for row in values]
-    span, rows = float(log.t[-1]) + _PAUSE, 0
+    span, rows = 0.0 if set_back else float(log.t[-1]) + _PAUSE, 0
     with path.open('w', encoding='ascii') as file:
         file.write(','.join(['t', *names]) + '\n')
         while rows < _LEAST * len(texts) or file.tell() < size:
@@ -145,8 +153,14 @@ def grown_csv(bag: Bag, path: Path, size: int) -> int:
     return rows
 
 
-def grown_bag(bag: Bag, path: Path, size: int) -> int:
+def grown_bag(bag: Bag, path: Path, size: int, set_back: bool = False) -> int:
     """Write the messages of a bag again and again until a new one has ``size`` bytes.
+
+    Args:
+        bag: The bag.
+        path: The new one.
+        size: Its size in bytes.
+        set_back: Whether the stamps begin again each time.
 
     Returns:
         The number of states; the run is there three times at least.
@@ -160,7 +174,7 @@ def grown_bag(bag: Bag, path: Path, size: int) -> int:
             writer.add_topic(topic.name, topic.type_name)
         while again < _LEAST or writer.file.stat().st_size < size:
             for message in messages:
-                writer.write(message.topic, _later(message, again * span),
+                writer.write(message.topic, _later(message, 0 if set_back else again * span),
                              message.log_time_ns + again * span)
             again += 1
     return again * states

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from adaptive_blf_control.bags.log_clock import log_clock
+from adaptive_blf_control.bags.row_store import BLOCK_ROWS
 from adaptive_blf_control.time_units import epoch_unit
 
 PERIOD = 10_000_000  # ns
@@ -117,3 +120,29 @@ def test_the_times_of_a_sound_clock_are_those_that_one_repeated_stamp_leaves(clo
     assert (found.breaks, found.notes) == ((), ())
     assert not other.keep.all()
     np.testing.assert_array_equal(found.t, other.t)
+
+
+def test_rows_before_the_latest_time_are_left_out_across_the_blocks_of_a_long_log():
+    rows = 3 * BLOCK_ROWS
+    clock = np.arange(rows) * 0.01
+    clock[BLOCK_ROWS - 20:BLOCK_ROWS] += 0.5  # ahead, as far as the next 50 rows of the next block
+    found = log_clock(clock, np.ones(rows, bool), 1.0)
+    assert np.flatnonzero(~found.keep).tolist() == list(range(BLOCK_ROWS, BLOCK_ROWS + 50))
+    assert found.breaks == (BLOCK_ROWS,)
+    assert f'in row {BLOCK_ROWS + 1}: the 50 rows' in found.notes[0]
+
+
+def test_a_clock_that_is_mended_takes_little_more_than_its_times():
+    rows = 400_000
+    clock = np.arange(rows) * 0.002
+    clock[rows // 2:] -= 300.0
+    clock[rows // 4] += 1e5
+    usable = np.ones(rows, bool)
+    tracemalloc.start()
+    try:
+        found = log_clock(clock, usable, 1.0)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert (len(found.notes), found.breaks) == (2, (rows // 2 - 1,))
+    assert peak < 20 * rows

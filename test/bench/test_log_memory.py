@@ -11,7 +11,7 @@ from adaptive_blf_control.bench import log_memory
 from adaptive_blf_control.errors import BlfError
 from adaptive_blf_control.messages.joint_state import JointStateCodec
 
-PERIOD = 2_000_000  # ns
+PERIOD = 4_000_000  # ns
 ROWS = 400
 
 
@@ -58,3 +58,11 @@ def test_a_command_has_a_peak_and_a_failing_one_says_why(tmp_path):
     assert 5.0 < peak.own < peak.resident < 2000.0
     with pytest.raises(BlfError, match='nowhere'):
         log_memory.measured(['recover', str(tmp_path / 'nowhere')])
+
+
+@pytest.mark.parametrize(('grow', 'name'), [
+    (log_memory.grown_csv, 'log.csv'), (log_memory.grown_bag, 'grown')])
+def test_the_clock_of_a_grown_log_may_begin_again_with_each_repetition(bag, tmp_path, grow, name):
+    rows = grow(bag, tmp_path / name, 1_000, set_back=True)
+    log = read_log(tmp_path / name)
+    assert (len(log.t), log.breaks) == (rows, tuple(range(ROWS, rows, ROWS)))
