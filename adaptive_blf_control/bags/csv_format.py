@@ -17,6 +17,7 @@ from pathlib import Path
 import re
 from typing import NamedTuple, TextIO
 
+from adaptive_blf_control.bags.written_times import nanoseconds_of
 from adaptive_blf_control.errors import GIT_LFS_POINTER, LogError
 
 __all__ = ['CsvFile', 'is_number', 'number_of', 'open_csv', 'opened']
@@ -33,7 +34,9 @@ _SEPARATORS = (';', '\t', '|', ',')  # a comma may also be inside of numbers
 _EXPECTED = 'a header t,q1..,qd1..,tau1.. and rows below it'
 _COMMENTS = ('#', '%')
 _PREAMBLE = 1000  # lines of text that may stand before the header
-_MISSING = ('', 'nan', '-nan', 'null', 'none', 'n/a', 'na', '-')
+_MISSING = ('', 'nan', '-nan', 'nan(ind)', '-nan(ind)', '1.#qnan', '-1.#qnan', '1.#ind', '-1.#ind',
+            '1.#inf', '-1.#inf', 'null', 'none', 'n/a', '#n/a', 'na', '#num!', '#value!',
+            '#div/0!', '-', '--')
 _DECIMAL = re.compile(r'[-+]?\d+[.,]\d')
 
 
@@ -73,6 +76,9 @@ def open_csv(path: Path, stream: TextIO) -> CsvFile:
             separator = text[-1]
         elif text.startswith(_COMMENTS) and not text.startswith('%time'):
             comments.append(text.lstrip('#% '))
+        elif text in ('header:', '---'):
+            raise LogError(f'{path} is what "ros2 topic echo" prints: a bag of "ros2 bag record" '
+                           'is read, or what "ros2 topic echo --csv" prints')
         elif text:
             break
     else:
@@ -86,7 +92,9 @@ def open_csv(path: Path, stream: TextIO) -> CsvFile:
         separator = _separator(line, following)
     first = _cells([line], separator)[0]
     header, rest = tuple(first), head[1:]
-    if all(map(is_number, first)):
+    if echoed := _of_echo(first):
+        header, rest = echoed, head
+    elif all(map(is_number, first)):
         rest = head
         header = ()
         if comments:
@@ -94,11 +102,12 @@ def open_csv(path: Path, stream: TextIO) -> CsvFile:
     elif (units := _units(following, separator, len(header))) is not None:
         header, rest = tuple(f'{cell.strip()} [{unit}]' if unit else cell
                              for cell, unit in zip(header, units)), head[2:]
+    again = {line for _, line in head[:len(head) - len(rest)]}  # where files were put together
     lines = chain(rest, enumerate(stream, number + 1 + _PREAMBLE))
     while header and not header[-1].strip():  # a comma at the end
         header = header[:-1]
     header = tuple(cell.strip().strip("'") for cell in header)
-    return CsvFile(header, head[0][0], _rows(lines, separator))
+    return CsvFile(header, head[0][0], _rows(lines, separator, again))
 
 
 def _header_place(lines: list[tuple[int, str]], separator: str | None) -> int:
@@ -112,7 +121,7 @@ def _header_place(lines: list[tuple[int, str]], separator: str | None) -> int:
     for position, (above, below) in enumerate(pairwise(places)):
         used = separator or _separator(lines[above][1], lines[below][1])
         row = _cells([lines[below][1]], used)[0]
-        if not all(map(is_number, row)) or not 2 * row.count('') < len(row) > 1:
+        if not all(map(_is_value, row)) or not 2 * row.count('') < len(row) > 1:
             continue
         before = (_cells([lines[k][1]], used)[0] for k in reversed(places[:position + 1]))
         count = sum(1 for _ in takewhile(partial(_is_above, row), before))
@@ -124,6 +133,25 @@ def _is_above(row: list[str], cells: list[str]) -> bool:
     """Return whether cells may head a row of numbers, which may have empty ones more."""
     return (len(cells) == len(row) - row[len(cells):].count('')
             and 2 * cells.count('') < len(cells))
+
+
+def _is_value(cell: str) -> bool:
+    return is_number(cell) or nanoseconds_of(cell) is not None
+
+
+def _of_echo(row: list[str]) -> tuple[str, ...]:
+    """Return names for the columns of a JointState of ``ros2 topic echo --csv``; else ().
+
+    They are stamp, frame, n names, and as many positions, velocities and efforts.
+    """
+    n = (len(row) - 3) // 4
+    if n < 1 or len(row) != 3 + 4 * n or not all(map(str.isdecimal, row[:2])):
+        return ()
+    joints, values = row[3:3 + n], row[3 + n:]
+    if len(set(joints)) < n or any(map(is_number, joints)) or not all(map(is_number, values)):
+        return ()
+    return ('sec', 'nanosec', 'frame_id', *(f'name {joint}' for joint in joints), *(
+        f'{kind}[{joint}]' for kind in ('position', 'velocity', 'effort') for joint in joints))
 
 
 def _units(line: str, separator: str, count: int) -> list[str] | None:
@@ -175,9 +203,10 @@ def _separator(first: str, second: str) -> str:
     return ' '
 
 
-def _rows(lines: Iterator[tuple[int, str]], separator: str) -> Iterator[tuple[int, list[str]]]:
+def _rows(lines: Iterator[tuple[int, str]], separator: str, left_out: set[str]
+          ) -> Iterator[tuple[int, list[str]]]:
     for number, line in lines:
-        if line.strip() and not line.startswith(_COMMENTS):
+        if line.strip() and not line.startswith(_COMMENTS) and line not in left_out:
             yield number, _cells([line], separator)[0]
 
 

@@ -16,6 +16,7 @@ from adaptive_blf_control.bags.csv_format import CsvFile, number_of, open_csv, o
 from adaptive_blf_control.bags.log_columns import Columns, find_columns
 from adaptive_blf_control.bags.raw_log import RawLog
 from adaptive_blf_control.bags.row_store import RowStore
+from adaptive_blf_control.bags.written_times import nanoseconds_of
 from adaptive_blf_control.errors import LogError
 from adaptive_blf_control.time_units import epoch_unit, period_unit, UNITS
 
@@ -24,6 +25,7 @@ __all__ = ['csv_log', 'raw_log']
 _DEGREES = re.compile(r'.*[\[(<]\s*(?:°|deg(?:rees?)?)\s*(?:/\s*s\w*)?\s*[\])>]\s*'
                       r'|.*_deg(?:rees?)?(?:_?(?:per_?)?s(?:ec)?)?(?:_.*)?', re.IGNORECASE)
 _SHOWN = 12  # names of columns in a message
+_CELL = 40  # letters of a cell in a message
 _FIRST = 2000  # rows that tell the unit of the time
 
 
@@ -55,6 +57,8 @@ def _read(path: Path, file: CsvFile, joints: Sequence[str] | None, velocity: boo
     places = [*found.time, *(i for kind in ('q', 'qd', 'tau') for i in found.values[kind])]
     store, clock, problem = RowStore(len(places) - len(found.time)), array('d'), None
     rows = _with_last(file.rows if first is None else _again(first, file.rows))
+    if first is not None and _time_in_words(first[1], found):
+        rows, found = _in_nanoseconds(rows, found.time[0]), found._replace(unit='ns')
     origin: int | None = None
     for number, row, is_last in rows:
         try:
@@ -84,6 +88,20 @@ def _again(first: tuple[int, list[str]], rows: Iterator[tuple[int, list[str]]]
     yield from rows
 
 
+def _time_in_words(row: list[str], found: Columns) -> bool:
+    return (len(found.time) == 1 and found.time[0] < len(row)
+            and nanoseconds_of(row[found.time[0]]) is not None)
+
+
+def _in_nanoseconds(rows: Iterator[tuple[int, list[str], bool]], place: int
+                    ) -> Iterator[tuple[int, list[str], bool]]:
+    """Yield rows with the time in a column that has words as a whole number [ns]."""
+    for number, row, is_last in rows:
+        if place < len(row) and (time := nanoseconds_of(row[place])) is not None:
+            row = [*row[:place], str(time), *row[place + 1:]]
+        yield number, row, is_last
+
+
 def _with_last(rows: Iterator[tuple[int, list[str]]]
                ) -> Iterator[tuple[int, list[str], bool]]:
     """Yield line number, cells and whether the row is the last of the file."""
@@ -108,8 +126,8 @@ def _numbers(path: Path, header: Sequence[str], row: list[str], places: Sequence
         try:
             numbers.append(number_of(row[i]))
         except ValueError as exc:
-            raise LogError(f'{path}: row {line}, column {header[i]!r}: {row[i]!r} is not a '
-                           'number') from exc
+            raise LogError(f'{path}: row {line}, column {header[i]!r}: {row[i][:_CELL]!r} is '
+                           'not a number') from exc
     return numbers
 
 

@@ -37,6 +37,7 @@ from adaptive_blf_control.time_units import order_problem
 
 __all__ = ['Log', 'read_log']
 
+MANY = 0.1  # of the rows of a log: where more are left out, a note says why
 MINIMUM_ROWS = 3
 _TEXTS = ('.csv', '.tsv', '.txt', '.dat', '.asc', '.log')
 LOG_OPTIONS = ('topic', 'joints', 'velocity', 'columns', 'degrees', 'gain', 'effort_delay')
@@ -207,17 +208,40 @@ def _finished(source: str, raw: RawLog, joints: Sequence[str] | None) -> Measure
         raise LogError(f'{source}: {problem}')
     clock = log_clock(raw.clock, finite, raw.per_second)
     found, kept = len(table), int(clock.keep.sum())
+    left_out = _left_out(raw.skipped, found, int(finite.sum()), kept)
     if kept < MINIMUM_ROWS:
         raise LogError(f'{source}: {kept} usable rows of {found}: expected at least '
                        f'{MINIMUM_ROWS} with finite values and increasing time'
+                       + (f': {left_out}' if left_out else '')
                        + _empty_columns(table, n, names, raw.velocity)
                        + (f'; {raw.problem}' if raw.problem else ''))
     table = keep_rows(table, clock.keep)
     qd = table[:, n:2 * n] if raw.velocity else np.broadcast_to(0.0, (kept, n))
     return MeasuredLog(names, clock.t, table[:, :n], qd, table[:, -n:],
-                       raw.skipped + found - kept, raw.problem, raw.notes + clock.notes,
+                       raw.skipped + found - kept, raw.problem,
+                       (*raw.notes, *clock.notes, *([left_out] if left_out else [])),
                        clock.breaks, raw.velocity,
                        raw.joints is not None or joints is not None)
+
+
+def _left_out(skipped: int, found: int, finite: int, kept: int) -> str:
+    """Return why rows are left out, in a sentence; '' where they are few.
+
+    Args:
+        skipped: Messages that do not hold the joints.
+        found: Rows.
+        finite: Those without a missing value.
+        kept: Those of them with a time that can be used.
+    """
+    total, left = skipped + found, skipped + found - kept
+    if left <= MANY * total:
+        return ''
+    reasons = {'do not hold all joints (renamed, or of another robot?)': skipped,
+               'have no value for a column': found - finite,
+               'have a time that is not after that of the row before (with too few digits, or '
+               'rows that are there twice?)': finite - kept}
+    return f'{left} of {total} rows are left out: ' + '; '.join(
+        f'{count} {reason}' for reason, count in reasons.items() if count)
 
 
 def _empty_columns(table: np.ndarray, n: int, names: Sequence[str], velocity: bool) -> str:

@@ -15,6 +15,7 @@ from adaptive_blf_control.arrays import check_unmasked
 from adaptive_blf_control.bags.csv_log import raw_log
 from adaptive_blf_control.bags.log_columns import find_columns
 from adaptive_blf_control.bags.raw_log import RawLog
+from adaptive_blf_control.bags.written_times import nanoseconds_of
 from adaptive_blf_control.errors import LogError, ParameterError
 
 __all__ = ['DataFrame', 'columns_of', 'is_table', 'table_log']
@@ -97,12 +98,16 @@ def table_log(source: str, columns: Mapping[str, Any], joints: Sequence[str] | N
 
 
 def _times(source: str, name: str, column: Any) -> np.ndarray:
-    """Return times; those of dates as whole nanoseconds since 1970."""
+    """Return times; those of dates and in words as whole nanoseconds."""
     given = np.asarray(column)
     if given.dtype.kind == 'M':
         return given.astype('datetime64[ns]').astype(np.int64)
     if given.dtype.kind in 'iu':
         return given.astype(np.int64)
+    if given.dtype.kind in 'OUT' and len(given) and isinstance(given[0], str):
+        in_words = [nanoseconds_of(str(each)) for each in given]
+        if None not in in_words:
+            return np.array(in_words, dtype=np.int64)
     return _numbers(source, name, given)
 
 

@@ -43,6 +43,7 @@ from adaptive_blf_control.identification.kinematic_checks import (
 from adaptive_blf_control.identification.repetition_checks import (
     column_findings,
     row_findings,
+    section_findings,
 )
 from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.spike_checks import spike_findings
@@ -87,7 +88,8 @@ def _without_model(log: LogRows, looked_at: Excerpt, arm: Arm,
              *effort_findings(looked_at, arm),
              *column_findings(looked_at, arm, log.measured_velocity),
              *rate_findings(looked_at, settings.filter), *row_findings(looked_at, arm),
-             *spike_findings(looked_at, arm), *clipping_findings(looked_at, arm)]
+             *section_findings(looked_at), *spike_findings(looked_at, arm),
+             *clipping_findings(looked_at, arm)]
     slow = any(finding.check == 'rate' and finding.level == REFUSED for finding in found)
     if log.measured_velocity and not slow:  # the windows of these checks would hold no row
         found += velocity_findings(looked_at, arm)

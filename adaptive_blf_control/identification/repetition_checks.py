@@ -13,9 +13,10 @@ from adaptive_blf_control.identification.finding import Excerpt, Finding, REFUSE
 from adaptive_blf_control.identification.kinematic_checks import moving, STILL
 from adaptive_blf_control.spelling import argument, setting
 
-__all__ = ['column_findings', 'row_findings']
+__all__ = ['column_findings', 'row_findings', 'section_findings']
 
 MOSTLY = 0.2  # of the rows in motion that may be like the row before
+TWICE, LEAST_ROWS = 0.01, 20  # of the rows in motion that may be there at another time, too
 SLOW = 0.01  # of the largest velocity, below which an arm may show the same twice
 
 
@@ -67,3 +68,24 @@ def row_findings(log: Excerpt, arm: Arm) -> Iterator[Finding]:
         yield Finding('rate', None, WARNING, part, f'{part:.0%} of the rows repeat the row before '
                       'under a new time: a slower log that was filled up? Leave the repeated rows '
                       'out; what is said of delays is not to be trusted')
+
+
+def section_findings(log: Excerpt) -> Iterator[Finding]:
+    """Rows in motion that are there a second time, bit by bit, at another time."""
+    speed = np.abs(log.qd).max(axis=1)
+    moves = np.flatnonzero(speed > SLOW * speed.max())
+    rows = np.hstack([log.q, log.qd, log.tau])[moves]
+    # One number for each row, which takes less memory to sort than all of it.
+    mixed = rows @ np.sqrt(np.arange(2.0, 2.0 + rows.shape[1]))
+    _, first, which = np.unique(mixed, return_index=True, return_inverse=True)
+    earlier = first[which.reshape(-1)]
+    later = np.flatnonzero(np.diff(moves[earlier], prepend=-1) == 1)  # not a row that is held
+    later = later[earlier[later] < later - 1]
+    later = later[(rows[later] == rows[earlier[later]]).all(axis=1)]
+    if len(later) >= max(LEAST_ROWS, TWICE * len(moves)):
+        begin, copied = (float(log.t[moves[row]]) for row in (earlier[later[0]], later[0]))
+        part = len(later) / len(moves)
+        yield Finding('rate', None, WARNING, part, f'{part:.0%} of the rows in motion are there '
+                      f'twice, as those from {begin:.4g} s on are at {copied:.4g} s: a section '
+                      'that was copied? A test with rows that were learned from tells nothing',
+                      argument('train') + ' and ' + argument('test') + ' pick spans without it')

@@ -297,3 +297,73 @@ def test_numbers_as_fortran_writes_them(tmp_path):
 def test_what_is_no_table_is_refused_by_its_content(tmp_path, content, words):
     with pytest.raises(LogError, match=words):
         read(tmp_path, content)
+
+
+@pytest.mark.parametrize('form', [
+    '2024-02-29T23:59:{:012.9f}Z', '2024-02-29 23:59:{:09.6f}', '2024/2/29 23:59:{:09.6f}+01:00',
+    '29-Feb-2024 23:59:{:09.6f}', '23:59:{:09.6f}', '00:00:{:06.3f}', '{:.3f} sec', '{:.3f}s'])
+def test_times_in_words_are_read(tmp_path, form):
+    lines = text(PLAIN).splitlines()
+    rows = [f'{form.format(time)},{line.partition(",")[2]}' for time, line in zip(T, lines[1:])]
+    log = read(tmp_path, '\n'.join([lines[0], *rows]))
+    check(log)
+    assert log.notes == ()
+    check(read(tmp_path, '\n'.join(['Robot log', '', lines[0], *rows])))
+
+
+def test_a_day_that_there_is_not_is_refused(tmp_path):
+    content = text(PLAIN).replace('\n0.0,', '\n2023-02-29 10:00:00,', 1)
+    with pytest.raises(LogError, match="row 2, column 't': '2023-02-29 10:00:00' is not a number"):
+        read(tmp_path, content)
+
+
+def test_times_in_words_of_a_table_are_read():
+    columns = dict(zip(PLAIN.split(','), np.column_stack([T, Q, QD, TAU]).T))
+    columns['t'] = np.array([f'2024-02-29 23:59:{time:06.3f}' for time in T], dtype=object)
+    check(read_log(columns))
+
+
+def test_files_that_were_put_together_have_the_header_again(tmp_path):
+    lines = text(PLAIN + '\ns,rad,rad,rad/s,rad/s,Nm,Nm').splitlines()
+    check(read(tmp_path, '\n'.join([*lines[:30], *lines[:2], *lines[30:]])))
+
+
+def test_words_of_other_programs_for_what_is_missing(tmp_path):
+    lines = text(PLAIN).splitlines()
+    words = ['-1.#IND', '1.#QNAN', '-nan(ind)', '#DIV/0!', '#N/A', 'NULL', '--']
+    for place, word in enumerate(words, 5):
+        lines[place] = lines[place].rpartition(',')[0] + ',' + word
+    log = read(tmp_path, '\n'.join(lines))
+    assert log.dropped == len(words)
+    assert log.notes == (f'{len(words)} of {T.size} rows are left out: {len(words)} have no value '
+                         'for a column',)
+
+
+def test_a_cell_of_a_message_is_short(tmp_path):
+    lines = text(PLAIN).splitlines()
+    lines[30] = '\0' * 4096 + lines[30]
+    with pytest.raises(LogError, match="row 31, column 't': .* is not a number") as told:
+        read(tmp_path, '\n'.join(lines))
+    assert len(str(told.value)) < 400
+
+
+def test_what_topic_echo_prints_as_csv_is_read(tmp_path):
+    rows = [f'{EPOCH},{round(1e9 * t)},base,{",".join(JOINTS)},{",".join(map(repr, row))}'
+            for t, row in zip(T, np.hstack([Q, QD, TAU]).tolist())]
+    log = read(tmp_path, '\n'.join(rows), joints=JOINTS)
+    check(log)
+    assert log.joints == JOINTS
+
+
+def test_what_topic_echo_prints_otherwise_is_refused_by_its_name(tmp_path):
+    with pytest.raises(LogError, match='ros2 topic echo --csv'):
+        read(tmp_path, 'header:\n  stamp:\n    sec: 1\n')
+
+
+def test_times_of_too_few_digits_are_told(tmp_path):
+    log = read(tmp_path, text(PLAIN, t=np.round(T, 2)))
+    note, = log.notes
+    assert note.startswith(f'{log.dropped} of {T.size} rows are left out: {log.dropped} have a '
+                           'time that is not after that of the row before (with too few digits')
+    with pytest.raises(LogError, match='1 usable rows of 60: .*59 have a time that is not after'):
+        read(tmp_path, text(PLAIN, t=np.full(T.size, 1.7e9)))

@@ -188,3 +188,16 @@ def test_real_logs_are_read_whole(realdata):
     assert bag.joints[:2] == ('shoulder_pan_joint', 'shoulder_lift_joint')
     for name, tolerance in (('t', 2e-9), ('q', 6e-7), ('qd', 6e-7), ('tau', 6e-5)):
         np.testing.assert_allclose(getattr(bag, name), getattr(csv, name), atol=tolerance)
+
+
+def test_messages_of_renamed_joints_are_left_out_with_a_note(tmp_path):
+    stamps = 10**9 + 10**7 * np.arange(1, 13)
+    codec = JointStateCodec(('a', 'b_new'))
+    renamed = [('/joint_states', JOINT_STATE, codec.encode(int(stamp), *np.zeros((3, 2))))
+               for stamp in stamps[8:]]
+    rows = [(int(stamp), int(stamp), row) for stamp, row in zip(stamps[:8], numbers(8))]
+    log = read_log(write_bag(tmp_path / 'run', rows, more=renamed))
+    assert log.notes == ('4 of 12 rows are left out: 4 do not hold all joints (renamed, or of '
+                         'another robot?)',)
+    few = read_log(write_bag(tmp_path / 'few', rows, more=renamed[:0]))
+    assert few.notes == ()

@@ -99,6 +99,21 @@ def test_one_column_of_effort_for_two_joints_is_refused(sound, arm):
     assert not any(level == REFUSED for _, _, level, _ in found(carried, arm))
 
 
+def test_a_section_that_was_copied_is_told(sound, arm):
+    rows = np.arange(len(sound.t))
+    rows[4000:5200] = rows[1000:2200]
+    copied = sound.replace(q=sound.q[rows], qd=sound.qd[rows], tau=sound.tau[rows])
+    told, = (each for each in check_log(copied, arm, SETTINGS) if 'there twice' in each.text)
+    assert (told.check, told.level) == ('rate', WARNING)
+    assert told.value == pytest.approx(0.2, abs=0.01)
+    assert 'those from 2.002 s on are at 8.002 s' in told.text
+    held = np.arange(len(sound.t)) // 3 * 3
+    slow = sound.replace(q=sound.q[held], qd=sound.qd[held], tau=sound.tau[held])
+    resting = copied.replace(qd=np.where(rows[:, None] < 5200, 0.0, sound.qd))
+    for log in (slow, resting):
+        assert not [each for each in check_log(log, arm, SETTINGS) if 'there twice' in each.text]
+
+
 @pytest.mark.parametrize(('fields', 'expected'), [
     (('q', 'qd'), ('position', 'elbow', WARNING)), (('qd',), ('velocity', 'elbow', REFUSED)),
     (('q', 'qd', 'tau'), ('position', 'elbow', WARNING))], ids='-'.join)
