@@ -21,6 +21,9 @@ from adaptive_blf_control.spelling import argument, setting
 
 __all__ = ['bag_log']
 
+_LOOKED_AT = 10_000  # messages that tell whether stamps can be used
+_COARSE = 0.6  # of them with the stamp of the one before, from which they cannot
+
 
 def bag_log(bag: Bag, topic: str | None, joints: Sequence[str] | None, *,
             velocity: bool) -> RawLog:
@@ -41,8 +44,9 @@ def bag_log(bag: Bag, topic: str | None, joints: Sequence[str] | None, *,
                            f'expected numbers [{unit}]'
                            + (f': {setting("filter.state_order", "4")} takes velocities from the '
                               'positions' if name == 'velocity' else ''))
-    return RawLog(series.names, _clock(series), 1e9, _table(series, velocity),
-                  len(series.names), velocity, series.skipped, (), bag.problem)
+    clock, notes = _clock(series)
+    return RawLog(series.names, clock, 1e9, _table(series, velocity),
+                  len(series.names), velocity, series.skipped, notes, bag.problem)
 
 
 def _never_given(values: np.ndarray) -> np.ndarray:
@@ -56,10 +60,21 @@ def _never_given(values: np.ndarray) -> np.ndarray:
     return np.flatnonzero(empty)
 
 
-def _clock(series: JointSeries) -> np.ndarray:
-    """Return the stamps, or the times of reception where all stamps are the same."""
-    same = (series.stamp_ns == series.stamp_ns[0]).all()
-    return series.log_time_ns if same else series.stamp_ns
+def _clock(series: JointSeries) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return the stamps, or the times of reception where they tell more; and what is to be said.
+
+    They do where all stamps are the same, and where those of most messages are, with other
+    positions: a driver that stamps whole seconds.
+    """
+    if (series.stamp_ns == series.stamp_ns[0]).all():
+        return series.log_time_ns, ()
+    stamps, positions = series.stamp_ns[:_LOOKED_AT], series.position[:_LOOKED_AT]
+    held = float(((np.diff(stamps) == 0) & (np.diff(positions, axis=0) != 0.0).any(axis=1)).sum())
+    if held < _COARSE * len(stamps) or not (np.diff(series.log_time_ns[:_LOOKED_AT]) > 0).all():
+        return series.stamp_ns, ()
+    return series.log_time_ns, (f'the stamp is that of the message before in '
+                                f'{held / len(stamps):.0%} of the messages, whose positions are '
+                                'others: times of reception are used',)
 
 
 def _table(series: JointSeries, velocity: bool) -> np.ndarray:

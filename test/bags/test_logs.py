@@ -59,6 +59,19 @@ def test_log_time_serves_where_all_stamps_are_zero(tmp_path):
     assert read_log(write_bag(tmp_path / 'run', rows)).t.tolist() == [0.0, 1.0, 2.0]
 
 
+def test_log_time_serves_where_stamps_have_whole_seconds(tmp_path):
+    times, table = 10**9 + 10**8 * np.arange(40), numbers(40)
+    whole = [(int(now) // 10**9 * 10**9, int(now), row) for now, row in zip(times, table)]
+    log = read_log(write_bag(tmp_path / 'run', whole))
+    np.testing.assert_allclose(log.t, 0.1 * np.arange(40))
+    assert log.notes == ('the stamp is that of the message before in 90% of the messages, whose '
+                         'positions are others: times of reception are used',)
+    thrice = [(int(now), int(now) + k, row) for now, row in zip(times, table) for k in range(3)]
+    log = read_log(write_bag(tmp_path / 'thrice', thrice))
+    np.testing.assert_allclose(log.t, 0.1 * np.arange(40))
+    assert log.dropped == 80
+
+
 def test_bad_rows_are_dropped_and_counted(tmp_path):
     table = numbers(9)
     table[2, 1], table[3, 5] = np.nan, np.inf
