@@ -146,3 +146,12 @@ def test_a_clock_that_is_mended_takes_little_more_than_its_times():
         tracemalloc.stop()
     assert (len(found.notes), found.breaks) == (2, (rows // 2 - 1,))
     assert peak < 20 * rows
+
+
+def test_a_clock_that_is_set_back_between_two_blocks_of_rows_is_no_sound_one():
+    clock = 0.002 * np.arange(2 * BLOCK_ROWS)
+    clock[BLOCK_ROWS:] -= 5.0
+    found = log_clock(clock, np.ones(clock.size, bool), 1.0)
+    assert found.breaks == (BLOCK_ROWS,)
+    assert 'the clock goes back by' in found.notes[0]
+    assert (np.diff(found.t) > 0.0).all()
