@@ -485,6 +485,8 @@ def test_rows_that_stand_out_from_their_neighbours_are_told(sound, arm, field, c
     assert told[:3] == (check, 'elbow', WARNING)
     assert told.value > least
     assert 30 < int(told.text.split()[0]) <= 50  # a position may be near zero where it is lost
+    first = float(told.text.partition('the first at ')[2].split()[0])
+    assert np.abs(sound.t[where] - first).min() < 1e-4
 
 
 def test_a_controller_that_starts_hard_is_no_spike(sound, arm):
