@@ -10,6 +10,7 @@ import pytest
 
 from adaptive_blf_control.arms.load import load_arm
 from adaptive_blf_control.arms.urdf import UrdfArm
+from adaptive_blf_control.tuning.centre import centre_between
 from adaptive_blf_control.tuning.inertia import mass_matrices, seen_inertia
 from adaptive_blf_control.tuning.recipe import Recipe, recipe
 from adaptive_blf_control.tuning.robot import Robot
@@ -28,6 +29,7 @@ MAST = ('<robot name="mast"><link name="base">{box}</link>'
         + JOINT.format(name='luff', parent='post', child='boom', height='0.5', axis='0 1 0')
         + JOINT.format(name='roll', parent='boom', child='head', height='0.5', axis='0 0 1')
         + '</robot>')
+RANGE = np.array([[-2.8] * 3, [2.8] * 3])  # rad
 BOX = ('<collision><origin xyz="{x} 0 1"/><geometry><box size="1 4 1.6"/></geometry>'
        '</collision>')
 
@@ -114,3 +116,32 @@ def test_in_the_posture_it_moves_around_a_load_turns_no_joint_as_fast_as_in_most
     as_good = [np.array([0.0, luff, 0.0]) for luff in np.linspace(-1.0, 1.0, 41)
                if (held(arm, np.array([0.0, luff, 0.0])) >= usual).all()]
     assert thrown(centre) <= np.median([thrown(q) for q in as_good])
+
+
+def test_postures_are_tried_in_the_order_in_which_a_load_turns_no_joint_fast() -> None:
+    arm, tried = mast(BOX.format(x=0.65)), []
+
+    def along(posture: np.ndarray) -> np.ndarray:
+        tried.append(posture)
+        return np.array([[0.0, 1.2, 0.0]])  # in the box: the next one is tried
+
+    upper = np.array([2.5, 1.0, 2.5])
+    assert 'no better posture' in centre_between(arm, -upper, upper, RANGE, along).reason
+    weight, rest = arm.payload_direction, np.zeros(3)
+    assert weight is not None
+    each = np.array([held(arm, q) for q in tried])
+    thrown = [(np.abs(arm.X(q, rest, rest, rest) @ weight) / holds).max()
+              for q, holds in zip(tried, each)]
+    assert len(thrown) > 50
+    assert (np.diff(thrown) >= 0.0).all()
+    usual = np.median([held(arm, np.array([0.0, luff, 0.0])) for luff in np.linspace(-1, 1, 401)],
+                      axis=0)
+    assert (each > 0.9 * usual).all()
+
+
+@pytest.mark.parametrize(('luff', 'reason'), [(1.0, 'moves around'), (2.8, 'no better posture')])
+def test_a_posture_from_which_the_reference_goes_below_the_base_is_not_taken(
+        luff: float, reason: str) -> None:
+    upper = np.array([2.5, 1.0, 2.5])
+    assert reason in centre_between(
+        mast(), -upper, upper, RANGE, lambda _: np.array([[0.0, luff, 0.0]])).reason
