@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from adaptive_blf_control.tuning.inertia import (
 from adaptive_blf_control.tuning.loop_check import joint_phases
 from adaptive_blf_control.tuning.motion_design import Motion, motion_within
 from adaptive_blf_control.tuning.robot import known_limits, Limits, Robot
-from adaptive_blf_control.tuning.sensing import Filters, filters_for
+from adaptive_blf_control.tuning.sensing import Filters, filters_for, ORDER
 
 __all__ = ['Recipe', 'recipe']
 
@@ -125,10 +126,11 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
     torque = np.abs(torques).max(axis=0)
     torque_limit, assumed = _torque_limit(arm, limits, torque)
     usual = float(np.sqrt(np.mean(torques ** 2)))
+    cost = partial(filter_cost, arm, motion.reference, loaded)
     filters = filters_for(robot, float(np.sqrt(np.mean(states.qd ** 2, axis=0)).max()),
-                          float(inertia.most.max()), usual)
-    filters = filters._replace(motion_error=filter_cost(
-        arm, motion.reference, loaded, filters.state_order, filters.state_time_constant))
+                          float(inertia.most.max()), usual,
+                          partial(cost, ORDER) if arm.friction(loaded)[1].any() else None)
+    filters = filters._replace(motion_error=cost(filters.state_order, filters.state_time_constant))
     deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload,
                                     gains.k2 - FRICTION * friction, from_zero=robot.from_zero)
     noise = float(np.hypot(filters.noise, stuck_error(arm, torque_limit)))

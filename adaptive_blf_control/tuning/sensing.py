@@ -15,6 +15,7 @@ passes, against it:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import NamedTuple
 
@@ -22,10 +23,11 @@ import numpy as np
 
 from adaptive_blf_control.tuning.robot import Robot
 
-__all__ = ['Filters', 'filters_for', 'measured_velocity_noise']
+__all__ = ['ORDER', 'Filters', 'filters_for', 'measured_velocity_noise']
 
 ORDER = 4  # of docs/noise.md
-CANDIDATES = np.geomspace(0.002, 0.03, 40)  # s; longer ones make a change hard to notice
+CANDIDATES = np.geomspace(0.002, 0.0212, 35)  # s; longer ones make a change hard to notice
+TRIED = (0.006, 0.02)  # s, for which the distortion of dry friction is computed; a power between
 EXACT = 0.02  # s, torque filter behind exact sensors
 RATIO = 5.0 / 3.0  # k/T of docs/noise.md
 
@@ -48,7 +50,8 @@ class Filters(NamedTuple):
     noise: float
 
 
-def filters_for(robot: Robot, speed: float, inertia: float, torque: float) -> Filters:
+def filters_for(robot: Robot, speed: float, inertia: float, torque: float,
+                distortion: Callable[[float], float] | None = None) -> Filters:
     """Return the filters with the least sum of distortion and noise.
 
     Args:
@@ -56,15 +59,29 @@ def filters_for(robot: Robot, speed: float, inertia: float, torque: float) -> Fi
         speed: RMS velocity of the fastest joint along the reference [rad/s].
         inertia: Of the joint with the largest inertia [kg·m²].
         torque: RMS torque along the reference, over all joints [N·m].
+        distortion: Part of the torque that the filter distorts for T [s], where it is more than
+            that of a smooth motion: dry friction changes its sign at once, and a filtered sign is
+            not the sign of a filtered velocity. None: there is no dry friction.
     """
     if robot.encoder_counts is None and robot.torque_noise == 0.0:
         return Filters(EXACT, 0, 0.03, 0.0, 0.0)
     error = 0.5 * ORDER * (CANDIDATES * speed) ** 2
+    if distortion is not None:
+        error = np.maximum(error, _power_through(distortion))
     noise = np.array([_noise(robot, float(each), inertia) for each in CANDIDATES])
     best = int(np.argmin(error * torque + noise))
     constant = float(f'{CANDIDATES[best]:.2g}')
     return Filters(float(f'{RATIO * constant:.2g}'), ORDER, constant, float(error[best]),
                    float(noise[best]))
+
+
+def _power_through(distortion: Callable[[float], float]) -> np.ndarray:
+    """Return the distortion of each candidate: a T^p through those that are computed."""
+    short, long = (distortion(each) for each in TRIED)
+    if min(short, long) <= 0.0:
+        return np.zeros(CANDIDATES.size)
+    power = math.log(long / short) / math.log(TRIED[1] / TRIED[0])
+    return np.asarray(short * (CANDIDATES / TRIED[0]) ** power)
 
 
 def _noise(robot: Robot, constant: float, inertia: float) -> float:

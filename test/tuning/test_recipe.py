@@ -193,3 +193,13 @@ def test_bounds_leave_half_as_much_again_as_a_load_put_on_at_once_needs(arm: Urd
     short = 1.5 * loaded.payload_error > loaded.motion.bound * (1.0 + 1e-3)  # bounds are rounded
     assert (np.isclose(loaded.motion.bound, widest, atol=1e-4) | ~short).all()
     assert not short.all()
+
+
+def test_a_dry_friction_of_the_urdf_gets_the_filter_that_distorts_it_less(urdf: str) -> None:
+    rough = load_arm(urdf.replace('damping="0.5"', 'damping="0.5" friction="2"'), coulomb=True)
+    found = recipe(rough, Robot(**SENSORS))
+    smooth = recipe(load_arm(urdf, coulomb=True), Robot(**SENSORS)).filters
+    assert found.filters.state_time_constant < 0.7 * smooth.state_time_constant
+    assert found.filters.motion_error < 0.7 * filter_cost(
+        rough, found.motion.reference, rough.nominal, smooth.state_order,
+        smooth.state_time_constant)

@@ -51,3 +51,17 @@ def test_noisier_sensors_get_slower_filters_and_faster_motions_quicker_ones() ->
 
 def test_exact_sensors_get_no_state_filter() -> None:
     assert filters_for(Robot(), 0.5, 1.0, 20.0).state_order == 0
+
+
+def test_dry_friction_gets_quicker_filters_than_a_smooth_motion() -> None:
+    """The sum of a distortion c T and of the noise is least where the noise says so."""
+    usual = filters_for(ROBOT, 0.5, 1.0, 20.0)
+    rough = filters_for(ROBOT, 0.5, 1.0, 20.0, lambda constant: 5.0 * constant)
+    assert rough.state_time_constant < usual.state_time_constant
+    assert rough.motion_error == pytest.approx(5.0 * rough.state_time_constant, rel=0.03)
+    assert filters_for(ROBOT, 0.5, 1.0, 20.0, lambda constant: 0.0) == usual
+
+
+def test_no_sensors_are_so_noisy_that_a_filter_hides_a_change() -> None:
+    """Four stages of 21 ms, 84 ms in all: a touch is to be seen soon after."""
+    assert filters_for(Robot(encoder_counts=500), 1e-3, 1.0, 1.0).state_time_constant == 0.021
