@@ -276,3 +276,19 @@ def test_columns_on_two_levels_and_with_a_unit_in_their_names_are_columns_of_a_t
     read = door.read_log(degrees)
     np.testing.assert_allclose(read.q, Q)
     np.testing.assert_allclose(read.qd, QD)
+
+
+def test_filters_restart_where_the_clock_of_a_log_was_set_back():
+    log = measured(ARM)
+    rows = np.arange(len(ROWS))
+    swapped = np.roll(rows, len(rows) // 3)
+    together = door.read_log({name: log[name][swapped] for name in ('t', 'q', 'qd', 'tau')})
+    assert together.breaks == (len(rows) // 3,)
+    identifier, other = (door.Identifier(ARM, **SETTINGS) for _ in range(2))
+    theta = identifier.learn(together)
+    for part in np.split(np.arange(len(rows)), together.breaks):
+        other.restart()
+        expected = other.learn(*(each[part] for each in (
+            together.t, together.q, together.qd, together.tau)))
+    np.testing.assert_array_equal(theta, expected)
+    assert not [note for note in identifier.notes if 'derivative' in note]

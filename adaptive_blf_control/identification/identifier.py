@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from typing import Any, NamedTuple
 import warnings
 
@@ -29,7 +30,7 @@ from adaptive_blf_control.identification.settings import IdentifierSettings
 from adaptive_blf_control.identification.state_filter import StateFilter
 from adaptive_blf_control.identification.unused_log import check_order, no_sample_used
 from adaptive_blf_control.identification.update_laws import check_answers, UpdateLaw
-from adaptive_blf_control.identification.whole_log import log_arrays
+from adaptive_blf_control.identification.whole_log import breaks_of, log_arrays
 
 __all__ = ['BLOCK', 'Identifier', 'IdentifierSettings', 'LearnedBlock']
 
@@ -267,7 +268,8 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
         Args:
             t: Times, shape (N,) [s]; or, alone, a log that has all four: a mapping with arrays
                 t, q, qd and tau, what `read_log` returns, whose joints are put in the order of
-                the arm's, or a run of `simulate`.
+                the arm's, or a run of `simulate`. Where the clock of a log was set back the
+                filters restart.
             q: Positions, shape (N, n) [rad].
             qd: Velocities, shape (N, n) [rad/s].
             tau: Mean torques over the intervals that end at ``t``, shape (N, n) [N·m].
@@ -281,8 +283,9 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
                 is within the limits of the arm.
             LogError: the joints of the log have other names than those of the arm.
         """
+        breaks: tuple[int, ...] = ()
         if q is None and qd is None and tau is None:
-            log = log_arrays(t, self.arm.joints)
+            log, breaks = log_arrays(t, self.arm.joints), breaks_of(t)
             if log is None:
                 raise without_argument(Identifier.learn, 'q')
             t, q, qd, tau = log
@@ -293,8 +296,11 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
         q, qd, tau = (checked_array(name, value, (len(t), self.arm.n), self.arm.joints)
                       for name, value in (('q', q), ('qd', qd), ('tau', tau)))
         unused, beyond = self.restarts + sum(self.dropped.values()), self.at_limit
-        for _ in self.learn_in_blocks(t, q, qd, tau):
-            pass
+        for begin, end in pairwise((0, *breaks, len(t))):
+            if begin:
+                self.restart()
+            for _ in self.learn_in_blocks(*(each[begin:end] for each in (t, q, qd, tau))):
+                pass
         unused = self.restarts + sum(self.dropped.values()) - unused
         if unused >= len(t):
             check_answers(self._parts.law, self.dropped['not finite'], q, qd, tau)
@@ -304,7 +310,7 @@ class Identifier(Knowledge, settings=IdentifierSettings, instead={
             raise ParameterError('q', f'up to {largest:.4g}', 'positions in rad: no sample is '
                                  'within the limits of the arm; are they in degrees? '
                                  'np.deg2rad(q) and np.deg2rad(qd) are radians')
-        self._learned = LearnedLog(self.arm, self.settings, t, q, qd, tau)
+        self._learned = LearnedLog(self.arm, self.settings, t, q, qd, tau, breaks=breaks)
         if self._learned.refused:
             warnings.warn('the log that was learned from cannot be right: '
                           + '; '.join(self._learned.refused), stacklevel=3)

@@ -183,7 +183,8 @@ class LearnedLog:
         found: What was found without a model.
     """
 
-    def __init__(self, arm: Arm, settings: IdentifierSettings, *arrays: np.ndarray) -> None:
+    def __init__(self, arm: Arm, settings: IdentifierSettings, *arrays: np.ndarray,
+                 breaks: tuple[int, ...] = ()) -> None:
         """Look at a log; a copy is kept of the rows that are compared with a model.
 
         Args:
@@ -191,6 +192,7 @@ class LearnedLog:
             settings: Those of the identifier.
             arrays: t (N,), q, qd and tau (N, n); rows that are not finite, or not after the row
                 before, are left out.
+            breaks: Rows at which the clock was set back.
         """
         self._arm, self._settings = arm, settings
         t, *others = (np.asarray(array, dtype=float) for array in arrays)
@@ -200,7 +202,8 @@ class LearnedLog:
         keep[1:] &= t[1:] > t[:-1]
         filters = settings.filter
         q, qd, tau = (array[keep] for array in others)
-        rows = _Rows(t[keep], q, qd, tau, (),
+        rows = _Rows(t[keep], q, qd, tau,
+                     tuple(int(np.count_nonzero(keep[:row])) for row in breaks),
                      filters.state_order == 0 or filters.state_filter != 'low_pass')
         self.found: list[Finding] = []
         self._part: Excerpt | None = None

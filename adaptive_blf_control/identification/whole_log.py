@@ -12,7 +12,7 @@ import numpy as np
 from adaptive_blf_control.arrays import joint_places
 from adaptive_blf_control.errors import LogError, ParameterError
 
-__all__ = ['log_arrays']
+__all__ = ['breaks_of', 'log_arrays']
 
 
 def log_arrays(log: Any, joints: Sequence[str]) -> tuple[Any, Any, Any, Any] | None:
@@ -43,6 +43,11 @@ def log_arrays(log: Any, joints: Sequence[str]) -> tuple[Any, Any, Any, Any] | N
         raise ParameterError('t', log, 'learn(t, q, qd, tau), or a log with these four: '
                              'learn(read_log(...)) takes a file, a table or other names')
     return None
+
+
+def breaks_of(log: Any) -> tuple[int, ...]:
+    """Return the rows of a log that is given as a whole at which its clock was set back."""
+    return tuple(getattr(log, 'breaks', ()))
 
 
 def _in_order(stored: Any, joints: Sequence[str], *values: Any) -> tuple[Any, ...]:
