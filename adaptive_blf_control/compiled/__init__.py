@@ -23,7 +23,13 @@ from adaptive_blf_control.compiled.notices import (
     before_each_compilation,
 )
 from adaptive_blf_control.compiled.references import borrowed, Handle, handle
-from adaptive_blf_control.compiled.scalars import all_finite, assign_vector, cos_sin, is_within
+from adaptive_blf_control.compiled.scalars import (
+    all_finite,
+    assign_vector,
+    both_finite,
+    cos_sin,
+    is_within,
+)
 from adaptive_blf_control.compiled.vectors import (
     add_four,
     add_multiple,
@@ -33,7 +39,7 @@ from adaptive_blf_control.compiled.vectors import (
 )
 
 __all__ = ['ByType', 'COMPILED', 'Handle', 'add_four', 'add_multiple', 'all_finite',
-           'assign_vector',
+           'assign_vector', 'both_finite',
            'around_each_compilation', 'around_own_compilations', 'before_each_compilation',
            'borrowed', 'by_type', 'combine_rows', 'cos_sin', 'dot', 'entry_for', 'fold_row',
            'handle', 'is_within', 'jit', 'jit_apart', 'jit_without_gil', 'jitable', 'local_zeros',

@@ -19,6 +19,7 @@ if COMPILED:
         lower_builtin,
         numba,
     )
+    from adaptive_blf_control.compiled.vector_arguments import argument_kind
 
 __all__ = ['by_type', 'ByType', 'entry_for', 'jit', 'jit_apart', 'jit_without_gil', 'jitable',
            'uncompiled']
@@ -84,16 +85,17 @@ def entry_for(function: Function, *arguments: Any) -> Function:
 
     A call from Python looks at the type of each argument to find the machine code for it, which
     takes 0.3 µs for a `Handle` alone. Who calls with the same types for each sample asks once.
-    An array of another type of numbers is a TypeError; that arrays are contiguous, and as long as
-    they have to be, is up to the caller.
+    An array of another type of numbers is a TypeError; that arrays are as long as they have to be
+    is up to the caller.
 
     Args:
-        function: One that was made by `jit`.
+        function: One that was made by `jit`. It uses contiguous vectors of float64, and bytes,
+            as ``borrowed(q)``.
         arguments: Examples.
     """
     if not COMPILED:
         return function
-    kinds = tuple(map(numba.typeof, arguments))
+    kinds = tuple(map(argument_kind, arguments))
     done = function.overloads.get(kinds)  # type: ignore[attr-defined]
     return (function.compile(kinds) if done is None  # type: ignore[attr-defined,no-any-return]
             else done.entry_point)

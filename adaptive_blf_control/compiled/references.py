@@ -32,6 +32,7 @@ if COMPILED:
         typeof_impl,
         unbox,
     )
+    from adaptive_blf_control.compiled.vector_arguments import BorrowedType, opened
 
 __all__ = ['borrowed', 'Handle', 'handle']
 
@@ -44,6 +45,8 @@ def borrowed(value: Any) -> Any:
     begin of a function makes one address of it: what is taken out of it is read from there, and
     nothing is counted. A NamedTuple in it becomes a reference, too, so that the functions that are
     called get one. The caller keeps it alive; nothing of it may be returned to Python.
+
+    So it is with a vector, or bytes, that Python hands to what `entry_for` returns.
     """
     return value
 
@@ -191,6 +194,8 @@ if COMPILED:
     class _Borrowing(AbstractTemplate):  # type: ignore[misc]
         def generic(self, arguments: Any, keywords: Any) -> Any:
             kind, = arguments
+            if isinstance(kind, BorrowedType):
+                return signature(kind.opened, kind)
             named = isinstance(kind, numba.types.BaseNamedTuple)
             return signature(Reference(kind) if named else kind, kind)
 
@@ -202,6 +207,10 @@ if COMPILED:
         _write(context, builder, kind, arguments[0], words, 0)
         return builder.asm(ir.FunctionType(_ADDRESS, [_ADDRESS]), '', '=r,0,~{memory}',
                            [builder.bitcast(words, _ADDRESS)], side_effect=True)
+
+    @lower_builtin(borrowed, BorrowedType)
+    def _borrow_object(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return opened(context, builder, signature.args[0], arguments[0])
 
     @lower_builtin(borrowed, numba.types.Any)
     def _borrow_reference(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -8,8 +8,9 @@ import math
 import numpy as np
 
 from adaptive_blf_control.compiled.decorators import jit
+from adaptive_blf_control.compiled.references import borrowed
 
-__all__ = ['all_finite', 'assign_vector', 'cos_sin', 'is_within']
+__all__ = ['all_finite', 'assign_vector', 'both_finite', 'cos_sin', 'is_within']
 
 
 @jit
@@ -19,6 +20,12 @@ def all_finite(array: np.ndarray) -> bool:
     for value in array.flat:
         finite = finite and math.isfinite(value)
     return finite
+
+
+@jit
+def both_finite(first: np.ndarray, second: np.ndarray) -> bool:
+    """Return whether every element of two vectors is finite; for `entry_for`."""
+    return all_finite(borrowed(first)) and all_finite(borrowed(second))
 
 
 @jit

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptive_blf_control.compiled import all_finite
+from adaptive_blf_control.compiled import both_finite, entry_for
 from adaptive_blf_control.control.refusal import Refusal
 
 __all__ = ['StateGate']
@@ -27,7 +27,8 @@ class StateGate:
         """Take the names of the joints, for messages."""
         self.last_ns: int | None = None
         self._joints = joints
-        all_finite(np.zeros(len(joints)))  # compile here, not between two samples
+        nothing = np.zeros(len(joints))
+        self._both_finite = entry_for(both_finite, nothing, nothing)  # compiled before any sample
         self._ahead_ns: int | None = None  # stamp far ahead that waits to be confirmed
 
     def take(self, stamp: int) -> None:
@@ -35,8 +36,11 @@ class StateGate:
         self.last_ns = stamp
 
     def not_finite(self, q: np.ndarray, qd: np.ndarray) -> Refusal | None:
-        """Refuse positions (n,) [rad] and velocities (n,) [rad/s] that are not all finite."""
-        if all_finite(q) and all_finite(qd):
+        """Refuse positions (n,) [rad] and velocities (n,) [rad/s] that are not all finite.
+
+        Both are contiguous float64.
+        """
+        if self._both_finite(q, qd):
             return None
         i = int(np.argmin(np.isfinite(q) & np.isfinite(qd)))
         return Refusal('non-finite joint state',

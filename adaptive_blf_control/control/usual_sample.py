@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import entry_for, Handle, handle, jit
+from adaptive_blf_control.compiled import borrowed, entry_for, Handle, handle, jit
 from adaptive_blf_control.control.constraints import MotionState
 from adaptive_blf_control.control.control_output import ControlOutput
 from adaptive_blf_control.control.reference import (
@@ -65,7 +65,7 @@ class UsualMotion(NamedTuple):
 def answer_prepared_sample(motion: Handle, t: float, q: np.ndarray, qd: np.ndarray,
                            theta: np.ndarray) -> float:
     """Answer one sample of a `PreparedMotion`, see `answer_prepared`, called from Python."""
-    return answer_prepared(motion.value, t, q, qd, theta)
+    return answer_prepared(motion.value, t, borrowed(q), borrowed(qd), borrowed(theta))
 
 
 @jit
@@ -74,7 +74,7 @@ def answer_usual_sample(motion: Handle, t: float, q: np.ndarray, qd: np.ndarray,
     """Answer one sample of a `UsualMotion`, see `answer_prepared`, called from Python."""
     usual = motion.value
     write_sinusoids(usual.prepared.point, t, usual.sinusoids)
-    return answer_prepared(usual.prepared, t, q, qd, theta)
+    return answer_prepared(usual.prepared, t, borrowed(q), borrowed(qd), borrowed(theta))
 
 
 @jit

@@ -166,7 +166,7 @@ class HistoryStack(Guided, instead={
     @property
     def insertions(self) -> int:
         """Number of pairs taken so far, replacements included."""
-        return int(self.pairs.counters[INSERTIONS])
+        return int(self.pairs.counters.item(INSERTIONS))
 
     @property
     def revision(self) -> int:

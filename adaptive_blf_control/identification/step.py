@@ -334,7 +334,8 @@ def take_sample(running: Handle, t: float, q: np.ndarray, qd: np.ndarray, tau: n
                 term: np.ndarray) -> float:
     """Take one sample as `identifier_step` does, called from Python."""
     arm, state = running.value.arm, running.value.state
-    return identifier_step(arm, state, t, q, qd, tau, term)
+    return identifier_step(arm, state, t, borrowed(q), borrowed(qd), borrowed(tau),
+                           borrowed(term))
 
 
 @jit

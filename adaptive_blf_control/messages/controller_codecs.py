@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from adaptive_blf_control.compiled import borrowed, entry_for, jit
 from adaptive_blf_control.control.answered import Answered
 from adaptive_blf_control.control.constraints import MarginName
 from adaptive_blf_control.control.control_output import ControlOutput
@@ -76,6 +77,14 @@ class ControllerCodecs:
         }
 
 
+@jit
+def _lower_to(least: np.ndarray, values: np.ndarray) -> None:
+    """Make each element of a vector the smaller one of two, NaN where one is; for `entry_for`."""
+    kept, given = borrowed(least), borrowed(values)
+    for i in range(kept.size):
+        kept[i] = np.minimum(kept[i], given[i])
+
+
 class MonitorStream:
     """The messages of each sample: the errors always, the others every few samples.
 
@@ -92,6 +101,7 @@ class MonitorStream:
         self.lyapunov = 0.0
         self._codecs = codecs
         self._smallest: np.ndarray | None = None
+        self._lower_to = entry_for(_lower_to, np.zeros(1), np.zeros(1))
 
     def messages(self, stamp: int, output: ControlOutput | Answered, margins: np.ndarray,
                  decimation: int, lyapunov: Callable[[], float],
@@ -108,15 +118,16 @@ class MonitorStream:
         """
         messages = {TRACKING_ERROR: self._codecs.tracking_error(stamp, output)}
         # The margins may be those of an `Answered`, which change with the next sample.
-        smallest = (margins.copy() if self._smallest is None
-                    else np.minimum(self._smallest, margins))
+        smallest = self._smallest
+        if smallest is None:
+            smallest = self._smallest = margins.copy()
+        else:
+            self._lower_to(smallest, margins)
         if self.samples % decimation == 0:
             self.lyapunov = lyapunov()
             messages.update(self._codecs.monitors(stamp, output, smallest, self.lyapunov))
             self._smallest = None
             if watch is not None:
                 messages[RESERVE] = self._codecs.reserve(stamp, watch())
-        else:
-            self._smallest = smallest
         self.samples += 1
         return messages

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adaptive_blf_control.compiled import COMPILED, entry_for, Handle, handle, jit
+from adaptive_blf_control.compiled import borrowed, COMPILED, entry_for, Handle, handle, jit
 from adaptive_blf_control.messages.cdr_cursor import HEADER_SIZE, STAMP
 from adaptive_blf_control.messages.joint_state import FIELDS, JointStateCodec, NANOSECONDS
 from adaptive_blf_control.messages.joint_state_reader import JointStateReader, Layout
@@ -72,20 +72,21 @@ def read_usual(pattern: Handle, data: bytes) -> int:
     """
     usual = pattern.value
     template, mask, places, numbers = usual.template, usual.mask, usual.places, usual.numbers
-    if len(data) != template.size:
+    message = borrowed(data)
+    if len(message) != template.size:
         return NO_STAMP
-    same = True
-    for i in range(template.size):
-        same = same and (data[i] ^ template[i]) & mask[i] == 0
-    if not same:
+    differ = np.uint8(0)
+    for i in range(template.size):  # to the end: several bytes at a time
+        differ |= (message[i] ^ template[i]) & mask[i]
+    if differ:
         return NO_STAMP
     for i in range(places.size):
         for k in range(8 if places[i] >= 0 else 0):
-            numbers[8 * i + k] = data[places[i] + k]
+            numbers[8 * i + k] = message[places[i] + k]
     seconds, nanoseconds = np.int64(0), np.int64(0)
     for i in range(4):
-        seconds |= np.int64(data[HEADER_SIZE + i]) << (8 * i)
-        nanoseconds |= np.int64(data[HEADER_SIZE + 4 + i]) << (8 * i)
+        seconds |= np.int64(message[HEADER_SIZE + i]) << (8 * i)
+        nanoseconds |= np.int64(message[HEADER_SIZE + 4 + i]) << (8 * i)
     if seconds >= 2**31:
         seconds -= 2**32
     return int(seconds * NANOSECONDS + nanoseconds)

@@ -20,6 +20,7 @@ from adaptive_blf_control.compiled import (
     all_finite,
     before_each_compilation,
     borrowed,
+    both_finite,
     by_type,
     COMPILED,
     cos_sin,
@@ -179,7 +180,7 @@ class Scale(NamedTuple):
 
 @jit
 def scaled_sum(scale, values: np.ndarray, times: float) -> float:
-    return times * scale.value.factor[0] * values.sum()
+    return times * scale.value.factor[0] * borrowed(values).sum()
 
 
 def test_an_entry_computes_what_its_function_does():
@@ -194,9 +195,44 @@ def test_an_entry_computes_what_its_function_does():
 def test_an_entry_refuses_an_array_of_other_numbers():
     scale, values = handle(Scale(np.array([3.0]))), np.array([1.0, 2.0])
     entry = entry_for(scaled_sum, scale, values, 1.0)
-    for wrong in (values.astype(np.float32), [1.0, 2.0], None):
-        with pytest.raises(TypeError):
+    for wrong in (values.astype(np.float32), values.astype('>f8'), values.astype(np.int64),
+                  np.ones((2, 2)), np.ones(6)[::2], np.float64(2.0), [1.0, 2.0], None):
+        with pytest.raises(TypeError, match='expected a contiguous array of float64'):
             entry(scale, wrong, 1.0)
+
+
+@jit
+def number_of_ones(data: bytes) -> int:
+    ones = 0
+    for value in borrowed(data):
+        ones += value == 1
+    return ones
+
+
+def test_an_entry_reads_bytes_and_vectors_of_any_length_and_keeps_neither():
+    # Each is a type of its own; one reference is the caller's, one that of `getrefcount`.
+    entry, both = entry_for(number_of_ones, b''), entry_for(both_finite, np.ones(2), np.ones(2))
+    for given in (bytes(0), bytes((1, 0, 1, 255)), bytes(1000) + b'\x01'):
+        before = sys.getrefcount(given)
+        assert entry(given) == given.count(1)
+        assert sys.getrefcount(given) == before
+    for bad in (np.nan, np.inf, -np.inf):
+        for place in range(7):
+            values = np.ones(7)
+            values[place] = bad
+            before = sys.getrefcount(values)
+            assert not both(values, np.ones(1))
+            assert not both(np.ones(1), values)
+            assert sys.getrefcount(values) == before
+    assert both(np.ones(7), np.zeros(0))
+
+
+@pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
+def test_an_entry_refuses_what_is_no_bytes():
+    entry = entry_for(number_of_ones, b'')
+    for wrong in (bytearray(b'abc'), memoryview(b'abc'), 'abc', None, np.zeros(3, np.uint8)):
+        with pytest.raises(TypeError, match='expected bytes'):
+            entry(wrong)
 
 
 @pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
