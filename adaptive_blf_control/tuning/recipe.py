@@ -126,10 +126,10 @@ def _within(arm: UrdfArm, robot: Robot, limits: Limits, motion: Motion) -> Recip
     torque = np.abs(torques).max(axis=0)
     torque_limit, assumed = _torque_limit(arm, limits, torque)
     usual = float(np.sqrt(np.mean(torques ** 2)))
-    cost = partial(filter_cost, arm, motion.reference, loaded)
+    cost = partial(filter_cost, arm, motion.reference, _sliding(arm, loaded, torque_limit))
     filters = filters_for(robot, float(np.sqrt(np.mean(states.qd ** 2, axis=0)).max()),
                           float(inertia.most.max()), usual,
-                          partial(cost, ORDER) if arm.friction(loaded)[1].any() else None)
+                          partial(cost, ORDER) if _learns_coulomb(arm) else None)
     filters = filters._replace(motion_error=cost(filters.state_order, filters.state_time_constant))
     deviation = parameter_deviation(arm, limits.velocity, torque_limit, robot.payload,
                                     gains.k2 - FRICTION * friction, from_zero=robot.from_zero)
@@ -172,6 +172,20 @@ def _payload_error(start: Start, arm: UrdfArm, states: ReferenceStates,
 def _loaded(arm: UrdfArm, robot: Robot) -> np.ndarray:
     direction = arm.payload_direction
     return arm.nominal if direction is None else arm.nominal + robot.payload * direction
+
+
+def _sliding(arm: UrdfArm, theta: np.ndarray, torque_limit: np.ndarray) -> np.ndarray:
+    """Return θ with the usual Coulomb friction where it is learned and the URDF states none."""
+    theta = theta.copy()
+    if _learns_coulomb(arm):
+        columns = [arm.parameters.index(f'fc_{joint}') for joint in arm.joints]
+        usual = UNKNOWN_FRICTION * torque_limit
+        theta[columns] = np.where(theta[columns] > 0.0, theta[columns], usual)
+    return theta
+
+
+def _learns_coulomb(arm: UrdfArm) -> bool:
+    return f'fc_{arm.joints[0]}' in arm.parameters
 
 
 def _masses(arm: UrdfArm, theta: np.ndarray, states: ReferenceStates) -> np.ndarray:
@@ -224,8 +238,7 @@ def _rotors(arm: UrdfArm, inertia: SeenInertia) -> tuple[str, ...]:
 
 def _coulomb_friction(arm: UrdfArm, torque_limit: np.ndarray) -> np.ndarray:
     """Return the Coulomb torque outside the model: none where it is learned, (n,) [N·m]."""
-    learned = f'fc_{arm.joints[0]}' in arm.parameters
-    return np.zeros(arm.n) if learned else UNKNOWN_FRICTION * torque_limit
+    return np.zeros(arm.n) if _learns_coulomb(arm) else UNKNOWN_FRICTION * torque_limit
 
 
 def _substeps(robot: Robot, masses: np.ndarray, friction: np.ndarray) -> int:

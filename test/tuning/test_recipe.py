@@ -195,11 +195,27 @@ def test_bounds_leave_half_as_much_again_as_a_load_put_on_at_once_needs(arm: Urd
     assert not short.all()
 
 
+def _with_friction(urdf: str, shoulder: float, elbow: float) -> str:
+    text = urdf.replace('damping="0.5"', f'damping="0.5" friction="{shoulder}"')
+    limit = '<limit velocity="3"'
+    return text.replace(limit, f'<dynamics friction="{elbow}"/>{limit}')
+
+
 def test_a_dry_friction_of_the_urdf_gets_the_filter_that_distorts_it_less(urdf: str) -> None:
-    rough = load_arm(urdf.replace('damping="0.5"', 'damping="0.5" friction="2"'), coulomb=True)
+    rough = load_arm(_with_friction(urdf, 2.0, 0.5), coulomb=True)
     found = recipe(rough, Robot(**SENSORS))
-    smooth = recipe(load_arm(urdf, coulomb=True), Robot(**SENSORS)).filters
+    smooth = recipe(load_arm(urdf), Robot(**SENSORS)).filters
     assert found.filters.state_time_constant < 0.7 * smooth.state_time_constant
     assert found.filters.motion_error < 0.7 * filter_cost(
         rough, found.motion.reference, rough.nominal, smooth.state_order,
         smooth.state_time_constant)
+
+
+def test_a_dry_friction_that_is_only_learned_is_expected_to_be_a_hundredth_of_the_limit(
+        urdf: str) -> None:
+    """Its estimate would be too small by what a slow filter takes from it."""
+    learned, stated, smooth = (recipe(load_arm(text, coulomb=coulomb), Robot(**SENSORS)).filters
+                               for text, coulomb in (
+        (urdf, True), (_with_friction(urdf, 0.4, 0.1), True), (urdf, None)))
+    assert learned == stated
+    assert learned.state_time_constant < 0.7 * smooth.state_time_constant
