@@ -19,6 +19,7 @@ from adaptive_blf_control.runs.margins import (
     violated_at,
 )
 from adaptive_blf_control.runs.torque_use import (
+    name_width,
     oscillation_text,
     oscillations,
     torque_figures,
@@ -201,7 +202,7 @@ def table(figures: dict[str, Any], run: Run, asked: float | None = None) -> str:
         run: The run.
         asked: How long it should have been [s]; where it ended before, that comes first.
     """
-    kept = figures['set_violations'] == 0
+    kept, wide = figures['set_violations'] == 0, name_width(figures['joints'])
     lines = [
         *([] if run.failure is None else
           [f'FAILED: {run.failure}; what follows counts as outside']),
@@ -213,13 +214,13 @@ def table(figures: dict[str, Any], run: Run, asked: float | None = None) -> str:
         + f'  ({figures["duration_s"]:.1f} s, {figures["samples"]} samples)',
         *(f'attention: {text}' for text in filter(None, [oscillation_text(figures)])),
         '',
-        f'{"joint":<18}{"largest |e1|":>14}{"RMS e1":>12}{"RMS last 1/4":>14}'
+        f'{"joint":<{wide}}{"largest |e1|":>14}{"RMS e1":>12}{"RMS last 1/4":>14}'
         f'{"error bound":>20}{"least margin":>14}   [rad]',
     ]
     for i, joint in enumerate(figures['joints']):
         bound = f'{run.performance.lower[i]:+.3g} .. {run.performance.upper[i]:+.3g}'
         lines.append(
-            f'{joint:<18}{figures["max_abs_error"][i]:>14.5f}{figures["rms_error"][i]:>12.2e}'
+            f'{joint:<{wide}}{figures["max_abs_error"][i]:>14.5f}{figures["rms_error"][i]:>12.2e}'
             f'{figures["rms_error_last_quarter"][i]:>14.2e}{bound:>20}'
             + ('unknown' if figures['min_margin'][i] is None
                else f'{figures["min_margin"][i]:.4f}').rjust(14))

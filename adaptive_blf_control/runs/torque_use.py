@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-__all__ = ['TorqueUse', 'oscillation_text', 'oscillations', 'torque_figures', 'torque_table']
+__all__ = ['TorqueUse', 'name_width', 'oscillation_text', 'oscillations', 'torque_figures',
+           'torque_table']
 
 LAST = 0.75  # statistics are of what comes after this part of the run
 FREQUENCY = 15.0  # rad/s: above what an arm is asked to follow, so it is the loop that oscillates
@@ -72,13 +73,19 @@ def oscillation_text(figures: Mapping[str, Any]) -> str:
         figures['joints'], figures['oscillation'] or ()) if frequency is not None)
 
 
+def name_width(joints: Sequence[str]) -> int:
+    """Return the width of the column with the names of the joints [characters]."""
+    return max([18, *map(len, joints)])
+
+
 def torque_table(figures: Mapping[str, Any]) -> list[str]:
     """Return the figures of the torque as lines of a table, none where they are not known."""
     if figures['chatter'] is None:
         return []
     rows = zip(figures['joints'], figures['chatter'], figures['saturated'],
                figures['torque_reserve'])
-    return ['', f'{"joint":<18}{"chatter [N·m]":>14}{"saturated [%]":>15}{"reserve [%]":>13}'
+    wide = name_width(figures['joints'])
+    return ['', f'{"joint":<{wide}}{"chatter [N·m]":>14}{"saturated [%]":>15}{"reserve [%]":>13}'
             '   commanded torque',
-            *(f'{joint:<18}{chatter:>14.2e}{100.0 * saturated:>15.2f}{100.0 * reserve:>13.0f}'
+            *(f'{joint:<{wide}}{chatter:>14.2e}{100.0 * saturated:>15.2f}{100.0 * reserve:>13.0f}'
               for joint, chatter, saturated, reserve in rows)]

@@ -94,6 +94,15 @@ def test_table_is_what_a_person_reads(run):
     assert max(map(len, lines)) <= 100
 
 
+def test_columns_stand_below_their_names_however_long_a_joint_is_called(run):
+    long = dataclasses.replace(run, joints=('joint1', 'shoulder_lift_joint_of_arm'))
+    lines = table(summarise(long), long).splitlines()
+    head = next(line for line in lines if line.startswith('joint '))
+    rows = [line for line in lines if line.startswith(('joint1', 'shoulder_lift'))][:2]
+    end = head.index('least margin') + len('least margin')
+    assert [len(row) for row in rows] == [end, end]
+
+
 def test_a_run_that_ended_before_it_should_have_says_so_first(run):
     figures = summarise(run)
     assert table(figures, run, 20.0).startswith('ENDED after 8.0 of 20 s')

@@ -30,6 +30,13 @@ def test_chatter_saturation_and_reserve_are_those_of_the_commands() -> None:
                                                     ['b', '2.00e+00', '0.00', '75']]
 
 
+def test_columns_stand_below_their_names_however_long_a_joint_is_called() -> None:
+    figures = torque_figures(TorqueUse(np.ones((T.size, 2)), np.ones(2)))
+    _, head, *rows = torque_table({'joints': ['a', 'shoulder_lift_joint_of_arm'], **figures})
+    end = head.index('reserve [%]') + len('reserve [%]')
+    assert [len(row) for row in rows] == [end, end]
+
+
 def test_without_commands_nothing_is_said() -> None:
     figures = torque_figures(None)
     assert set(figures.values()) == {None}
