@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 import sys
 
+from adaptive_blf_control.arms.urdf import UrdfArm
 from adaptive_blf_control.compilation_notice import CompilationNotice
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.configuration.build_closed_loop import build_closed_loop
@@ -17,10 +18,14 @@ from adaptive_blf_control.configuration.shipped import scenario
 from adaptive_blf_control.errors import ArmError, BlfError, MissingExtra
 from adaptive_blf_control.runs.simulation import simulate
 from adaptive_blf_control.simulation.closed_loop import ClosedLoop
+from adaptive_blf_control.tuning.recipe import recipe
+from adaptive_blf_control.tuning.robot import Robot
 
 __all__ = ['main']
 
 CLOSED_FORM = ('two_link.yaml', 'three_link.yaml')
+SENSORS = Robot(encoder_counts=4096, torque_noise=0.05)
+"""Of a robot that `configure` is asked about: with a state filter."""
 FROM_URDF = ('panda.yaml', 'panda_obstacles.yaml')
 """One for all: every URDF arm is the same compiled code; and one with a safety filter."""
 
@@ -54,6 +59,9 @@ def main(args: list[str] | None = None) -> int:
                 loop.warm_up_parts()
                 loop.identifier.warm_up(log=True)
                 repr(simulate(loop, 2.0 * loop.period))  # the figures, too
+                if isinstance(loop.arm, UrdfArm):
+                    with suppress(BlfError):  # what it finds does not matter
+                        recipe(loop.arm, SENSORS)
     except BlfError as error:
         print(f'precompile: {error}', file=sys.stderr)
         return 2

@@ -6,11 +6,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import textwrap
 
 import pytest
 
 from adaptive_blf_control.compiled import COMPILED
 from adaptive_blf_control.tools.precompile import main
+
+UR5 = 'package://example-robot-data/robots/ur_description/urdf/ur5_robot.urdf'
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason='numba is not installed or switched off')
 
@@ -28,3 +31,29 @@ def test_a_run_after_it_compiles_nothing(repository, config):
 def test_a_file_that_is_not_there_is_named(capsys):
     assert main(['nowhere.yaml']) == 2
     assert 'nowhere.yaml' in capsys.readouterr().err
+
+
+def test_configure_calls_nothing_after_it_with_other_types(repository, tmp_path):
+    """Whatever the cache holds: what is called with types that were not compiled is compiled."""
+    pytest.importorskip('pinocchio', reason='Pinocchio reads URDFs')
+    script = textwrap.dedent("""
+        import gc, sys
+        from numba.core.dispatcher import Dispatcher
+        from adaptive_blf_control.tools import configure, precompile
+
+        def called():
+            return {(each.py_func.__module__, each.py_func.__qualname__, types)
+                    for each in gc.get_objects() if isinstance(each, Dispatcher)
+                    for types in each.signatures}
+
+        assert precompile.main(sys.argv[1:2]) == 0
+        before = called()
+        assert configure.main(sys.argv[2:]) == 0
+        print(sorted(name for _, name, _ in called() - before))
+    """)
+    run = subprocess.run(
+        [sys.executable, '-c', script, str(repository / 'config/panda.yaml'),
+         UR5, '--encoder', '20000', '-o', str(tmp_path / 'arm.yaml')],
+        capture_output=True, text=True, check=True,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
+    assert run.stdout.splitlines()[-1] == '[]'
