@@ -106,7 +106,7 @@ def _identified(capsys, path: Path, config: Path, output: Path) -> np.ndarray:
 def test_the_identifier_fed_from_a_bag_learns_what_identify_learns_from_it(
         graph, wait_until: Callable, capsys, tmp_path: Path, bag: Path, config: Path) -> None:
     _learner(graph, config, **WEAK)
-    heard = graph.peer().listen(JointState, THETA)
+    heard = graph.peer().listen(JointState, THETA, 5000)
     player = _player(graph, bag, topics=('joint_states',))
     player.play()
     assert player.lockstep.answered == player.sent[STATES] == 3001
@@ -132,7 +132,7 @@ def test_without_wait_sets_of_its_own_the_player_hears_every_answer_through_an_e
 def test_with_the_adaptation_terms_the_estimates_of_the_run_itself_come_back(
         graph, wait_until: Callable, bag: Path, config: Path) -> None:
     _learner(graph, config, use_sim_time=True)  # waits for the term in front of a state
-    heard = graph.peer().listen(JointState, THETA)
+    heard = graph.peer().listen(JointState, THETA, 5000)
     _player(graph, bag, topics=(STATES, TERMS)).play()
     recorded = read_bag(bag).joint_states(THETA)
     wait_until(lambda: len(heard) == len(recorded.stamp_ns), what='the last estimate')
@@ -178,7 +178,7 @@ def test_a_bag_of_real_time_whose_states_lack_terms_teaches_what_its_own_terms_s
                                <= settings.adaptation_term_timeout)
         expected.append(offline.update(*sample, terms.position[sent] if fresh else None))
     _learner(graph, config, use_sim_time=True)
-    heard = graph.peer().listen(JointState, THETA)
+    heard = graph.peer().listen(JointState, THETA, 5000)
     player = _player(graph, thinned, topics=(STATES, TERMS))
     player.play()
     assert (player.lockstep.answered, player.lockstep.resent) == (3001, 0)
