@@ -255,22 +255,24 @@ class ArmDriver(SteppedDriver):
                 f'{settings.timeout_action} torque'), orderly=self.count_publishers(COMMANDS) == 0)
         stamp_ns = due_ns + self._offset_ns
         data = self._codec.encode(stamp_ns, *self.plant.measure(effort.torque, effort.interval))
-        # A process that was stopped meanwhile would send an old state as if it were new.
+        sent_ns = time.time_ns()
+        # Right before it is sent: after a stop of the process it would be old and look new.
         if time.monotonic_ns() - due_ns > HELD_UP * settings.command_timeout * 1e9:
             self.faults.drop('state that was held up', 'the next one is sent in its place')
         else:
-            self._send(stamp_ns, data)
+            self._send(stamp_ns, data, sent_ns)
         self.sampled()
         return True
 
     def send_state(self, stamp_ns: int, effort: np.ndarray, interval: float) -> None:
         """Measure and publish; ``effort`` is the mean torque over the ``interval`` [s] before."""
-        self._send(stamp_ns, self._codec.encode(stamp_ns, *self.plant.measure(effort, interval)))
+        data = self._codec.encode(stamp_ns, *self.plant.measure(effort, interval))
+        self._send(stamp_ns, data, time.time_ns())
 
-    def _send(self, stamp_ns: int, data: bytes) -> None:
-        self._stamp_ns = stamp_ns
-        self.round_trips.sent(stamp_ns, time.time_ns())
+    def _send(self, stamp_ns: int, data: bytes, sent_ns: int) -> None:
         self._states.publish(data)
+        self._stamp_ns = stamp_ns
+        self.round_trips.sent(stamp_ns, sent_ns)
 
     def status(self) -> Status:
         """Report brakes, watchdog, round trip and missed periods."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import math
 import time
 from typing import NamedTuple
 
@@ -62,6 +63,7 @@ class StateInput:
         self._reader = UsualJointStateReader(joints)
         self._timeout = timeout
         self._ages, self.sent_at = MessageAge(), 0.0
+        self._taken_at, self._taken_ns = math.inf, 0  # the last sample: monotonic [s], its stamp
 
     def read(self, data: bytes, info: dict[str, int]) -> JointSample | Refusal:
         """Decode a message, or return why it is not one of this arm."""
@@ -78,11 +80,19 @@ class StateInput:
         return None if self._node.lockstep else self.heard.refuse(sample.source, sample.info)
 
     def too_old(self, sample: JointSample) -> Refusal | None:
-        """Refuse a sample that has waited to be taken, e.g. while this process was stopped."""
+        """Refuse a sample that has waited to be taken, or to be sent.
+
+        This process may have been stopped, or the driver between the stamp and the sending, which
+        gives it a new date. Then no sample came for a while, and its stamp is not later by that.
+        """
         sent = sample.info.get('source_timestamp')
         # In this order: where the process is stopped between the two clocks, a sample counts as
         # older than it is, never as younger.
         now = time.monotonic()
         age = 0.0 if self._node.lockstep or not sent else self._ages.of(sent, time.time_ns())
+        if not self._node.lockstep and sample.stamp > self._taken_ns:
+            held_up = now - self._taken_at - (sample.stamp - self._taken_ns) * 1e-9
+            age = max(age, held_up if held_up > self._timeout() else 0.0)
+        self._taken_at, self._taken_ns = now, sample.stamp
         self.sent_at = now - age
         return None if age <= self._timeout() else Refusal('joint state too old', f'{age:.3g} s')

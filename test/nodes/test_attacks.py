@@ -120,6 +120,19 @@ def test_a_state_that_has_waited_is_not_answered_nor_is_an_older_one(driver, wai
     driver.check_rate()
 
 
+def test_a_state_that_its_driver_held_up_is_not_answered_though_it_was_sent_just_now(
+        driver, wait_until) -> None:
+    driver = driver()
+    node, last_at = driver.node, time.monotonic()
+    wait_until(lambda: time.monotonic() > last_at + 1.5 * TASK['state_timeout'])
+    assert node.motion.lost == 'joint states lost'
+    driver.send()  # 5 ms later than the last one, by its stamp
+    late = driver.stamp
+    wait_until(lambda: 'joint state too old' in node.faults.drops)
+    wait_until(driver.push, 'the motion again')
+    assert late not in [read_command(data).stamp_ns for data, _ in list(driver.commands)]
+
+
 def test_a_state_that_becomes_too_old_while_its_answer_is_computed_is_not_answered(
         driver, wait_until, monkeypatch) -> None:
     driver = driver()
