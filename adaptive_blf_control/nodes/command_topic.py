@@ -103,14 +103,17 @@ class CommandTopic:
         """Whether the torques of UNHEARD s may have reached no arm, so that it fell behind.
 
         DDS may show a listener that does not hear yet. One that hears confirms it (reliable
-        delivery); a best-effort listener confirms nothing and is taken to hear. Asked before each
+        delivery); a best-effort listener confirms nothing and is taken to hear. Whom the publisher
+        has not found yet cannot confirm: that another one does is not enough. Asked before each
         torque, True once for each UNHEARD s, and no longer than UNHEARD_LONGEST in all.
         """
         if self._publisher is None or self.confirmed or not self.pushes or self._node.lockstep:
             return False
         now = time.monotonic()
         late = now - self._begun_at >= UNHEARD and self._sent > self._depth
-        self.confirmed = (self._publisher.wait_for_all_acked(CONFIRMATION if late else AT_ONCE)
+        found = self._publisher.get_subscription_count() >= len(self.listeners)
+        acked = self._publisher.wait_for_all_acked(CONFIRMATION if late else AT_ONCE)
+        self.confirmed = (found and acked
                           or now - self._first_at >= UNHEARD_LONGEST)
         if self.confirmed or not late:
             return False

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rclpy.context import Context
 from rclpy.node import Node, NodeNameNonExistentError
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64MultiArray
 
 from adaptive_blf_control.control.ramp import RAMP_STEP
@@ -101,6 +102,24 @@ def test_a_recorder_does_not_count_as_an_arm_before_its_name_is_known(
         assert known
     newcomer('arm').create_subscription(Float64MultiArray, COMMANDS, lambda _: None, 10)
     wait_until(commands.someone_drives, what='an arm')
+
+
+def test_a_listener_that_the_publisher_has_not_found_has_not_confirmed(
+        commands, newcomer, graph, wait_until) -> None:
+    # It asks for more than the publisher offers: it is shown, and never found.
+    newcomer('arm').create_subscription(Float64MultiArray, COMMANDS, lambda _: None, QoSProfile(
+        depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    graph.peer().listen(Float64MultiArray, COMMANDS)
+    wait_until(lambda: len(commands.listeners) == 2 and commands.someone_drives())
+    commands.claim()
+    wait_until(lambda: commands.heard, what='one that hears')
+
+    def judged() -> bool:
+        commands.send(np.ones(2))
+        return commands.unheard() or commands.confirmed
+
+    wait_until(judged)
+    assert not commands.confirmed
 
 
 def test_torques_of_a_ramp_say_nothing_of_how_long_one_takes_to_compute(commands) -> None:
