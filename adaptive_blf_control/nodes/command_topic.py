@@ -55,7 +55,7 @@ class CommandTopic:
         self.confirmed = False
         self._first_at = self._begun_at = 0.0
         self._sent = 0
-        self._asked_at: float | None = None  # monotonic [s]; None: since then a torque was sent
+        self._asked_at: float | None = None  # monotonic [s]; None: not since the last torque
         self._sent_at = 0.0  # monotonic [s]
         self._quickest = math.inf  # from `interval` to the torque [s], of so many torques
         self._timed = 0
@@ -113,7 +113,7 @@ class CommandTopic:
         late = now - self._begun_at >= UNHEARD and self._sent > self._depth
         found = self._publisher.get_subscription_count() >= len(self.listeners)
         acked = self._publisher.wait_for_all_acked(CONFIRMATION if late else AT_ONCE)
-        self.confirmed = (found and acked
+        self.confirmed = ((found and acked)
                           or now - self._first_at >= UNHEARD_LONGEST)
         if self.confirmed or not late:
             return False

@@ -241,7 +241,8 @@ class ControllerNode(ManagedNode[ControllerNodeSettings]):
             self.topics.later(partial(self.on_state, sample))
             return True
         if self.motion.begins_quickly and self.commands.unheard():
-            self.faults.report('unheard', 'nobody confirms the torques: the motion begins again')
+            self.faults.report('unheard', 'a listener does not confirm the torques: '
+                               'the motion begins again')
             self.motion.start_over()
         begins = self.motion.controller is None
         controller = self.motion.controller or self._begin(stamp, q, qd)

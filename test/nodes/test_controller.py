@@ -199,7 +199,7 @@ def test_a_motion_whose_torques_nobody_confirms_begins_again_where_the_arm_has_c
         return errors[-1] < 0.01
 
     wait_until(begins_again, what='another beginning')
-    assert 'nobody confirms the torques' in rig.node.faults.last
+    assert 'a listener does not confirm the torques' in rig.node.faults.last
     deaf_listener.send_signal(signal.SIGCONT)
     wait_until(lambda: not commands.unheard() and commands.confirmed, what='the confirmation')
     rig.answer(_state(len(errors) + 2.0, Q))
